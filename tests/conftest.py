@@ -13,13 +13,13 @@ import pytest
 os.environ["COLUMNS"] = "98"
 
 
-def pytest_addoption(parser):
+def pytest_addoption(parser) -> None:
     parser.addoption(
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
     )
 
 
-def pytest_configure():
+def pytest_configure() -> None:
     """Thousands of tests are made and kept: looking for garbage among them takes a fifth of it."""
     gc.disable()
     # Begun by nohup, or behind a script, the program and those that tests start would leave the
@@ -29,7 +29,7 @@ def pytest_configure():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_finish():
+def pytest_collection_finish() -> None:
     """What is there now stays, and is not looked through again."""
     gc.freeze()
     gc.enable()
@@ -42,6 +42,6 @@ def pytest_xdist_auto_num_workers():
 
 
 @pytest.fixture(scope="session")
-def thorough(pytestconfig):
+def thorough(pytestconfig: pytest.Config):
     """Whether the full number of random cases is wanted, however long it takes."""
     return pytestconfig.getoption("thorough")

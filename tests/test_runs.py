@@ -115,7 +115,7 @@ def witness(folder):
         return list(csv.DictReader(file))
 
 
-def assert_torque_off(rows):
+def assert_torque_off(rows) -> None:
     """The last the bus saw of torque: switched off, read back as off, and none acting."""
     torque_enable = [
         row
@@ -129,7 +129,7 @@ def assert_torque_off(rows):
     assert [row for row in rows if row["event"] == "tx"][-1]["params"][:2] == "00"
 
 
-def test_ctrl_c_twice_ends_the_run_with_torque_off_and_a_report(tmp_path):
+def test_ctrl_c_twice_ends_the_run_with_torque_off_and_a_report(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with started(*arguments, cwd=tmp_path) as process:
         ticking(process, tmp_path)
@@ -146,7 +146,9 @@ def test_ctrl_c_twice_ends_the_run_with_torque_off_and_a_report(tmp_path):
     assert_torque_off(witness(tmp_path))
 
 
-def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm(tmp_path):
+def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm(
+    tmp_path: Path,
+) -> None:
     with started(*run_arguments("--duration", "60"), cwd=tmp_path) as process:
         family = ticking(process, tmp_path)
         words = shared_words(family["loop_process"])
@@ -167,7 +169,7 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert list(rows) == list(range(words[Word.HEAD]))
 
 
-def test_a_killed_loop_has_its_torque_cut(tmp_path):
+def test_a_killed_loop_has_its_torque_cut(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with started(*arguments, cwd=tmp_path) as process:
         os.kill(ticking(process, tmp_path)["loop_process"], signal.SIGKILL)
@@ -181,7 +183,7 @@ def test_a_killed_loop_has_its_torque_cut(tmp_path):
     assert_torque_off(witness(tmp_path))
 
 
-def test_a_stopped_loop_has_its_torque_cut_and_says_nothing_when_resumed(tmp_path):
+def test_a_stopped_loop_has_its_torque_cut_and_says_nothing_when_resumed(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with started(*arguments, "--set", "safety.heartbeat_s=0.5", cwd=tmp_path) as process:
         loop = ticking(process, tmp_path)["loop_process"]
@@ -203,7 +205,7 @@ def test_a_stopped_loop_has_its_torque_cut_and_says_nothing_when_resumed(tmp_pat
     assert all(row["instruction"] in "23" for row in asked[cut:]), "no goal after it"
 
 
-def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path):
+def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path: Path) -> None:
     arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
     with started(*arguments, cwd=tmp_path) as process:
         loop = wait_for(lambda: children(process.pid).get("loop_process"), "the loop's process")
@@ -216,7 +218,7 @@ def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path):
     assert_torque_off(witness(tmp_path))
 
 
-def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path):
+def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> None:
     with emulator(tmp_path) as (bus, port):
         arguments = ["run", "xm430-w350", "--log", "run.hwlog", *PATIENT, *BELIEF]
         with started(*arguments, "--set", f"servo.port={port}", cwd=tmp_path) as process:
@@ -232,7 +234,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path):
     assert_torque_off(witness(tmp_path))
 
 
-def test_a_dead_bus_is_a_lost_servo(tmp_path):
+def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     with started(*run_arguments("--duration", "60"), cwd=tmp_path) as process:
         os.kill(ticking(process, tmp_path)["emulator"], signal.SIGKILL)
         output, _ = process.communicate(timeout=60)
@@ -243,7 +245,7 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path):
 
 
 @pytest.fixture
-def refused(tmp_path, monkeypatch, capsys):
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Makes a run that is refused, and gives the one message it leaves."""
     monkeypatch.chdir(tmp_path)
 
@@ -267,7 +269,7 @@ def on(port, *more):
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path, refused):
+def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused) -> None:
     assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
     with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
         assert "id 7" in refused(*on(port, "servo.id=7"))
@@ -281,7 +283,7 @@ def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path, refused):
         assert "1000000" in wrong_baud
 
 
-def test_a_port_that_another_run_holds_is_busy(tmp_path, refused):
+def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused) -> None:
     with emulator(tmp_path) as (_, port):
         arguments = ["run", *on(port), "--log", "run.hwlog"]
         with started(*arguments, cwd=tmp_path) as process:
@@ -301,7 +303,7 @@ sys.stdin.read()
 """
 
 
-def test_a_program_that_opens_the_port_in_mid_run_ends_it_by_name(tmp_path):
+def test_a_program_that_opens_the_port_in_mid_run_ends_it_by_name(tmp_path: Path) -> None:
     """It takes no lock; and as root, as tests often run, the kernel refuses it nothing."""
     with emulator(tmp_path) as (bus, port):
         arguments = ["run", *on(port), "--log", "run.hwlog", "--plot", "run.png", "--json"]
@@ -341,7 +343,7 @@ def without_rights(tmp_path, *arguments):
     )
 
 
-def test_strict_refuses_without_rights_and_names_the_command(tmp_path):
+def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--set", "realtime.profile=strict", "--duration", "1")
     assert done.returncode == 4
     assert done.stdout == ""
@@ -351,7 +353,7 @@ def test_strict_refuses_without_rights_and_names_the_command(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path):
+def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--duration", "1", "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
@@ -366,7 +368,7 @@ def renewed(path):
     """Have the file renewed every 20 ms until told to stop."""
     stop = threading.Event()
 
-    def renew():
+    def renew() -> None:
         while not stop.wait(0.02):
             path.write_text(str(time.monotonic_ns()))
 
@@ -379,7 +381,7 @@ def renewed(path):
         thread.join()
 
 
-def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path):
+def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path) -> None:
     """Held, let go, held again: the log tells what the torque was."""
     hold = tmp_path / "hold"
     hold.touch()
@@ -416,7 +418,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path):
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
-def test_a_run_without_its_dead_man_never_comes_on(tmp_path):
+def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path) -> None:
     hold = tmp_path / "hold"
     hold.touch()
     arguments = [*run_arguments("--hold", str(hold)), "--duration", "0.5"]
@@ -429,7 +431,7 @@ def test_a_run_without_its_dead_man_never_comes_on(tmp_path):
     assert report["waited_for"] in said
 
 
-def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path):
+def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: Path) -> None:
     with started(*run_arguments("--hold", "nowhere"), cwd=tmp_path) as process:
         _, said = process.communicate()
     assert process.returncode == 2

@@ -1,5 +1,7 @@
 """Advice fits the command that is asked, and completion knows what can be set."""
 
+from pathlib import Path
+
 import click
 import pytest
 
@@ -32,7 +34,13 @@ def said(capsys, *arguments):
         (["run", "--no-plot", "--plot", "a.png"], "--no-plot: found with --plot"),
     ],
 )
-def test_advice_fits_the_command(capsys, tmp_path, monkeypatch, arguments, advice):
+def test_advice_fits_the_command(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments,
+    advice,
+) -> None:
     monkeypatch.chdir(tmp_path)
     message = said(capsys, *arguments)
     assert advice in message
@@ -41,7 +49,7 @@ def test_advice_fits_the_command(capsys, tmp_path, monkeypatch, arguments, advic
 
 
 @pytest.mark.parametrize(("command", "expected"), [("run", set(fields())), ("emulate", None)])
-def test_completion_knows_the_paths_of_set(command, expected):
+def test_completion_knows_the_paths_of_set(command, expected) -> None:
     context = click.Context(cli.haptic_wall, info_name="haptic-wall")
     found = cli.haptic_wall.get_command(context, command)
     (option,) = [each for each in found.params if each.name == "sets"]
@@ -51,7 +59,7 @@ def test_completion_knows_the_paths_of_set(command, expected):
     assert some == {"servo.inertia="}
 
 
-def test_completion_knows_the_presets():
+def test_completion_knows_the_presets() -> None:
     context = click.Context(cli.haptic_wall, info_name="haptic-wall")
     (config,) = [
         p for p in cli.haptic_wall.get_command(context, "run").params if p.name == "config"
@@ -61,7 +69,7 @@ def test_completion_knows_the_presets():
     assert [item.type for item in found if item.type != "plain"] == ["file"]
 
 
-def test_short_version_and_help(capsys):
+def test_short_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["-V"]) == 0
     assert capsys.readouterr().out.startswith("haptic-wall, version ")
     assert cli.main(["help"]) == 0

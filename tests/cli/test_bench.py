@@ -11,6 +11,7 @@ import json
 import os
 import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -45,7 +46,7 @@ RIGHTS = [
 
 
 @pytest.fixture(autouse=True)
-def little_work(monkeypatch):
+def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(boundary, "_ROUNDS", 1)
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
@@ -68,10 +69,10 @@ def little_work(monkeypatch):
 
 
 @pytest.fixture
-def made_up(monkeypatch):
+def made_up(monkeypatch: pytest.MonkeyPatch):
     """Every section is a made-up one; the function given takes the place of their ``measure``."""
 
-    def become(measure):
+    def become(measure) -> None:
         monkeypatch.setitem(sys.modules, "made_up", SimpleNamespace(measure=measure))
         for name in SECTIONS:
             monkeypatch.setitem(SECTIONS, name, "made_up")
@@ -93,13 +94,15 @@ def call(capsys, *arguments):
     return status, captured.out, captured.err
 
 
-def test_every_section_can_be_measured():
+def test_every_section_can_be_measured() -> None:
     assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
     assert list(ABOUT_S) == list(SECTIONS)
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_json_holds_machine_versions_and_every_section(capsys):
+def test_the_json_holds_machine_versions_and_every_section(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     status, out, _ = call(capsys, "--json")
     assert status == 0
     report = json.loads(out, parse_constant=pytest.fail)
@@ -122,7 +125,7 @@ def test_the_json_holds_machine_versions_and_every_section(capsys):
 
 
 @pytest.mark.usefixtures("made_up")
-def test_a_section_can_be_asked_for_alone(capsys):
+def test_a_section_can_be_asked_for_alone(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = call(capsys, "--section", "array_simulation")
     assert status == 0
     assert "array simulation" in out
@@ -132,7 +135,9 @@ def test_a_section_can_be_asked_for_alone(capsys):
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_text_tells_every_figure_with_what_it_does_not_show(capsys):
+def test_the_text_tells_every_figure_with_what_it_does_not_show(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     _, out, _ = call(capsys, "--section", "boundary")
     assert "  12.2 µs (11.6 to 13.4)  first <loop>, p99\n    does not show a wire\n" in out
     assert "  423,000 settings/s  settings in a second\n" in out
@@ -145,7 +150,9 @@ def test_the_text_tells_every_figure_with_what_it_does_not_show(capsys):
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(capsys, tmp_path):
+def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     page = tmp_path / "bench.html"
     assert call(capsys, "--section", "boundary", "--html", str(page))[0] == 0
     text = page.read_text(encoding="utf-8")
@@ -165,7 +172,9 @@ def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(capsys, tm
     ("error", "said"),
     [(PlatformError("no bus"), "no bus"), (AttributeError("a new peer"), "AttributeError: a new")],
 )
-def test_a_section_that_fails_costs_no_other(made_up, capsys, error, said):
+def test_a_section_that_fails_costs_no_other(
+    made_up, capsys: pytest.CaptureFixture[str], error, said
+) -> None:
     sections = iter([error])
 
     def measure():
@@ -184,7 +193,9 @@ def test_a_section_that_fails_costs_no_other(made_up, capsys, error, said):
 
 
 @pytest.mark.usefixtures("made_up")
-def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(capsys, tmp_path):
+def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     mine = tmp_path / "mine.html"
     mine.write_text("<!DOCTYPE html><title>mine</title>")
     for place, why in (
@@ -199,7 +210,9 @@ def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(ca
         assert "measuring" not in err
 
 
-def test_after_a_ctrl_c_what_is_finished_is_told(made_up, capsys, tmp_path, monkeypatch):
+def test_after_a_ctrl_c_what_is_finished_is_told(
+    made_up, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = iter([FOUND])
 
     def measure():
@@ -219,14 +232,14 @@ def test_after_a_ctrl_c_what_is_finished_is_told(made_up, capsys, tmp_path, monk
     assert "This run was interrupted" in page.read_text(encoding="utf-8")
 
 
-def test_arrays_move_as_one_alone_does(monkeypatch):
+def test_arrays_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
     rows = {row.name: row.value for row in array_simulation.measure().rows}
     apart = [value for name, value in rows.items() if name.startswith("largest difference")]
     assert apart == [0.0, 0.0]
 
 
-def test_peers_move_the_servo_alone_as_the_arrays_do():
+def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     rows, notes = plant_alone.beside_peers()
     apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}
     peers = 4 if importlib.util.find_spec("mujoco") else 2
@@ -238,14 +251,16 @@ def test_peers_move_the_servo_alone_as_the_arrays_do():
     assert any("not compared with mujoco.rollout" in note for note in notes)
 
 
-def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(monkeypatch):
+def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     rows, notes = plant_alone.beside_peers()
     assert not [row for row in rows if "mujoco" in row.name]
     assert any("'.[bench]' in the clone" in note for note in notes)
 
 
-def test_both_programs_find_the_same_margins():
+def test_both_programs_find_the_same_margins() -> None:
     pytest.importorskip("control")
     section = boundary.measure()
     (apart,) = (row.value for row in section.rows if "relative difference" in row.name)
@@ -253,7 +268,9 @@ def test_both_programs_find_the_same_margins():
     assert section.notes == ()
 
 
-def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(monkeypatch):
+def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     section = boundary.measure()
     assert [row.unit for row in section.rows] == ["ms", "settings/s"]
@@ -262,7 +279,7 @@ def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(monk
 
 
 @pytest.mark.realtime
-def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back():
+def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back() -> None:
     cores = os.sched_getaffinity(0)
     section = bus_cycle.measure()
     assert os.sched_getaffinity(0) == cores
@@ -283,7 +300,9 @@ def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back(
 
 
 @pytest.mark.realtime
-def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(monkeypatch):
+def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "rustypot", None)
     monkeypatch.setattr(bus_cycle, "_COUNTS", (1,))
     section = bus_cycle.measure()
@@ -291,7 +310,7 @@ def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(monkeyp
     assert any("'.[bench]' in the clone" in note for note in section.notes)
 
 
-def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted():
+def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted() -> None:
     order = []
     times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
     assert order == ["a", "b"] * 3

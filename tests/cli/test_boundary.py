@@ -1,6 +1,7 @@
 """``haptic-wall boundary``: the promised JSON, table and picture, and what wrong input gets."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +35,9 @@ def asked(capsys, *arguments):
     return json.loads(out, parse_constant=pytest.fail)
 
 
-def test_the_points_are_those_of_the_theory_in_the_order_asked(capsys):
+def test_the_points_are_those_of_the_theory_in_the_order_asked(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = asked(capsys, *LOOP, "--virtual-damping=0.2,-0.01,0,7")
     dampings = [0.2, -0.01, 0.0, 7.0]
     assert [point["virtual_damping"] for point in found["points"]] == dampings
@@ -63,7 +66,7 @@ def test_the_points_are_those_of_the_theory_in_the_order_asked(capsys):
     )
 
 
-def test_a_rate_and_a_servo_stand_for_numbers(capsys):
+def test_a_rate_and_a_servo_stand_for_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     facts = SERVOS["MX-64"]
     plain = ["--inertia", f"{facts.inertia}", "--damping", f"{facts.damping}"]
     there = ["--delay", "0.001", "--virtual-damping", "0.1"]
@@ -73,7 +76,9 @@ def test_a_rate_and_a_servo_stand_for_numbers(capsys):
     assert heavier["max_virtual_damping"] > named["max_virtual_damping"]
 
 
-def test_without_a_list_the_points_reach_from_nothing_to_near_the_ceiling(capsys):
+def test_without_a_list_the_points_reach_from_nothing_to_near_the_ceiling(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = asked(capsys, *LOOP)
     dampings = [point["virtual_damping"] for point in found["points"]]
     assert dampings[0] == 0
@@ -82,7 +87,9 @@ def test_without_a_list_the_points_reach_from_nothing_to_near_the_ceiling(capsys
     assert all(point["exact"] > 0 for point in found["points"])
 
 
-def test_the_design_is_told_for_the_stiffest_wall_asked_for(capsys):
+def test_the_design_is_told_for_the_stiffest_wall_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = asked(capsys, *LOOP, "--virtual-damping=0.05,0.2,0.1")
     stiffest = max(found["points"], key=lambda point: point["one_sided"])
     design = found["design"]
@@ -101,7 +108,9 @@ def test_the_design_is_told_for_the_stiffest_wall_asked_for(capsys):
     assert "two_sided" not in {each["change"] for each in both["improvements"]}
 
 
-def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(capsys):
+def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     more = ["--baud", "1e6", "--latency-timer", "16", "--torque-limit", "4.1"]
     words = ["--servo", "MX-64", "--rate", "1000", "--delay", "0.0168", *more]
     found = asked(capsys, *words, "--virtual-damping=0.2")
@@ -116,7 +125,9 @@ def test_bus_adapter_and_encoder_enter_the_design_when_they_are_told(capsys):
     )
 
 
-def test_ranges_give_the_least_safe_corner_what_is_guaranteed_and_what_each_costs(capsys):
+def test_ranges_give_the_least_safe_corner_what_is_guaranteed_and_what_each_costs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     ranges = ["--inertia", "0.010:0.014", "--damping", "0.008:0.02", "--delay", "0.001:0.002"]
     words = [*ranges, "--torque-gain", "0.9:1.2", "--rate", "1000", "--virtual-damping=0.1"]
     found = asked(capsys, *words)
@@ -138,7 +149,9 @@ def test_ranges_give_the_least_safe_corner_what_is_guaranteed_and_what_each_cost
     assert asked(capsys, *LOOP, "--virtual-damping=0.1")["unknown"] is None
 
 
-def test_the_text_names_units_ceiling_peak_limit_and_what_helps(capsys):
+def test_the_text_names_units_ceiling_peak_limit_and_what_helps(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     status, out, err = call(capsys, *LOOP, "--virtual-damping=0,0.1")
     assert (status, err) == (0, "")
     for words in (
@@ -152,7 +165,7 @@ def test_the_text_names_units_ceiling_peak_limit_and_what_helps(capsys):
     assert "nan" not in out
 
 
-def test_what_buys_nothing_is_said_in_one_line(capsys):
+def test_what_buys_nothing_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--inertia", "1", "--damping", "1e-6", "--period", "1e-3", "--delay", "0"]
     _, out, _ = call(capsys, *words, "--virtual-damping=10")
     line = next(line for line in out.splitlines() if line.startswith("buys nothing here"))
@@ -160,7 +173,9 @@ def test_what_buys_nothing_is_said_in_one_line(capsys):
 
 
 @pytest.mark.parametrize("damping", ["9", "-0.0117", "-1"])
-def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
+def test_where_no_stiffness_is_stable_the_answer_is_nought(
+    capsys: pytest.CaptureFixture[str], damping
+) -> None:
     status, out, _ = call(capsys, *LOOP, f"--virtual-damping={damping}")
     assert status == 0
     assert "from 0" in out
@@ -169,7 +184,9 @@ def test_where_no_stiffness_is_stable_the_answer_is_nought(capsys, damping):
     assert {each["factor"] for each in found["design"]["improvements"]} == {None}
 
 
-def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
+def test_a_picture_that_cannot_be_written_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.report.boundary.plot_boundary", lambda _q, _f, path: path.touch()
     )
@@ -180,7 +197,9 @@ def test_a_picture_that_cannot_be_written_is_told(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
-def test_the_picture_is_drawn(capsys, tmp_path, more, monkeypatch):
+def test_the_picture_is_drawn(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, more, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from matplotlib.image import imread
 
     monkeypatch.setattr(
@@ -227,7 +246,9 @@ def test_the_picture_is_drawn(capsys, tmp_path, more, monkeypatch):
         (["--plot", "plane.pdf"], "pictures are PNG"),
     ],
 )
-def test_wrong_input_is_exit_status_2_and_names_the_option(capsys, arguments, message):
+def test_wrong_input_is_exit_status_2_and_names_the_option(
+    capsys: pytest.CaptureFixture[str], arguments, message
+) -> None:
     status, out, err = call(capsys, *LOOP, *arguments)
     assert status == 2
     assert out == ""
@@ -245,7 +266,7 @@ def test_wrong_input_is_exit_status_2_and_names_the_option(capsys, arguments, me
         (["--servo", "MX-64", "--rate", "1e-3", "--delay", "0"], "--rate 0.001: wanted at least"),
     ],
 )
-def test_what_is_missing_is_named(capsys, arguments, message):
+def test_what_is_missing_is_named(capsys: pytest.CaptureFixture[str], arguments, message) -> None:
     status, _, err = call(capsys, *arguments)
     assert status == 2
     assert message in err

@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -18,19 +19,19 @@ def answer(module, *arguments):
     return result.stdout
 
 
-def test_presets_are_listed_one_a_line():
+def test_presets_are_listed_one_a_line() -> None:
     lines = answer(presets).splitlines()
     assert [line.split()[0] for line in lines] == preset_names()
     assert all(len(line.split()) > 5 for line in lines)
 
 
-def test_presets_as_json():
+def test_presets_as_json() -> None:
     listed = json.loads(answer(presets, "--json"))["presets"]
     assert [preset["name"] for preset in listed] == preset_names()
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_config_as_json_holds_every_field_and_its_effective_value(name):
+def test_config_as_json_holds_every_field_and_its_effective_value(name) -> None:
     listed = json.loads(answer(config, name, "--json"))
     effective = load_config(name).config
     assert listed["servo"] == effective.servo.kind
@@ -39,7 +40,7 @@ def test_config_as_json_holds_every_field_and_its_effective_value(name):
     assert listed["fields"]["wall.stiffness"]["unit"] == "N·m/rad"
 
 
-def test_config_says_where_a_value_comes_from():
+def test_config_says_where_a_value_comes_from() -> None:
     listed = json.loads(answer(config, "simulated", "--json", "--set", "wall.damping=0.5"))
     origin = {path: field["from"] for path, field in listed["fields"].items()}
     assert origin["wall.damping"] == "--set"
@@ -47,14 +48,14 @@ def test_config_says_where_a_value_comes_from():
     assert origin["guard.margin"] == "default"
 
 
-def test_config_as_text_names_value_unit_range_and_meaning():
+def test_config_as_text_names_value_unit_range_and_meaning() -> None:
     text = " ".join(answer(config, "simulated").split())
     assert "wall.stiffness 8 N·m/rad preset simulated Stiffness K;" in text
     assert "(a number above 0 and below 1)" in text
     assert all(path in text for path in fields())
 
 
-def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used():
+def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
     lines = answer(config, "xm430-w350").splitlines()
     (inertia,) = [line for line in lines if "model.inertia" in line]
     assert "0.011951 (0.007967 to 0.017927)" in inertia
@@ -76,7 +77,9 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used():
 
 
 @pytest.mark.parametrize("command", ["run", "config", "doctor", "identify", "delay", "rendered"])
-def test_a_configuration_that_is_a_pipe_is_refused_at_once(tmp_path, monkeypatch, capsys, command):
+def test_a_configuration_that_is_a_pipe_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command
+) -> None:
     """Else every command waits for whoever writes to it."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo("a.yaml")

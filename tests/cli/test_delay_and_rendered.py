@@ -1,6 +1,8 @@
 """``haptic-wall delay`` and ``rendered`` report, write their files, and end as they should."""
 
 import json
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from matplotlib.figure import Figure
@@ -26,12 +28,12 @@ def run(capsys, *arguments):
 
 
 @pytest.fixture
-def figures(monkeypatch):
+def figures(monkeypatch: pytest.MonkeyPatch):
     """Figures that were saved, each looked through for a legend that covers data."""
     kept = []
     save = Figure.savefig
 
-    def keep(figure, path, **how):
+    def keep(figure, path, **how) -> None:
         save(figure, path, **how)
         kept.append(figure)
         figure.canvas.draw()  # at its own resolution
@@ -46,7 +48,9 @@ def figures(monkeypatch):
     return kept
 
 
-def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path, figures):
+def test_delay_reports_value_and_error_and_leaves_its_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures
+) -> None:
     out = tmp_path / "new"
     status, said, err = run(
         capsys, "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
@@ -67,7 +71,7 @@ def test_delay_reports_value_and_error_and_leaves_its_files(capsys, tmp_path, fi
     assert said[1].startswith("5 ms inserted,\n") and said[1].endswith("ms recovered")
 
 
-def test_delay_as_text_is_a_table(capsys, tmp_path):
+def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, said, _ = run(
         capsys, "delay", "paper-table2", "--bursts", 1, "--delay-steps", "2", "--out", tmp_path
     )
@@ -76,7 +80,9 @@ def test_delay_as_text_is_a_table(capsys, tmp_path):
     assert "2.000 ± 0.000 ms" in said
 
 
-def test_rendered_reports_the_comparison(capsys, tmp_path, figures):
+def test_rendered_reports_the_comparison(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures
+) -> None:
     status, said, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
     assert status == 0
     report = json.loads(said)
@@ -91,8 +97,10 @@ def test_rendered_reports_the_comparison(capsys, tmp_path, figures):
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_an_interrupt_ends_with_130_and_no_traceback(command, capsys, tmp_path, monkeypatch):
-    def interrupted(*_):
+def test_an_interrupt_ends_with_130_and_no_traceback(
+    command, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_) -> NoReturn:
         raise ExperimentInterruptedError("interrupted; steps.hwlog holds what was recorded")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
@@ -102,7 +110,9 @@ def test_an_interrupt_ends_with_130_and_no_traceback(command, capsys, tmp_path, 
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_a_trip_ends_with_3_and_its_explanation(command, capsys, tmp_path):
+def test_a_trip_ends_with_3_and_its_explanation(
+    command, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, _, err = run(
         capsys, command, "simulated", *QUICK, "--out", tmp_path,
         "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
@@ -119,8 +129,14 @@ def test_a_trip_ends_with_3_and_its_explanation(command, capsys, tmp_path):
         ("sweep", ("--virtual-damping=0.02,0.04", "--delay-steps=0", "--workers=1")),
     ],
 )
-def test_a_servo_that_is_lost_on_the_way_ends_with_4(command, more, capsys, tmp_path, monkeypatch):
-    def lost(*_):
+def test_a_servo_that_is_lost_on_the_way_ends_with_4(
+    command,
+    more,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lost(*_) -> NoReturn:
         raise ExperimentTrippedError("trip:servo_lost", "the port is gone", "3 rows are missing")
 
     monkeypatch.setattr(Testbed, "play", lost)
@@ -130,7 +146,9 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(command, more, capsys, tmp_
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_a_servo_that_does_not_move_is_no_fit_hardware(command, capsys, tmp_path):
+def test_a_servo_that_does_not_move_is_no_fit_hardware(
+    command, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, _, err = run(
         capsys, command, "simulated", *QUICK, "--out", tmp_path,
         "--set", "servo.coulomb=3", "--set", "model.coulomb=0.09",
@@ -147,20 +165,26 @@ def test_a_servo_that_does_not_move_is_no_fit_hardware(command, capsys, tmp_path
         (("--set", "model.coulomb=2"), "raise servo.torque_limit"),
     ],
 )
-def test_wrong_input_is_the_users_error(arguments, message, capsys, tmp_path):
+def test_wrong_input_is_the_users_error(
+    arguments, message, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, said, err = run(capsys, "delay", "simulated", *QUICK, "--out", tmp_path, *arguments)
     assert (status, said) == (2, "")
     assert message in err
 
 
-def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
+def test_a_file_in_place_of_the_folder_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     (tmp_path / "taken").write_text("mine")
     status, _, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path / "taken")
     assert status == 2
     assert "found a file, wanted a folder" in err
 
 
-def test_hardware_without_a_torque_limit_is_not_moved(capsys, tmp_path):
+def test_hardware_without_a_torque_limit_is_not_moved(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     config = tmp_path / "bed.yaml"
     config.write_text(
         "servo: {backend: dynamixel, port: /dev/none, baud: 4000000, model: XM430-W350}\n"

@@ -2,6 +2,8 @@
 
 import json
 import math
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -30,7 +32,7 @@ def found(*arguments):
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory):
+def log(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("detect")
     path = folder / "a.hwlog"
     sets = [word for text in DECEIVED for word in ("--set", text)]
@@ -43,7 +45,7 @@ def log(tmp_path_factory):
     return path
 
 
-def test_a_log_says_what_the_run_saw(log, tmp_path):
+def test_a_log_says_what_the_run_saw(log, tmp_path: Path) -> None:
     seen = found(log, "--plot", tmp_path / "d.png")
     assert seen["state"] == "growing"
     assert seen["frequency_hz"] == pytest.approx(math.sqrt(3.743 / 0.011951) / math.tau, rel=0.03)
@@ -54,7 +56,7 @@ def test_a_log_says_what_the_run_saw(log, tmp_path):
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_its_csv_says_the_same(log, tmp_path):
+def test_its_csv_says_the_same(log, tmp_path: Path) -> None:
     csv = tmp_path / "a.csv"
     assert main(["log", str(log), "--csv", str(csv)]) == 0
     servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
@@ -63,7 +65,7 @@ def test_its_csv_says_the_same(log, tmp_path):
     assert seen["frequency_hz"] == pytest.approx(2.817, rel=0.03)
 
 
-def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
+def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path) -> None:
     times = np.arange(0.0, 10.0, 1e-3)
     positions = np.round(0.1 * np.sin(math.tau * 1.3 * times) / STEP) * STEP
     rows = [
@@ -76,7 +78,7 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path):
     assert seen["first_alarm_s"] is None
 
 
-def test_the_wall_of_a_csv_is_given_or_estimated(log, tmp_path):
+def test_the_wall_of_a_csv_is_given_or_estimated(log, tmp_path: Path) -> None:
     csv = tmp_path / "a.csv"
     assert main(["log", str(log), "--csv", str(csv)]) == 0
     servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
@@ -89,7 +91,7 @@ def test_the_wall_of_a_csv_is_given_or_estimated(log, tmp_path):
     assert not given["notes"]
 
 
-def test_a_constant_sine_does_not_grow(tmp_path):
+def test_a_constant_sine_does_not_grow(tmp_path: Path) -> None:
     times = np.arange(0.0, 8.0, 1e-3)
     path = tmp_path / "sine.csv"
     for hertz, state in ((3.0, "sustained"), (1.0, "quiet")):
@@ -112,16 +114,20 @@ def test_a_constant_sine_does_not_grow(tmp_path):
         (["{}", "--plot", "a.pdf"], "wanted one ending in .png"),
     ],
 )
-def test_wrong_input_is_told_in_a_sentence(log, capsys, arguments, message):
+def test_wrong_input_is_told_in_a_sentence(
+    log, capsys: pytest.CaptureFixture[str], arguments, message
+) -> None:
     assert main(["detect", *(text.format(log) for text in arguments)]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_a_picture_that_is_interrupted_leaves_the_one_before(log, tmp_path, monkeypatch):
+def test_a_picture_that_is_interrupted_leaves_the_one_before(
+    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     target = tmp_path / "d.png"
     target.write_text("before")
 
-    def interrupted(_parts, _found, path):
+    def interrupted(_parts, _found, path) -> NoReturn:
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 

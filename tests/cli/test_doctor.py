@@ -33,7 +33,7 @@ QUIET = ["--set", "realtime.profile=off"]
 
 
 @pytest.fixture(autouse=True)
-def short_measurements(monkeypatch):
+def short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptic_wall.controller.doctor.measure.SERIES_S", 0.02)
     monkeypatch.setattr("haptic_wall.controller.doctor.measure.REPLIES", 20)
     monkeypatch.setattr("haptic_wall.controller.doctor.measure.WAKES", 20)
@@ -68,7 +68,7 @@ def at(port):
     return ["xm430-w350", "--set", f"servo.port={port}"]
 
 
-def set_registers(port, **values):
+def set_registers(port, **values) -> None:
     with opened(port, 4_000_000, MonotonicClock()) as line:
         table = Contact.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
         for name, value in values.items():
@@ -76,13 +76,13 @@ def set_registers(port, **values):
 
 
 @pytest.mark.parametrize("option", ["--yes", "--change-baud"])
-def test_options_of_fix_alone_are_refused(capsys, option):
+def test_options_of_fix_alone_are_refused(capsys: pytest.CaptureFixture[str], option) -> None:
     status, out, err = doctor(capsys, "simulated", option)
     assert (status, out) == (2, "")
     assert "--fix" in err
 
 
-def test_a_simulated_servo_has_no_bus_to_look_at(capsys):
+def test_a_simulated_servo_has_no_bus_to_look_at(capsys: pytest.CaptureFixture[str]) -> None:
     _, checks, wrong, found = report(capsys, "simulated")
     assert wrong == set()
     assert found["reached"]
@@ -92,8 +92,8 @@ def test_a_simulated_servo_has_no_bus_to_look_at(capsys):
 
 
 def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_the_same(
-    capsys, tmp_path
-):
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, checks, wrong, found = report(capsys, *at(tmp_path / "ttyUSB0"))
     assert status == 4
     assert wrong == {"port"}
@@ -101,7 +101,9 @@ def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_th
     assert "kernel" in checks
 
 
-def test_a_path_is_never_broken_at_its_hyphens(capsys, tmp_path, monkeypatch):
+def test_a_path_is_never_broken_at_its_hyphens(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     port = tmp_path / "an-adapter-that-is-not-there-with-a-long-name-to-be-copied"
     _, out, _ = doctor(capsys, *at(port), *QUIET)
@@ -109,7 +111,9 @@ def test_a_path_is_never_broken_at_its_hyphens(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.realtime
-def test_a_servo_as_from_the_factory_is_mended_when_asked(capsys):
+def test_a_servo_as_from_the_factory_is_mended_when_asked(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with emulate() as (_, port):
         status, checks, wrong, found = report(capsys, *at(port))
         assert status == 1
@@ -129,7 +133,9 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(capsys):
 
 
 @pytest.mark.realtime
-def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(capsys):
+def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with emulate("--baud", "57600") as (_, port):
         status, checks, wrong, found = report(capsys, *at(port), "--fix")
         assert status == 1
@@ -146,7 +152,7 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(c
 
 
 @pytest.mark.realtime
-def test_another_id_and_another_model_are_named(capsys):
+def test_another_id_and_another_model_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     with emulate("--servo", "XL430-W250:5") as (_, port):
         _, checks, wrong, _ = report(capsys, *at(port))
         assert wrong == {"servo answers"}
@@ -157,7 +163,9 @@ def test_another_id_and_another_model_are_named(capsys):
 
 
 @pytest.mark.realtime
-def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(capsys):
+def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with emulate() as (_, port):
         set_registers(
             port, return_delay_time=0, drive_mode=9, startup_configuration=1, torque_enable=1
@@ -179,7 +187,7 @@ def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(capsy
 
 
 @pytest.mark.realtime
-def test_a_port_that_somebody_else_has_names_him(capsys):
+def test_a_port_that_somebody_else_has_names_him(capsys: pytest.CaptureFixture[str]) -> None:
     with emulate() as (_, port), Path(port).open("rb") as end:
         other = subprocess.Popen(
             [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=end.fileno()
@@ -197,7 +205,9 @@ def test_a_port_that_somebody_else_has_names_him(capsys):
 
 
 @pytest.mark.realtime
-def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(capsys, monkeypatch):
+def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.holders", lambda _device: [])
     monkeypatch.setattr("haptic_wall.hw.dynamixel.port.holders", lambda _device: [])
     with emulate() as (_, port), Path(port).open("rb") as end:
@@ -211,7 +221,9 @@ def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(capsys, monkeypatch):
 
 
 @pytest.mark.realtime
-def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(capsys, monkeypatch):
+def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     opens = search.port.open_port
 
     def refuses_4_mbit(path, baud):
@@ -229,7 +241,9 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(capsys, mo
 
 
 @pytest.mark.realtime
-def test_two_servos_with_one_id_are_told_from_a_bad_cable(capsys):
+def test_two_servos_with_one_id_are_told_from_a_bad_cable(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
             table = Contact.of(line, 4_000_000, 2, port, MODELS["XM430-W350"]).table
@@ -240,7 +254,9 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(capsys):
 
 
 @pytest.mark.realtime
-def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(capsys):
+def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     status, out, err = doctor(capsys, "emulated-xm430", *QUIET)
     assert status == 1
     assert "No torque was enabled" in out

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import serial
@@ -60,20 +61,24 @@ def refused(capsys, *arguments):
         (["--nonsense"], ["--nonsense"]),
     ],
 )
-def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):
+def test_wrong_input_is_named_and_ends_with_2(
+    capsys: pytest.CaptureFixture[str], arguments, words
+) -> None:
     message = refused(capsys, *arguments)
     for word in words:
         assert word in message
 
 
-def test_link_never_replaces_a_file(capsys, tmp_path):
+def test_link_never_replaces_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "precious"
     file.write_text("data")
     assert "precious" in refused(capsys, "--link", str(file))
     assert file.read_text() == "data"
 
 
-def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(capsys, tmp_path):
+def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     link = tmp_path / "bus"
     link.symlink_to("precious")
     assert "found a link to precious, which would be lost" in refused(capsys, "--link", str(link))
@@ -83,12 +88,16 @@ def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(capsys, 
     assert str(link.readlink()) == "precious"
 
 
-def test_record_that_cannot_be_written_is_refused(capsys, tmp_path):
+def test_record_that_cannot_be_written_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert "--record" in refused(capsys, "--record", str(tmp_path / "no" / "such" / "folder.csv"))
 
 
 @pytest.mark.parametrize("options", [["--fault", "nonsense"], ["--link", "/proc/no"]])
-def test_a_bus_that_cannot_start_leaves_the_older_record(capsys, tmp_path, options):
+def test_a_bus_that_cannot_start_leaves_the_older_record(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options
+) -> None:
     record = tmp_path / "record.csv"
     record.write_text(f"{COLUMNS}\nof yesterday\n")
     before = record.read_text()
@@ -97,12 +106,12 @@ def test_a_bus_that_cannot_start_leaves_the_older_record(capsys, tmp_path, optio
     assert list(tmp_path.iterdir()) == [record]
 
 
-def test_a_refused_start_leaves_no_link(capsys, tmp_path):
+def test_a_refused_start_leaves_no_link(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     refused(capsys, "--link", str(tmp_path / "bus"), "--servo", "XD540-T270")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_truth_is_what_was_set_and_the_models_limits_otherwise():
+def test_truth_is_what_was_set_and_the_models_limits_otherwise() -> None:
     true = truth_of(MODELS["XL330-M288"], {"inertia": 0.5, "hand": "push"})
     assert true.inertia == 0.5
     assert true.hand == "push"
@@ -111,13 +120,13 @@ def test_truth_is_what_was_set_and_the_models_limits_otherwise():
     assert true.position == math.pi
 
 
-def test_kick_is_the_distance_from_the_wall():
+def test_kick_is_the_distance_from_the_wall() -> None:
     true = truth_of(MODELS["XM430-W350"], {"kick": -0.25, "hand_origin": 2.0})
     assert true.position == 1.75
 
 
 @pytest.mark.realtime
-def test_two_servos_may_share_an_id_and_it_is_said():
+def test_two_servos_may_share_an_id_and_it_is_said() -> None:
     servos = ("XM430-W350:3", "XL330-M288:3", "XM430-W350:4")
     words = [word for servo in servos for word in ("--servo", servo)]
     program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "emulate", *words]

@@ -35,19 +35,19 @@ def interrupted(module):
 @pytest.mark.parametrize(
     "module", ["haptic_wall.controller.cli.main", "click", "haptic_wall.controller.cli.config"]
 )
-def test_a_ctrl_c_while_it_loads_is_quiet(module):
+def test_a_ctrl_c_while_it_loads_is_quiet(module) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 @pytest.mark.parametrize("module", ["pydantic", "yaml"])
-def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module):
+def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
 @pytest.mark.parametrize("module", ["haptic_wall.controller.cli.main", "yaml"])
-def test_with_json_a_ctrl_c_is_one_object(module):
+def test_with_json_a_ctrl_c_is_one_object(module) -> None:
     program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
@@ -61,7 +61,7 @@ def test_with_json_a_ctrl_c_is_one_object(module):
     }
 
 
-def test_after_its_answer_a_ctrl_c_says_nothing_more():
+def test_after_its_answer_a_ctrl_c_says_nothing_more() -> None:
     program = (
         "import os, signal, sys\n"
         "from haptic_wall.controller.cli import interrupt, options\n"
@@ -82,13 +82,13 @@ def test_after_its_answer_a_ctrl_c_says_nothing_more():
     assert "presets" in json.loads(done.stdout)
 
 
-def test_nobody_interrupts_and_it_does_its_work():
+def test_nobody_interrupts_and_it_does_its_work() -> None:
     done = interrupted("nothing")
     assert done.returncode == 0
     assert "wall.stiffness" in done.stdout
 
 
-def test_an_ignored_ctrl_c_stays_ignored():
+def test_an_ignored_ctrl_c_stays_ignored() -> None:
     program = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
     done = subprocess.run(
         [sys.executable, "-c", program + INTERRUPTING.format(module="click")],
@@ -103,7 +103,7 @@ def test_an_ignored_ctrl_c_stays_ignored():
 @pytest.mark.parametrize(
     "module", ["scipy.optimize", "haptic_wall.controller.experiments.identify.excitation"]
 )
-def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path):
+def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path: Path) -> None:
     """Raised in them it would be an ImportError now and then, or be forgotten."""
     program = INTERRUPTING.replace('"config"', '"identify"').format(module=module)
     done = subprocess.run(
@@ -112,7 +112,7 @@ def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
+def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once() -> None:
     """pydantic, which it loads, swallowed the exception once in five hundred."""
     program = INTERRUPTING.replace('"config", "simulated"', '"bench"')
     done = subprocess.run(
@@ -124,7 +124,7 @@ def test_a_ctrl_c_while_a_benchmark_is_loaded_ends_the_command_at_once():
     assert (done.returncode, done.stdout) == (130, "")
 
 
-def test_what_is_begun_is_put_in_order(tmp_path):
+def test_what_is_begun_is_put_in_order(tmp_path: Path) -> None:
     program = (
         "import os, pathlib, signal\n"
         "from haptic_wall.controller.cli import interrupt\n"
@@ -144,7 +144,7 @@ def test_what_is_begun_is_put_in_order(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (130, "[]\n", "")
 
 
-def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
+def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system() -> None:
     """Python calls no handler safely there: it aborted."""
     program = (
         "import atexit, os, signal, sys\n"
@@ -160,7 +160,9 @@ def test_a_ctrl_c_at_pythons_own_end_is_left_to_the_system():
     assert "simulated" in done.stdout
 
 
-def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(tmp_path):
+def test_after_a_keyboard_interrupt_python_does_not_take_its_libraries_apart(
+    tmp_path: Path,
+) -> None:
     """matplotlib's fonts, which it had come through, aborted there once in a hundred."""
     program = (
         "import atexit, os, signal, sys\n"
@@ -204,7 +206,7 @@ def launched(tmp_path, python):
     return launcher
 
 
-def test_python_starts_with_ctrl_c_held_back(tmp_path):
+def test_python_starts_with_ctrl_c_held_back(tmp_path: Path) -> None:
     python = """import os, signal, sys
 os.kill(os.getpid(), signal.SIGINT)
 print("started", *sys.argv[2:], flush=True)
@@ -216,7 +218,7 @@ signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     assert "KeyboardInterrupt" in done.stderr  # it was not forgotten
 
 
-def test_where_env_holds_nothing_back_it_starts_all_the_same(tmp_path):
+def test_where_env_holds_nothing_back_it_starts_all_the_same(tmp_path: Path) -> None:
     launcher = launched(tmp_path, 'echo "$@"\n')
     (tmp_path / "env").write_text('#!/bin/sh\ncase $1 in -*) exit 125;; esac\nexec "$@"\n')
     (tmp_path / "env").chmod(0o755)
@@ -227,7 +229,7 @@ def test_where_env_holds_nothing_back_it_starts_all_the_same(tmp_path):
     assert done.stdout == f"{launcher} x\n"
 
 
-def test_a_ctrl_c_at_any_time_of_its_start_is_quiet():
+def test_a_ctrl_c_at_any_time_of_its_start_is_quiet() -> None:
     for pause_s in (0.002, 0.006, 0.012, 0.018, 0.025, 0.035):
         started = subprocess.Popen(
             [COMMAND, "run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
@@ -251,7 +253,7 @@ def called(folder, *words):
     )
 
 
-def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(tmp_path):
+def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(tmp_path: Path) -> None:
     """Neither by the command nor by its children: loop, recorder, workers."""
     for package in ("controller", "hw"):
         (tmp_path / package).mkdir()

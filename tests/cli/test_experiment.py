@@ -1,7 +1,9 @@
 """Before a real servo moves by itself, a person at a terminal is asked."""
 
 import sys
+from pathlib import Path
 from types import SimpleNamespace
+from typing import NoReturn
 
 import click
 import pytest
@@ -14,11 +16,11 @@ REAL = load_config("xm430-w350").config.servo
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def asked(monkeypatch: pytest.MonkeyPatch):
     """What was asked; the answer is no."""
     questions = []
 
-    def confirm(question, **_options):
+    def confirm(question, **_options) -> NoReturn:
         questions.append(question)
         raise click.Abort
 
@@ -27,13 +29,13 @@ def asked(monkeypatch):
     return questions
 
 
-def test_who_sits_before_a_real_servo_is_asked(asked):
+def test_who_sits_before_a_real_servo_is_asked(asked) -> None:
     with pytest.raises(click.Abort):
         experiment.ask_to_move(REAL, yes=False)
     assert len(asked) == 1 and REAL.port in asked[0]
 
 
-def test_nobody_else_is(asked, monkeypatch):
+def test_nobody_else_is(asked, monkeypatch: pytest.MonkeyPatch) -> None:
     experiment.ask_to_move(REAL, yes=True)
     experiment.ask_to_move(load_config("emulated-xm430").config.servo, yes=False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
@@ -42,8 +44,10 @@ def test_nobody_else_is(asked, monkeypatch):
 
 
 @pytest.mark.parametrize("module", [delay, identify, rendered, sweep])
-def test_every_experiment_that_moves_asks_before_it_opens_the_port(module, monkeypatch, tmp_path):
-    def stop(servo, yes):
+def test_every_experiment_that_moves_asks_before_it_opens_the_port(
+    module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def stop(servo, yes) -> NoReturn:
         assert servo.kind == "hardware" and not yes
         raise click.Abort
 

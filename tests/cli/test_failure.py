@@ -1,6 +1,8 @@
 """With ``--json`` an error is one object too, of one style for every command."""
 
 import json
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -46,15 +48,25 @@ def failed(capsys, *arguments):
         ),
     ],
 )
-def test_an_error_is_an_object(capsys, tmp_path, monkeypatch, arguments, field, advice, status):
+def test_an_error_is_an_object(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments,
+    field,
+    advice,
+    status,
+) -> None:
     monkeypatch.chdir(tmp_path)
     found = failed(capsys, *arguments)
     assert (found["field"], found["exit_status"]) == (field, status)
     assert found["advice"].endswith(advice)
 
 
-def test_an_interruption_is_one_too(capsys, monkeypatch):
-    def interrupted():
+def test_an_interruption_is_one_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted() -> NoReturn:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("haptic_wall.controller.cli.presets.preset_names", interrupted)
@@ -63,8 +75,10 @@ def test_an_interruption_is_one_too(capsys, monkeypatch):
     assert found == {"error": "interrupted", "field": None, "advice": None, "exit_status": 130}
 
 
-def test_a_trip_that_ends_an_experiment_is_one_too(capsys, tmp_path, monkeypatch):
-    def tripped(*_):
+def test_a_trip_that_ends_an_experiment_is_one_too(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tripped(*_) -> NoReturn:
         raise ExperimentTrippedError("trip:overspeed", "too fast")
 
     monkeypatch.setattr("haptic_wall.controller.experiments.delay.measure_delay", tripped)
@@ -73,6 +87,6 @@ def test_a_trip_that_ends_an_experiment_is_one_too(capsys, tmp_path, monkeypatch
     assert found["exit_status"] == 3
 
 
-def test_without_json_nothing_is_on_standard_output(capsys):
+def test_without_json_nothing_is_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "--duration=-1"]) == 2
     assert capsys.readouterr().out == ""

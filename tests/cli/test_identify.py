@@ -3,6 +3,7 @@ import os
 import signal
 import threading
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -30,12 +31,14 @@ def call(words):
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_the_report_the_configuration_and_the_picture(folder, capsys):
+def test_the_report_the_configuration_and_the_picture(
+    folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
     words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
     assert call(words) == 0
@@ -58,8 +61,10 @@ def test_the_report_the_configuration_and_the_picture(folder, capsys):
     assert json.loads(capsys.readouterr().out)["delay_s"]["device"] == believed.delay.high
 
 
-def test_figures_are_printed_though_a_file_cannot_be_written(monkeypatch, capsys):
-    def full(*_):
+def test_figures_are_printed_though_a_file_cannot_be_written(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_) -> NoReturn:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
@@ -72,7 +77,7 @@ def test_figures_are_printed_though_a_file_cannot_be_written(monkeypatch, capsys
     assert "--plot fit.png: cannot be written: No space left" in said.err
 
 
-def test_the_boundary_alone(folder, capsys):
+def test_the_boundary_alone(folder, capsys: pytest.CaptureFixture[str]) -> None:
     points = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025, "kick_rad": None}
         for b in (0.0, 0.002, 0.004)
@@ -90,7 +95,9 @@ def test_the_boundary_alone(folder, capsys):
 
 
 @pytest.mark.parametrize("config", ['{"x": 1}', 100_000 * "[" + 100_000 * "]"])
-def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(config, folder, capsys):
+def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(
+    config, folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     point = '{"virtual_damping": %d, "delay_s": 0.002, "measured": 1.0}'
     points = ", ".join(point % b for b in range(3))
     (folder / "sweep.json").write_text(f'{{"points": [{points}], "config": {config}}}')
@@ -98,19 +105,21 @@ def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(config,
     assert "--from-sweep sweep.json: the configuration in it" in capsys.readouterr().err
 
 
-def test_a_sweep_that_is_a_pipe_is_refused_at_once(folder, capsys):
+def test_a_sweep_that_is_a_pipe_is_refused_at_once(
+    folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     os.mkfifo(folder / "sweep.json")
     assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
     assert "cannot be read: it is a pipe, not a file" in capsys.readouterr().err
 
 
-def test_a_trip_ends_it_with_its_status(capsys):
+def test_a_trip_ends_it_with_its_status(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
     assert call(words) == 3
     assert "trip:overspeed" in capsys.readouterr().err
 
 
-def test_a_blocked_servo_is_unfit(capsys):
+def test_a_blocked_servo_is_unfit(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["identify", "simulated", *QUICK, "--set=servo.coulomb=0.6"]) == 4
     assert "does not move" in capsys.readouterr().err
 
@@ -128,7 +137,9 @@ def test_a_blocked_servo_is_unfit(capsys):
         (["--logs=/dev/null"], "--logs /dev/null: found a file"),
     ],
 )
-def test_wrong_input_is_told_before_anything_moves(words, said, capsys, folder):
+def test_wrong_input_is_told_before_anything_moves(
+    words, said, capsys: pytest.CaptureFixture[str], folder
+) -> None:
     assert call(["identify", "simulated", *QUICK, *words]) == 2
     err = capsys.readouterr().err
     assert said in err and "pulses" not in err
@@ -136,7 +147,9 @@ def test_wrong_input_is_told_before_anything_moves(words, said, capsys, folder):
 
 
 @pytest.mark.parametrize("option", ["--out", "--plot"])
-def test_the_sweep_that_is_read_is_not_written_over(option, folder, capsys):
+def test_the_sweep_that_is_read_is_not_written_over(
+    option, folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     points = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025}
         for b in (0.0, 0.002, 0.004)
@@ -148,7 +161,9 @@ def test_the_sweep_that_is_read_is_not_written_over(option, folder, capsys):
     assert (folder / "sweep").read_text() == text
 
 
-def test_ctrl_c_ends_it(capsys, monkeypatch):
+def test_ctrl_c_ends_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     # In real time the motions take half a minute: the signal comes within them.
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     whole = Testbed.play

@@ -1,6 +1,7 @@
 """``init`` writes a preset with what else can be set, and keeps what is there."""
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -13,14 +14,14 @@ EMULATED = "emulated-port"
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_the_file_is_the_preset(tmp_path, preset):
+def test_the_file_is_the_preset(tmp_path: Path, preset) -> None:
     file = tmp_path / "mine.yaml"
     assert cli.main(["init", str(file), "--from", preset]) == 0
     assert load_config(str(file)).config == load_config(preset).config
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_what_is_commented_out_can_be_set(tmp_path, preset):
+def test_what_is_commented_out_can_be_set(tmp_path: Path, preset) -> None:
     """With every # taken away all values of this kind of servo are set, to their defaults."""
     file = tmp_path / "mine.yaml"
     text = re.sub(r"^# (\w+:)$", r"\1", commented(preset), flags=re.M)
@@ -31,7 +32,7 @@ def test_what_is_commented_out_can_be_set(tmp_path, preset):
     assert set(mine.origins) == {f.path for f in fields().values() if kind in f.used_by}
 
 
-def test_a_file_that_is_there_is_kept(tmp_path, capsys):
+def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "mine.yaml"
     assert cli.main(["init", str(file)]) == 0
     held = file.read_text() + "# mine\n"
@@ -43,15 +44,15 @@ def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     assert file.read_text() != held
 
 
-def test_an_unknown_preset_is_refused(tmp_path, capsys):
+def test_an_unknown_preset_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["init", str(tmp_path / "mine.yaml"), "--from", "nosuch"]) == 2
     assert EMULATED in capsys.readouterr().err
     assert not (tmp_path / "mine.yaml").exists()
 
 
 def test_a_presets_name_is_refused_because_config_would_mean_the_preset(
-    tmp_path, monkeypatch, capsys
-):
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["init", "simulated"]) == 2
     assert "--from simulated" in capsys.readouterr().err

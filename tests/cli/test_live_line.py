@@ -16,7 +16,7 @@ from haptic_wall.controller.cli.live_line import Shown, bar_of, line_of
 CALM = Shown("contact", 0, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
 
 
-def test_the_line_names_what_a_person_wants_to_know():
+def test_the_line_names_what_a_person_wants_to_know() -> None:
     line = line_of(CALM, 200, colour=True)
     for word in ("contact", "-0.500 N·m", "+0.1000 rad", "+0.0200", "K 8", "lost 3", "0.42 ms"):
         assert word in line
@@ -25,7 +25,7 @@ def test_the_line_names_what_a_person_wants_to_know():
     assert line_of(CALM, 10, colour=True) == "contact  "
 
 
-def test_what_is_wrong_is_coloured_unless_nobody_wants_that():
+def test_what_is_wrong_is_coloured_unless_nobody_wants_that() -> None:
     wrong = Shown("growing", 2, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
     assert line_of(wrong, 200, colour=True).startswith("\x1b[31m")
     assert "\x1b" not in line_of(wrong, 200, colour=False)
@@ -40,14 +40,14 @@ def test_what_is_wrong_is_coloured_unless_nobody_wants_that():
         (9.0, "[     |#####]"),
     ],
 )
-def test_the_bar_points_to_where_the_torque_pushes(torque, bar):
+def test_the_bar_points_to_where_the_torque_pushes(torque, bar) -> None:
     assert bar_of(torque, 1.0) == bar
     assert bar_of(float("nan"), 1.0) == "[     |     ]"
 
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("key", [b" ", b"q", b"\x03", b"\x1a"])
-def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path, key):
+def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key) -> None:
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
     command = [str(Path(sys.executable).with_name("haptic-wall")), "run", "simulated"]

@@ -6,6 +6,8 @@ import os
 import shlex
 import subprocess
 import sys
+from pathlib import Path
+from typing import NoReturn
 
 import click
 import pytest
@@ -33,10 +35,10 @@ def shell(*arguments, **kwargs):
     )
 
 
-def raising(monkeypatch, error):
+def raising(monkeypatch, error) -> None:
     """Have ``haptic-wall presets`` meet an error."""
 
-    def fail():
+    def fail() -> NoReturn:
         raise error
 
     monkeypatch.setitem(cli.COMMANDS, "presets", "")
@@ -45,7 +47,7 @@ def raising(monkeypatch, error):
     )
 
 
-def test_help_lists_the_commands_without_importing_them():
+def test_help_lists_the_commands_without_importing_them() -> None:
     done = shell("--help")
     assert done.returncode == 0
     for name, line in cli.COMMANDS.items():
@@ -67,7 +69,7 @@ def test_help_lists_the_commands_without_importing_them():
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
-def test_every_command_has_help(capsys, name):
+def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name) -> None:
     status, out, _ = call(capsys, name, "--help")
     assert status == 0
     assert "Usage: haptic-wall " + name in out
@@ -85,7 +87,9 @@ def test_every_command_has_help(capsys, name):
         (["log"], "LOG"),
     ],
 )
-def test_wrong_input_is_exit_status_2_and_a_message(capsys, arguments, message):
+def test_wrong_input_is_exit_status_2_and_a_message(
+    capsys: pytest.CaptureFixture[str], arguments, message
+) -> None:
     status, out, err = call(capsys, *arguments)
     assert status == 2
     assert out == ""
@@ -93,7 +97,7 @@ def test_wrong_input_is_exit_status_2_and_a_message(capsys, arguments, message):
     assert "Traceback" not in err
 
 
-def test_all_this_holds_for_the_process_too():
+def test_all_this_holds_for_the_process_too() -> None:
     wrong = shell("config", "simulated", "--set", "wall.side=x", "--set", "guard.margin=2")
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert len(wrong.stderr.splitlines()) == 3
@@ -112,7 +116,9 @@ def test_all_this_holds_for_the_process_too():
         (PermissionError(13, "Permission denied", "runs"), 2),
     ],
 )
-def test_exit_status_of_foreseen_errors(monkeypatch, capsys, error, status):
+def test_exit_status_of_foreseen_errors(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error, status
+) -> None:
     raising(monkeypatch, error)
     found, out, err = call(capsys, "presets")
     assert found == status
@@ -120,7 +126,9 @@ def test_exit_status_of_foreseen_errors(monkeypatch, capsys, error, status):
     assert "Traceback" not in err
 
 
-def test_the_exit_status_of_a_command_is_the_programs(monkeypatch, capsys):
+def test_the_exit_status_of_a_command_is_the_programs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
     )
@@ -128,7 +136,9 @@ def test_the_exit_status_of_a_command_is_the_programs(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("name", sorted(cli.NEEDS_LINUX))
-def test_another_system_is_told_in_a_sentence(monkeypatch, capsys, name):
+def test_another_system_is_told_in_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name
+) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     status, _, err = call(capsys, name)
     assert status == 4
@@ -138,7 +148,7 @@ def test_another_system_is_told_in_a_sentence(monkeypatch, capsys, name):
     )
 
 
-def test_a_reader_that_leaves_early_causes_no_noise():
+def test_a_reader_that_leaves_early_causes_no_noise() -> None:
     done = subprocess.run(
         f"{PYTHON} -m haptic_wall.controller.cli.main config | head -n 1",
         shell=True,
@@ -150,7 +160,7 @@ def test_a_reader_that_leaves_early_causes_no_noise():
     assert done.stderr == ""
 
 
-def test_the_exit_status_is_the_commands_own_when_the_reader_has_left():
+def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     script = (
         "import os, sys; from haptic_wall.controller.cli.main import main;"
         "end, other = os.pipe(); os.close(end); os.dup2(other, 1);"
@@ -175,8 +185,8 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left():
     ],
 )
 def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
-    words, status, tmp_path
-):
+    words, status, tmp_path: Path
+) -> None:
     script = (
         "import os, sys; from haptic_wall.controller.cli.main import main;"
         "end, other = os.pipe(); os.close(end); os.dup2(other, 2);"
@@ -190,7 +200,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
-def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
+def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
     done = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *brief],
@@ -204,7 +214,7 @@ def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path):
     assert b"Traceback" not in done.stderr
 
 
-def test_a_full_disk_is_told_in_a_sentence():
+def test_a_full_disk_is_told_in_a_sentence() -> None:
     done = subprocess.run(
         f"{PYTHON} -m haptic_wall.controller.cli.main presets > /dev/full",
         shell=True,
@@ -216,7 +226,7 @@ def test_a_full_disk_is_told_in_a_sentence():
     assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"
 
 
-def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full():
+def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full() -> None:
     done = subprocess.run(
         f"{PYTHON} -m haptic_wall.controller.cli.main scan --port /dev/none --json > /dev/full",
         shell=True,
@@ -230,7 +240,9 @@ def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full():
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), MemoryError()])
-def test_a_limit_of_the_system_is_told_in_a_sentence(error, monkeypatch, capsys):
+def test_a_limit_of_the_system_is_told_in_a_sentence(
+    error, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     raising(monkeypatch, error)
     status, _, said = call(capsys, "presets")
     assert status == 4
@@ -240,7 +252,7 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(error, monkeypatch, capsys)
 @pytest.mark.parametrize(
     ("closed", "clock"), [("<&- >&- 2>&-", "monotonic"), ("<&-", "simulated"), (">&-", "simulated")]
 )
-def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
+def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path: Path) -> None:
     """As a service manager may start it: what it opens must not take their numbers."""
     command = f"exec {PYTHON} -m haptic_wall.controller.cli.main run simulated --duration 0.1"
     command = f"{command} --set loop.clock={clock}"
@@ -257,7 +269,9 @@ def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path):
 
 
 @pytest.mark.parametrize("words", [["paper"], ["map", "simulated"], ["delay", "simulated"]])
-def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(capsys, words):
+def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], words
+) -> None:
     status, _, err = call(capsys, *words, "--out", 300 * "x")
     assert status == 2
     assert "File name too long; name another place" in err

@@ -13,6 +13,7 @@ import sys
 import time
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -33,7 +34,9 @@ def run(capsys, *arguments):
     return status, captured.out, captured.err
 
 
-def test_the_files_and_the_report_hold_every_point(capsys, tmp_path):
+def test_the_files_and_the_report_hold_every_point(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     (tmp_path / "map.csv").write_text("virtual_damping,delay_steps,delay_s,kick_rad,simulated\n")
     (tmp_path / "mine.txt").write_text("kept")
     status, out, err = run(
@@ -66,7 +69,9 @@ def test_the_files_and_the_report_hold_every_point(capsys, tmp_path):
     ]  # fmt: skip
 
 
-def test_without_json_there_is_a_table_and_the_names_of_the_files(capsys, tmp_path):
+def test_without_json_there_is_a_table_and_the_names_of_the_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, out, _ = run(
         capsys, "simulated", "--out", tmp_path / "new", "--virtual-damping", "0,0.02",
         "--delay-steps", "1", "--kick", "0.02,0.2", "--workers", 1,
@@ -89,8 +94,8 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(capsys, tmp_pa
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
-    capsys, tmp_path, arguments, message
-):
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments, message
+) -> None:
     status, _, err = run(capsys, *arguments, "--out", tmp_path / "out")
     assert status == 2
     assert message in err
@@ -98,7 +103,9 @@ def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
+def test_a_file_in_place_of_the_folder_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     (tmp_path / "out").write_text("")
     status, _, err = run(capsys, "simulated", "--out", tmp_path / "out")
     assert status == 2
@@ -106,8 +113,8 @@ def test_a_file_in_place_of_the_folder_is_refused(capsys, tmp_path):
 
 
 def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_computed(
-    capsys, tmp_path, monkeypatch
-):
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(maps, "critical_map", None)  # not called
     (tmp_path / "map.csv").mkdir()
     status, _, err = run(capsys, "simulated", "--out", tmp_path)
@@ -122,7 +129,9 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
 
 
 @pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
-def test_a_file_of_somebody_else_is_replaced_only_by_force(capsys, tmp_path, monkeypatch, name):
+def test_a_file_of_somebody_else_is_replaced_only_by_force(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
+) -> None:
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
     (tmp_path / name).write_text("mine")
     with monkeypatch.context() as never:
@@ -135,13 +144,15 @@ def test_a_file_of_somebody_else_is_replaced_only_by_force(capsys, tmp_path, mon
     assert run(capsys, *few)[0] == 0, "now they are of this program"
 
 
-def test_a_full_disk_leaves_the_older_map_and_nothing_else(capsys, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_older_map_and_nothing_else(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
     assert run(capsys, *few)[0] == 0
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3
 
-    def full(_found, _name, path):
+    def full(_found, _name, path) -> NoReturn:
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -152,7 +163,9 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(capsys, tmp_path, mon
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_two_maps_at_once_do_not_write_one_folder(capsys, tmp_path, monkeypatch):
+def test_two_maps_at_once_do_not_write_one_folder(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(maps, "critical_map", None)
     with claimed(tmp_path):
         status, _, err = run(capsys, "simulated", "--out", tmp_path)
@@ -161,10 +174,10 @@ def test_two_maps_at_once_do_not_write_one_folder(capsys, tmp_path, monkeypatch)
 
 
 def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
-    capsys, tmp_path, monkeypatch
-):
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Never(Executor):
-        def submit(self, *_, **__):
+        def submit(self, *_, **__) -> NoReturn:
             raise KeyboardInterrupt
 
     computed = functools.partial(maps.critical_map, executor=Never())
@@ -180,7 +193,9 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     assert not (tmp_path / "map.png").exists()
 
 
-def test_a_kick_given_twice_is_drawn_as_one(capsys, tmp_path):
+def test_a_kick_given_twice_is_drawn_as_one(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, _, _ = run(
         capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0.02", "--delay-steps", "1",
         "--kick", "0.1,0.1", "--set", "wall.side=both", "--workers", 1,
@@ -190,7 +205,9 @@ def test_a_kick_given_twice_is_drawn_as_one(capsys, tmp_path):
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("impatient", [False, True])
-def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(tmp_path, impatient):
+def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
+    tmp_path: Path, impatient
+) -> None:
     arguments = [
         "-m",
         "haptic_wall.controller.cli.main",

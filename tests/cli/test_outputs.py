@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -22,7 +23,13 @@ def run(*arguments):
 @pytest.mark.parametrize(
     ("log", "picture"), [("a.hwlog", "a.png"), ("a", "a.png"), ("a.b", "a.b.png")]
 )
-def test_the_picture_goes_beside_an_explicit_log(tmp_path, monkeypatch, capsys, log, picture):
+def test_the_picture_goes_beside_an_explicit_log(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    log,
+    picture,
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         "haptic_wall.controller.report.run.plot_log", lambda _rows, path, _why: path.touch()
@@ -32,14 +39,18 @@ def test_the_picture_goes_beside_an_explicit_log(tmp_path, monkeypatch, capsys, 
     assert f"picture     {picture}" in capsys.readouterr().out
 
 
-def test_without_a_picture_none_is_drawn_and_none_is_missed(tmp_path, monkeypatch, capsys):
+def test_without_a_picture_none_is_drawn_and_none_is_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert run("--log", "a.hwlog", "--no-plot") == 0
     assert [each.name for each in tmp_path.iterdir()] == ["a.hwlog"]
     assert "picture" not in capsys.readouterr().out
 
 
-def test_a_foreign_picture_beside_the_log_is_kept(tmp_path, monkeypatch, capsys):
+def test_a_foreign_picture_beside_the_log_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.png").write_text("mine")
     assert cli.main(["run", *BRIEF, "--log", "a.hwlog"]) == 2
@@ -47,7 +58,7 @@ def test_a_foreign_picture_beside_the_log_is_kept(tmp_path, monkeypatch, capsys)
     assert (tmp_path / "a.png").read_text() == "mine"
 
 
-def test_a_long_run_says_how_much_it_will_write():
+def test_a_long_run_says_how_much_it_will_write() -> None:
     config = load_config("simulated").config
     assert _length(config, 5.0) == "5 s"
     assert _length(config, 3600.0) == "3600 s; the log will have 580 MB"
@@ -56,7 +67,7 @@ def test_a_long_run_says_how_much_it_will_write():
     assert _length(simulated, None).endswith("a simulated minute")
 
 
-def test_a_dash_is_standard_output(tmp_path):
+def test_a_dash_is_standard_output(tmp_path: Path) -> None:
     """The file is there alone; what else is said goes to standard error."""
     done = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "init", "-", "--from", "lwr3"],

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
@@ -13,7 +14,7 @@ from haptic_wall.controller.theory import critical_stiffness
 
 
 @pytest.fixture
-def call(capsys, monkeypatch):
+def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     def simulated(virtual_damping, delay):
         return 1.00001 * critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
 
@@ -27,7 +28,7 @@ def call(capsys, monkeypatch):
     return run
 
 
-def test_one_item_is_a_table_and_a_picture(call, tmp_path):
+def test_one_item_is_a_table_and_a_picture(call, tmp_path: Path) -> None:
     status, out, err = call("fig4", "--out", tmp_path / "new" / "folder")
     assert status == 0
     files = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
@@ -37,7 +38,9 @@ def test_one_item_is_a_table_and_a_picture(call, tmp_path):
     assert call("fig4", "--out", tmp_path / "new" / "folder")[0] == 0, "they are of this program"
 
 
-def test_everything_has_a_page_and_is_the_default(call, tmp_path, monkeypatch):
+def test_everything_has_a_page_and_is_the_default(
+    call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # What is drawn has tests of its own; it takes seconds.
     monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: path.touch())
     status, out, _ = call("--out", tmp_path, "--json")
@@ -51,14 +54,14 @@ def test_everything_has_a_page_and_is_the_default(call, tmp_path, monkeypatch):
     assert report["table2"]["simulation"]["delay_samples"] == 0
 
 
-def test_table_ii_is_printed_too(call, tmp_path):
+def test_table_ii_is_printed_too(call, tmp_path: Path) -> None:
     status, out, _ = call("table2", "--out", tmp_path)
     assert status == 0
     assert "0.25    0.3    533.17    533.18    +0.0027" in out
     assert "worst by theory: +0.0397 % at t_d/T = 0, B = 0.4" in out
 
 
-def test_without_table_ii_the_report_says_null(call, tmp_path):
+def test_without_table_ii_the_report_says_null(call, tmp_path: Path) -> None:
     _, out, _ = call("fig8", "--out", tmp_path, "--json")
     assert json.loads(out)["table2"] is None
 
@@ -72,14 +75,14 @@ def test_without_table_ii_the_report_says_null(call, tmp_path):
         ("fig7", "found fig7, wanted one of table2, fig3, fig4, fig5, fig6, fig8, fig9, fig10, al"),
     ],
 )
-def test_a_wrong_item_is_named_with_what_there_is(call, tmp_path, item, message):
+def test_a_wrong_item_is_named_with_what_there_is(call, tmp_path: Path, item, message) -> None:
     status, out, err = call(item, "--out", tmp_path)
     assert (status, out) == (2, "")
     assert message in err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_must_be_named(call):
+def test_a_folder_must_be_named(call) -> None:
     status, _, err = call("fig8")
     assert status == 2
     assert err == (
@@ -87,7 +90,7 @@ def test_a_folder_must_be_named(call):
     )
 
 
-def test_a_place_that_is_none_is_one_sentence(call, tmp_path):
+def test_a_place_that_is_none_is_one_sentence(call, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     status, _, err = call("fig8", "--out", tmp_path / "file")
     assert status == 2
@@ -97,7 +100,7 @@ def test_a_place_that_is_none_is_one_sentence(call, tmp_path):
     assert "cannot be written: Not a directory; name another place" in err
 
 
-def test_ctrl_c_ends_it(tmp_path):
+def test_ctrl_c_ends_it(tmp_path: Path) -> None:
     running = subprocess.Popen(
         [
             sys.executable,

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -49,13 +50,15 @@ def refused(capsys, arguments):
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
-def test_a_folder_with_a_file_of_somebody_else_is_refused(capsys, folder, arguments, name):
+def test_a_folder_with_a_file_of_somebody_else_is_refused(
+    capsys: pytest.CaptureFixture[str], folder, arguments, name
+) -> None:
     (folder / "out").mkdir()
     mine = folder / "out" / name
     mine.write_text("mine")
@@ -65,7 +68,9 @@ def test_a_folder_with_a_file_of_somebody_else_is_refused(capsys, folder, argume
 
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
-def test_a_folder_that_another_command_writes_to_is_refused(capsys, folder, arguments, name):
+def test_a_folder_that_another_command_writes_to_is_refused(
+    capsys: pytest.CaptureFixture[str], folder, arguments, name
+) -> None:
     (folder / "out").mkdir()
     (folder / "link").symlink_to("out")
     with claimed(folder / "out"):
@@ -74,7 +79,9 @@ def test_a_folder_that_another_command_writes_to_is_refused(capsys, folder, argu
 
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
-def test_a_file_of_somebody_else_is_refused(capsys, folder, arguments, option):
+def test_a_file_of_somebody_else_is_refused(
+    capsys: pytest.CaptureFixture[str], folder, arguments, option
+) -> None:
     (folder / "mine").write_text("mine")
     said = refused(capsys, [*arguments, option, "mine"])
     assert f"{option} mine: found a file that is not" in said
@@ -84,13 +91,15 @@ def test_a_file_of_somebody_else_is_refused(capsys, folder, arguments, option):
 
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
-def test_a_file_that_another_command_writes_is_refused(capsys, folder, arguments, option):
+def test_a_file_that_another_command_writes_is_refused(
+    capsys: pytest.CaptureFixture[str], folder, arguments, option
+) -> None:
     (folder / "link").symlink_to("file")
     with claimed(folder / "file"):
         assert "another run is writing" in refused(capsys, [*arguments, option, "link"])
 
 
-def test_what_is_ours_is_known_by_its_beginning(folder):
+def test_what_is_ours_is_known_by_its_beginning(folder) -> None:
     assert may_be_replaced(folder / "nothing", PICTURE)
     path = folder / "file"
     path.write_text(witness.COLUMNS)
@@ -105,7 +114,9 @@ def test_what_is_ours_is_known_by_its_beginning(folder):
     assert not may_be_replaced(path, RECORD), "a device is written to, not replaced"
 
 
-def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
+def test_links_in_a_circle_are_told_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], folder
+) -> None:
     (folder / "one").symlink_to("other")
     (folder / "other").symlink_to("one")
     for arguments, option in FILES:
@@ -113,7 +124,7 @@ def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
         assert f"{option} one: its links lead in a circle; name another place" in said
 
 
-def test_what_a_killed_command_left_beside_its_file_is_removed(folder):
+def test_what_a_killed_command_left_beside_its_file_is_removed(folder) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     stale = folder / f".b.png.{ended.pid}.part"
@@ -129,7 +140,7 @@ def test_what_a_killed_command_left_beside_its_file_is_removed(folder):
     assert all(path.read_text() == "half" for path in others)
 
 
-def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder):
+def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder) -> None:
     (folder / "mine").write_text("mine")
     with whole(folder / "b.png", PICTURE) as part:
         name = part.name
@@ -141,6 +152,8 @@ def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder
     assert (folder / "mine").read_text() == "mine"
 
 
-def test_a_picture_without_a_mark_may_be_an_early_one(capsys, folder):
+def test_a_picture_without_a_mark_may_be_an_early_one(
+    capsys: pytest.CaptureFixture[str], folder
+) -> None:
     (folder / "b.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     assert "early versions did not mark theirs" in refused(capsys, [*BOUNDARY, "--plot", "b.png"])

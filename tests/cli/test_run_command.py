@@ -9,6 +9,7 @@ import signal
 import time
 from importlib import resources
 from pathlib import Path
+from typing import NoReturn
 
 import click
 import numpy as np
@@ -36,7 +37,7 @@ def run(capsys, *arguments):
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -54,7 +55,9 @@ def folder(tmp_path, monkeypatch):
         (["--witness", "a"], "--witness: only an emulated bus"),
     ],
 )
-def test_a_wrong_place_or_time_is_refused_before_the_start(capsys, folder, arguments, message):
+def test_a_wrong_place_or_time_is_refused_before_the_start(
+    capsys: pytest.CaptureFixture[str], folder, arguments, message
+) -> None:
     status, out, err = run(capsys, *arguments)
     assert (status, json.loads(out)["exit_status"]) == (2, 2)
     assert message in err
@@ -62,7 +65,9 @@ def test_a_wrong_place_or_time_is_refused_before_the_start(capsys, folder, argum
 
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_no_file_that_the_run_writes_holds_its_wall_on(capsys, folder, option):
+def test_no_file_that_the_run_writes_holds_its_wall_on(
+    capsys: pytest.CaptureFixture[str], folder, option
+) -> None:
     (folder / "a").touch()
     status, _, err = run(capsys, "--set=loop.clock=monotonic", "--hold", "./a", option, "a")
     assert status == 2
@@ -70,8 +75,10 @@ def test_no_file_that_the_run_writes_holds_its_wall_on(capsys, folder, option):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monkeypatch, number):
-    def impatient(*_):
+def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number
+) -> None:
+    def impatient(*_) -> None:
         os.kill(os.getpid(), number)
 
     monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", impatient)
@@ -83,7 +90,9 @@ def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(capsys, monk
     assert signal.getsignal(number) is before
 
 
-def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
+def test_the_log_tells_how_the_run_ended(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
@@ -96,7 +105,9 @@ def test_the_log_tells_how_the_run_ended(capsys, monkeypatch):
     assert (status == 3) == told["stop_reason"].startswith("trip:")
 
 
-def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
+def test_the_same_run_gives_the_same_log(
+    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
@@ -105,7 +116,9 @@ def test_the_same_run_gives_the_same_log(capsys, folder, monkeypatch):
     assert (folder / "a.hwlog").read_bytes() == (folder / "b.hwlog").read_bytes()
 
 
-def test_a_log_that_another_run_is_writing_is_not_taken_from_it(capsys, folder):
+def test_a_log_that_another_run_is_writing_is_not_taken_from_it(
+    capsys: pytest.CaptureFixture[str], folder
+) -> None:
     log = folder / "mine.hwlog"
     with LogWriter(log, {}, ROW) as writer:
         status, out, err = run(capsys, "--log", log)
@@ -126,7 +139,9 @@ def placed(*places, name="simulated", force=False):
 
 
 @pytest.mark.parametrize("log", [None, "run.hwlog"])
-def test_two_runs_begun_together_do_not_write_one_file(monkeypatch, log):
+def test_two_runs_begun_together_do_not_write_one_file(
+    monkeypatch: pytest.MonkeyPatch, log
+) -> None:
     """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
     log = log and Path(log)
@@ -138,7 +153,9 @@ def test_two_runs_begun_together_do_not_write_one_file(monkeypatch, log):
 
 
 @pytest.mark.parametrize("name", ["run.hwlog", "./run.hwlog", "link", "hard", "sub/../run.hwlog"])
-def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(capsys, folder, name):
+def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(
+    capsys: pytest.CaptureFixture[str], folder, name
+) -> None:
     log = folder / "run.hwlog"
     assert run(capsys, "--log", log)[0] == 0
     before = log.read_bytes()
@@ -154,8 +171,10 @@ def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(capsys, fol
     assert run(capsys, "--log", name, "--plot", "b.png")[0] == 0
 
 
-def test_the_second_run_is_refused_where_nobody_can_lock_files(capsys, folder, monkeypatch):
-    def refuses(*_):
+def test_the_second_run_is_refused_where_nobody_can_lock_files(
+    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(*_) -> NoReturn:
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", refuses)
@@ -167,7 +186,9 @@ def test_the_second_run_is_refused_where_nobody_can_lock_files(capsys, folder, m
 
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(capsys, tmp_path, option):
+def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, option
+) -> None:
     os.mkfifo(tmp_path / "pipe")
     status, _, said = run(capsys, option, "pipe")
     assert status == 2
@@ -175,7 +196,9 @@ def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(capsys, tmp_path,
 
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
-def test_the_configuration_is_not_written_over(capsys, folder, option):
+def test_the_configuration_is_not_written_over(
+    capsys: pytest.CaptureFixture[str], folder, option
+) -> None:
     text = (resources.files("haptic_wall.controller") / "presets/simulated.yaml").read_text()
     (folder / "mine").write_text(text)
     status, _, err = run(capsys, "./mine", option, "mine")
@@ -184,14 +207,18 @@ def test_the_configuration_is_not_written_over(capsys, folder, option):
     assert (folder / "mine").read_text() == text
 
 
-def test_a_preset_is_no_file_that_could_be_written_over(capsys, monkeypatch):
+def test_a_preset_is_no_file_that_could_be_written_over(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     assert run(capsys, "simulated", "--log", "simulated")[0] == 0
 
 
-def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
+def test_links_in_a_circle_are_told_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], folder
+) -> None:
     (folder / "one").symlink_to("other")
     (folder / "other").symlink_to("one")
     status, _, err = run(capsys, "--log", "one")
@@ -201,7 +228,9 @@ def test_links_in_a_circle_are_told_in_a_sentence(capsys, folder):
     )
 
 
-def test_a_name_with_dots_is_kept_whole_and_taken_once(tmp_path, monkeypatch):
+def test_a_name_with_dots_is_kept_whole_and_taken_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(time, "strftime", lambda _: "now")
     names = ["wall.v1.yaml", "wall.v2.yaml", "wall.v2.yaml", "wall.v2.yaml"]
@@ -215,7 +244,9 @@ def test_a_name_with_dots_is_kept_whole_and_taken_once(tmp_path, monkeypatch):
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
 
 
-def test_a_run_that_cannot_start_touches_no_file(capsys, folder):
+def test_a_run_that_cannot_start_touches_no_file(
+    capsys: pytest.CaptureFixture[str], folder
+) -> None:
     """Neither what is not of this program, nor log and picture of an earlier run."""
     assert run(capsys, "--log", "old.hwlog", "--plot", "old.png")[0] == 0
     for name, content in MINE.items():
@@ -235,7 +266,9 @@ def test_a_run_that_cannot_start_touches_no_file(capsys, folder):
 
 
 @pytest.mark.parametrize(("option", "name"), [("--log", "notes.txt"), ("--plot", "photo.png")])
-def test_what_is_not_ours_is_replaced_only_when_it_is_said(capsys, folder, option, name):
+def test_what_is_not_ours_is_replaced_only_when_it_is_said(
+    capsys: pytest.CaptureFixture[str], folder, option, name
+) -> None:
     (folder / name).write_bytes(MINE[name])
     other = ("--plot", "p.png") if option == "--log" else ("--log", "l.hwlog")
     status, _, err = run(capsys, option, name, *other)
@@ -247,7 +280,9 @@ def test_what_is_not_ours_is_replaced_only_when_it_is_said(capsys, folder, optio
     assert run(capsys, option, name, *other)[0] == 0, "now it is of this program"
 
 
-def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(capsys, folder, monkeypatch):
+def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(
+    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def late(*_, **__):
         (folder / "run.hwlog").write_bytes(b"mine")
         return begin(*_, **__)
@@ -260,11 +295,11 @@ def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(capsys, folder, mon
     assert (folder / "run.hwlog").read_bytes() == b"mine"
 
 
-def meanwhile(monkeypatch, action):
+def meanwhile(monkeypatch, action) -> None:
     """Have something done to the log behind its last row."""
     close = Recorder.close
 
-    def after(recorder):
+    def after(recorder) -> None:
         close(recorder)
         action()
 
@@ -274,11 +309,11 @@ def meanwhile(monkeypatch, action):
 @pytest.mark.parametrize("how", ["removed", "moved", "another"])
 @pytest.mark.parametrize("json_wanted", [True, False])
 def test_a_log_that_is_gone_is_the_first_that_is_said(
-    capsys, folder, monkeypatch, how, json_wanted
-):
+    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch, how, json_wanted
+) -> None:
     log = folder / "run.hwlog"
 
-    def act():
+    def act() -> None:
         moved = log.rename(folder / "moved")
         if how == "removed":
             moved.unlink()
@@ -301,7 +336,9 @@ def test_a_log_that_is_gone_is_the_first_that_is_said(
         assert log.read_text() == "mine", "and nothing was put behind it"
 
 
-def test_a_full_disk_leaves_the_old_log_and_nothing_else(capsys, folder, monkeypatch):
+def test_a_full_disk_leaves_the_old_log_and_nothing_else(
+    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = folder / "run.hwlog"
     assert run(capsys, "--log", log, "--plot", "run.png")[0] == 0
     before = {path: path.read_bytes() for path in folder.iterdir()}
@@ -322,7 +359,7 @@ def test_a_full_disk_leaves_the_old_log_and_nothing_else(capsys, folder, monkeyp
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_limits_of_the_shell_are_told_in_a_sentence(capsys):
+def test_limits_of_the_shell_are_told_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limit[1]))
     try:
@@ -347,5 +384,5 @@ def test_limits_of_the_shell_are_told_in_a_sentence(capsys):
 )
 def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
     reason, waited_for, log, status
-):
+) -> None:
     assert exit_status(reason, waited_for, log) == status

@@ -1,6 +1,7 @@
 """What the scan command lists, and what it says of wrong input."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -29,28 +30,34 @@ def scan(capsys, *arguments):
         (["--ids", 5000 * "9"], ["--ids", "wanted ids such as"]),
     ],
 )
-def test_wrong_input_is_named_and_ends_with_2(capsys, arguments, words):
+def test_wrong_input_is_named_and_ends_with_2(
+    capsys: pytest.CaptureFixture[str], arguments, words
+) -> None:
     status, out, err = scan(capsys, *arguments)
     assert (status, out) == (2, "")
     for word in words:
         assert word in err
 
 
-def test_without_an_adapter_the_port_is_asked_for(capsys, monkeypatch):
+def test_without_an_adapter_the_port_is_asked_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.list_ports.comports", list)
     status, out, err = scan(capsys)
     assert (status, out) == (4, "")
     assert "--port" in err
 
 
-def test_a_port_that_is_not_there_ends_with_4(capsys, tmp_path):
+def test_a_port_that_is_not_there_ends_with_4(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, _, err = scan(capsys, "--port", str(tmp_path / "ttyUSB0"))
     assert status == 4
     assert "does not exist" in err
 
 
 @pytest.mark.realtime
-def test_servos_are_found_at_whatever_rate_they_are(capsys):
+def test_servos_are_found_at_whatever_rate_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     with emulate("--servo", "XM430-W350:3", "--servo", "XL430-W250:7", "--baud=57600") as (_, port):
         status, out, err = scan(capsys, "--port", port, "--json")
         found = json.loads(out)

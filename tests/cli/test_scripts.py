@@ -43,7 +43,7 @@ esac
 
 
 @pytest.fixture
-def project(tmp_path):
+def project(tmp_path: Path):
     """A copy of the scripts in a folder whose name has a space, and a PATH with little on it."""
     folder = tmp_path / "my project"
     shutil.copytree(ROOT / "scripts", folder / "scripts")
@@ -57,7 +57,7 @@ def project(tmp_path):
     return folder
 
 
-def install_python(project):
+def install_python(project) -> None:
     python = project.parent / "tools" / "python3.11"
     python.write_text(PYTHON)
     python.chmod(0o755)
@@ -84,7 +84,7 @@ def notes(project):
     return path.read_text().splitlines() if path.exists() else []
 
 
-def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project):
+def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project) -> None:
     install_python(project)
     first = call(project, "run", "--duration", "1 s")
     assert (first.returncode, first.stdout) == (0, "haptic-wall run --duration 1 s\n")
@@ -95,7 +95,7 @@ def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project):
     assert notes(project) == ["venv", "pip my project"]
 
 
-def test_it_installs_again_when_the_project_file_has_changed(project):
+def test_it_installs_again_when_the_project_file_has_changed(project) -> None:
     install_python(project)
     call(project, "run")
     with (project / "pyproject.toml").open("a") as file:
@@ -104,14 +104,14 @@ def test_it_installs_again_when_the_project_file_has_changed(project):
     assert notes(project) == ["venv", "pip my project", "pip my project"]
 
 
-def test_what_the_tests_need_is_enough_to_run(project):
+def test_what_the_tests_need_is_enough_to_run(project) -> None:
     install_python(project)
     call(project, "test")
     call(project, "run")
     assert notes(project) == ["venv", "pip my project[test]"]
 
 
-def test_a_project_that_was_moved_is_installed_again(project):
+def test_a_project_that_was_moved_is_installed_again(project) -> None:
     install_python(project)
     call(project, "run")
     moved = project.parent / "moved"
@@ -120,7 +120,7 @@ def test_a_project_that_was_moved_is_installed_again(project):
     assert notes(moved) == ["venv", "pip my project", "venv", "pip moved"]
 
 
-def test_two_at_once_wait_for_each_other(project):
+def test_two_at_once_wait_for_each_other(project) -> None:
     install_python(project)
     both = [
         subprocess.Popen(
@@ -135,7 +135,7 @@ def test_two_at_once_wait_for_each_other(project):
     assert notes(project) == ["venv", "pip my project"]
 
 
-def test_the_test_script_runs_every_check_and_fails_if_one_does(project):
+def test_the_test_script_runs_every_check_and_fails_if_one_does(project) -> None:
     install_python(project)
     done = call(project, "test", "-k", "wall", FAILING="mypy")
     assert done.stdout.splitlines() == [
@@ -149,21 +149,21 @@ def test_the_test_script_runs_every_check_and_fails_if_one_does(project):
     assert call(project, "test", FAILING="pytest").returncode == 1
 
 
-def test_without_python_it_says_what_to_install(project):
+def test_without_python_it_says_what_to_install(project) -> None:
     done = call(project, "run")
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.startswith("run: found no Python 3.11 or newer on PATH: install one")
 
 
-def test_without_the_venv_module_it_says_what_to_install(project):
+def test_without_the_venv_module_it_says_what_to_install(project) -> None:
     install_python(project)
     done = call(project, "run", NO_ENSUREPIP="1")
     assert done.returncode == 1
     assert "apt-get install python3.11-venv" in done.stderr
 
 
-def test_a_failed_installation_is_tried_again(project):
+def test_a_failed_installation_is_tried_again(project) -> None:
     install_python(project)
     failed = call(project, "run", NO_NETWORK="1")
     assert failed.returncode == 1
@@ -172,7 +172,7 @@ def test_a_failed_installation_is_tried_again(project):
     assert call(project, "run").returncode == 0
 
 
-def test_the_installation_does_not_name_its_folder(project):
+def test_the_installation_does_not_name_its_folder(project) -> None:
     """Python before 3.13 reads that name by the locale, and would not start under LC_ALL=C."""
     install_python(project)
     site = project / ".venv" / "lib" / "python3.11" / "site-packages"
@@ -196,7 +196,7 @@ exit 7
 
 
 @pytest.mark.parametrize("sets_up", [True, False])
-def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project, sets_up):
+def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project, sets_up) -> None:
     shutil.copytree(ROOT / ".ci", project / ".ci")
     for tool in ("bash", "tar", "mktemp"):
         found = shutil.which(tool)
@@ -227,5 +227,5 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project
 
 
 @pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
-def test_scripts_can_be_executed(script):
+def test_scripts_can_be_executed(script) -> None:
     assert os.access(ROOT / script, os.X_OK)

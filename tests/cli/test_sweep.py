@@ -29,7 +29,7 @@ def run(capsys, *arguments):
 
 
 @pytest.fixture(scope="module")
-def swept(tmp_path_factory):
+def swept(tmp_path_factory: pytest.TempPathFactory):
     """A finished sweep."""
     folder = tmp_path_factory.mktemp("sweep") / "here"
     done = subprocess.run(
@@ -40,7 +40,7 @@ def swept(tmp_path_factory):
     return folder, json.loads(done.stdout), done.stderr
 
 
-def test_points_and_files(swept):
+def test_points_and_files(swept) -> None:
     folder, report, told = swept
     points = report["points"]
     # In the order asked for; the ceiling is 9.9 at 1 ms.
@@ -73,7 +73,9 @@ def test_points_and_files(swept):
     assert "left" in told
 
 
-def test_the_same_settings_go_on_and_others_are_refused(swept, capsys):
+def test_the_same_settings_go_on_and_others_are_refused(
+    swept, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, report, _ = swept
     before = json.loads((folder / "sweep.json").read_text())
     status, out, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", folder, "--json")
@@ -87,7 +89,7 @@ def test_the_same_settings_go_on_and_others_are_refused(swept, capsys):
     assert json.loads((folder / "sweep.json").read_text()) == before
 
 
-def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path):
+def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     many = [0.02 + 1e-4 * i for i in range(299)]  # however late the signal comes, some are left
     command = [
         sys.executable, "-m", "haptic_wall.controller.cli.main", "sweep", "simulated", *PLANT,
@@ -118,13 +120,17 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path):
         (("--delay-steps=1",), "--virtual-damping"),
     ],
 )
-def test_wrong_input_is_named(capsys, tmp_path, arguments, words):
+def test_wrong_input_is_named(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments, words
+) -> None:
     status, _, told = run(capsys, "simulated", *PLANT, *arguments, "--out", tmp_path)
     assert status == 2
     assert words in told
 
 
-def test_what_is_not_a_sweep_is_not_replaced(capsys, tmp_path):
+def test_what_is_not_a_sweep_is_not_replaced(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     (tmp_path / "sweep.json").write_text("{}")
     status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
     assert status == 2
@@ -147,7 +153,9 @@ def test_what_is_not_a_sweep_is_not_replaced(capsys, tmp_path):
         lambda held: held.update(fingerprint=1),
     ],
 )
-def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(swept, capsys, tmp_path, change):
+def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(
+    swept, capsys: pytest.CaptureFixture[str], tmp_path: Path, change
+) -> None:
     held = json.loads((swept[0] / "sweep.json").read_text())
     change(held)
     (tmp_path / "sweep.json").write_text(json.dumps(held))
@@ -156,7 +164,9 @@ def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(swept, capsys, tmp_
     assert "sweep.json" in told and "--fresh" in told
 
 
-def test_before_hardware_moves_it_says_what_will(capsys, tmp_path):
+def test_before_hardware_moves_it_says_what_will(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     status, _, told = run(
         capsys, "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",
         "--virtual-damping=0.01", "--delay-steps=0", "--out", tmp_path,

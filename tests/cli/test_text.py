@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ REPORT = {
 }
 
 
-def test_long_times_are_written_out():
+def test_long_times_are_written_out() -> None:
     late = {"p50": 0.0359, "p99": 402.4, "p99_9": 3550.2, "max": 21345.6}
     text = joined(REPORT | {"lateness_us": late})
     assert "lateness p50 0.0359, p99 402, p99.9 3550, max 21346 µs" in text
@@ -76,7 +77,7 @@ def joined(report):
     return " ".join(report_text(report).split())
 
 
-def test_the_report_tells_what_happened_in_some_25_lines():
+def test_the_report_tells_what_happened_in_some_25_lines() -> None:
     text = joined(REPORT)
     for fact in (
         "run ended as planned; torque is off, read back",
@@ -99,7 +100,7 @@ def test_the_report_tells_what_happened_in_some_25_lines():
     assert "log         runs/a long way/run.hwlog" in lines
 
 
-def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence():
+def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence() -> None:
     tick = {"time_s": 2.3141, "lateness_us": 4941.0, "work_us": 34.0, "bus_us": 0.0, "missed": 4}
     tick |= {"cause": "another process ran on the core", "evidence": "waited 4.97 ms for the core"}
     timing = {
@@ -119,7 +120,7 @@ def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence():
     assert "late ticks" not in joined(REPORT | {"timing": timing | {"late_ticks": 0}})
 
 
-def test_a_trip_is_the_first_thing_one_reads():
+def test_a_trip_is_the_first_thing_one_reads() -> None:
     report = REPORT | {
         "stop_reason": "trip:overspeed",
         "explanation": "the position moved faster than safety.max_speed allows",
@@ -133,7 +134,7 @@ def test_a_trip_is_the_first_thing_one_reads():
         assert fact in meaning
 
 
-def test_what_is_not_known_is_left_out_or_named():
+def test_what_is_not_known_is_left_out_or_named() -> None:
     report = REPORT | {
         "rate_hz": None,
         "lateness_us": dict.fromkeys(TIMES),
@@ -150,12 +151,12 @@ def test_what_is_not_known_is_left_out_or_named():
     assert "picture" not in text
 
 
-def test_an_oscillation_is_told_with_its_frequency():
+def test_an_oscillation_is_told_with_its_frequency() -> None:
     oscillation = {"state": "growing", "frequency_hz": 12.34, "amplitude_rad": None}
     assert "oscillation growing, 12.34 Hz" in joined(REPORT | {"oscillation": oscillation})
 
 
-def test_json_is_what_json_is():
+def test_json_is_what_json_is() -> None:
     value = {
         "nan": math.nan,
         "inf": [math.inf, -math.inf, 1.5],
@@ -184,14 +185,14 @@ def test_json_is_what_json_is():
         max_size=3,
     )
 )
-def test_json_never_holds_nan(value):
-    def refuse(constant):
+def test_json_never_holds_nan(value) -> None:
+    def refuse(constant) -> NoReturn:
         raise AssertionError(constant)
 
     json.loads(as_json(value), parse_constant=refuse)
 
 
-def test_the_default_report_has_eight_lines_with_what_a_person_asks_first():
+def test_the_default_report_has_eight_lines_with_what_a_person_asks_first() -> None:
     many = {"warnings": [f"note {k}" for k in range(9)], "oscillation": {"state": "quiet"}}
     lines = brief_text(REPORT | many).splitlines()
     assert len(lines) == LINES
@@ -206,14 +207,14 @@ def test_the_default_report_has_eight_lines_with_what_a_person_asks_first():
     assert lines[6:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
 
 
-def test_what_is_told_whole_is_not_counted_as_left_out():
+def test_what_is_told_whole_is_not_counted_as_left_out() -> None:
     text = brief_text(REPORT | {"bus": None, "oscillation": None})
     assert "note        scheduler: wanted FIFO, refused; to grant it: x" in text
     assert "more        1 reason: `run -v`" in text, "which is cut: the line is full"
     assert "\nmore" not in brief_text(REPORT | {"bus": None, "guard": None})
 
 
-def test_how_a_run_ended_is_never_left_out_for_want_of_lines():
+def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
     report = REPORT | {
         "stop_reason": "trip:overspeed", "explanation": "fast " * 100, "torque_off": False
     }  # fmt: skip
@@ -226,7 +227,9 @@ def test_how_a_run_ended_is_never_left_out_for_want_of_lines():
 @pytest.mark.parametrize("columns", [40, 80, 200])
 @pytest.mark.parametrize("warnings", [0, 1, 4])
 @pytest.mark.parametrize("bus", [REPORT["bus"], None])
-def test_the_report_has_eight_lines_in_any_terminal(monkeypatch, columns, warnings, bus):
+def test_the_report_has_eight_lines_in_any_terminal(
+    monkeypatch: pytest.MonkeyPatch, columns, warnings, bus
+) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     report = REPORT | {"warnings": ["long " * 50] * warnings, "bus": bus}
     assert len(brief_text(report).splitlines()) <= LINES

@@ -40,7 +40,7 @@ def on_a_terminal(then, **environment):
     return text.decode(), os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def test_the_line_gives_way_to_what_is_said_and_to_the_end():
+def test_the_line_gives_way_to_what_is_said_and_to_the_end() -> None:
     text, status = on_a_terminal("options.say('on the way')")
     line = "\r\x1b[Kdrawing: 1 s, about 9 s left"
     assert text.startswith(f"{line}\r\x1b[Kon the way\r\n")
@@ -48,7 +48,7 @@ def test_the_line_gives_way_to_what_is_said_and_to_the_end():
     assert status == 0
 
 
-def test_a_ctrl_c_takes_the_line_away():
+def test_a_ctrl_c_takes_the_line_away() -> None:
     text, status = on_a_terminal("os.kill(os.getpid(), signal.SIGINT); time.sleep(9)")
     assert text.endswith("left\r\x1b[K")
     assert status == 130
@@ -65,14 +65,16 @@ def test_a_ctrl_c_takes_the_line_away():
         (None, 0.01, 6.0, "drawing: 6 s, about 10 min left"),
     ],
 )
-def test_the_estimate_is_by_what_is_done_where_that_is_known(about, share, passed, text):
+def test_the_estimate_is_by_what_is_done_where_that_is_known(about, share, passed, text) -> None:
     work = Work("drawing", about, share if share is None else lambda: share)
     work.began = time.monotonic() - passed
     assert work.text() == text
 
 
 @pytest.mark.parametrize("stream", ["a file", "dumb"])
-def test_nothing_is_shown_where_there_is_no_terminal(capsys, monkeypatch, stream):
+def test_nothing_is_shown_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stream
+) -> None:
     monkeypatch.setattr(progress, "FIRST_S", 0.0)
     monkeypatch.setattr(progress, "_show", lambda *_: pytest.fail("a thread was begun"))
     if stream == "dumb":
@@ -83,7 +85,7 @@ def test_nothing_is_shown_where_there_is_no_terminal(capsys, monkeypatch, stream
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly():
+def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly() -> None:
     code = """
 import builtins, os, signal, sys
 from haptic_wall.controller.cli import interrupt

@@ -4,6 +4,7 @@ import itertools
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -34,7 +35,7 @@ def faults(*sets):
         ("[]", ()),
     ],
 )
-def test_one_fault_or_several_as_people_write_them(text, found):
+def test_one_fault_or_several_as_people_write_them(text, found) -> None:
     assert faults(text) == found
 
 
@@ -53,7 +54,7 @@ def test_one_fault_or_several_as_people_write_them(text, found):
         ("xm430-w350", "servo.supply=12", ["servo.port", "is a real one"]),
     ],
 )
-def test_what_cannot_happen_is_refused_by_name(source, change, words):
+def test_what_cannot_happen_is_refused_by_name(source, change, words) -> None:
     with pytest.raises(ConfigError) as refused:
         load_config(source, [change])
     (problem,) = refused.value.problems
@@ -61,12 +62,12 @@ def test_what_cannot_happen_is_refused_by_name(source, change, words):
         assert word in problem
 
 
-def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus():
+def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus() -> None:
     config = load_config(EMULATED, ["servo.id=7", "servo.faults=stuck:id=7"]).config
     assert config.servo.faults == ("stuck:id=7",)
 
 
-def test_they_travel_between_processes_and_to_the_emulator():
+def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
@@ -96,7 +97,7 @@ def simulated(*sets):
     return run_session(config, SimulatedClock(), Telemetry.create(), 1.0)
 
 
-def test_they_happen_on_the_bus_in_memory_as_the_seed_says():
+def test_they_happen_on_the_bus_in_memory_as_the_seed_says() -> None:
     counts = []
     for seed in (0, 0, 1):
         found = simulated("servo.faults=corrupt:p=0.05,way=reply", f"servo.fault_seed={seed}")
@@ -106,13 +107,13 @@ def test_they_happen_on_the_bus_in_memory_as_the_seed_says():
     assert counts[0] == counts[1] != counts[2]
 
 
-def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on():
+def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on() -> None:
     with pytest.raises(UnfitServoError, match="supplied with 9 V"):
         simulated("servo.supply=9")
 
 
 @pytest.mark.parametrize(("gap_s", "ended"), [(0.008, "duration"), (0.02, "trip:losses_in_row")])
-def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended):
+def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended) -> None:
     """With the limits of hardware: 15 ms without a reading, a Bus Watchdog of 40 ms."""
     limits = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s=0.04")
     found = simulated(f"servo.faults=drop:at=0.9,for={gap_s},way=reply", *limits)
@@ -121,7 +122,9 @@ def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended):
 
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 1000, 2000])
-def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(rate_hz, schedule):
+def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
+    rate_hz, schedule
+) -> None:
     telemetry = Telemetry.create()
     sets = (
         f"loop.rate_hz={rate_hz}",
@@ -140,7 +143,7 @@ def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(rate_
 
 
 @pytest.mark.realtime
-def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path):
+def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path: Path) -> None:
     status, report, message = run(
         tmp_path,
         "servo.faults=drop:every=20,way=reply",

@@ -38,7 +38,9 @@ def swings(found):
 
 @pytest.mark.parametrize("schedule", ["pipelined", "immediate"])
 @pytest.mark.parametrize("rate_hz", [1000, 500])
-def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(rate_hz, schedule, thorough):
+def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
+    rate_hz, schedule, thorough: bool
+) -> None:
     sets = (f"loop.rate_hz={rate_hz}", f"servo.schedule={schedule}", "loop.warm_up_s=0.3")
     phases = range(0, 32) if thorough else (1, 12, 23)
     for phase in phases:
@@ -59,7 +61,7 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(rate_hz, schedule
         assert "K could be about" in why
 
 
-def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not():
+def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> None:
     """So the delay that is counted with is the true one, neither short nor far too long."""
     sets = (*FREE_WALL, "wall.stiffness=8")
     calm = rehearse(sets, 6.0, adapter=(TIMER_MS * MS, 62), shift_ns=5 * MS)
@@ -78,7 +80,7 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not():
     assert max(swings(wild)) > 3 * 0.3
 
 
-def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip():
+def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     """Ticks in which none was due are neither good nor lost."""
     sets = ("safety.max_loss=0.15", "loop.warm_up_s=0.3")
     found = rehearse(sets, 10.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"])
@@ -95,7 +97,7 @@ def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip():
     assert lost == pytest.approx(calm.result.bus["lost"], abs=2), "one loss each"
 
 
-def test_replies_that_stay_away_end_the_run_at_the_third():
+def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
     """Each takes longer than the silence that is allowed, and one or two are no reason to end."""
     sets = ("safety.max_silence_s=0.015", "safety.max_loss=1", "loop.warm_up_s=0.3")
     adapter = (TIMER_MS * MS, 62)
@@ -106,7 +108,7 @@ def test_replies_that_stay_away_end_the_run_at_the_third():
     assert calm.result.stop_reason == "duration"
 
 
-def test_a_quick_adapter_is_untouched():
+def test_a_quick_adapter_is_untouched() -> None:
     found = rehearse((), 0.3, adapter=(1 * MS, 62))
     assert not np.any(found.ticks["outcome"] == Outcome.WAITING)
     assert np.percentile(found.ticks["age_ns"], 99) <= 2 * MS

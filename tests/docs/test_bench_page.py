@@ -1,6 +1,7 @@
 """The page on the benchmark has a place for every section, and the script fills it."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,7 +22,7 @@ REPORT = {
 }  # fmt: skip
 
 
-def test_the_page_has_a_place_for_every_section():
+def test_the_page_has_a_place_for_every_section() -> None:
     text = text_of("docs/bench.md")
     assert [n for n in ("machine", *SECTIONS) if f"<!-- bench: {n} -->" not in text] == []
 
@@ -30,7 +31,7 @@ PAGE = "a\n<!-- bench: {} -->\nold\n<!-- end -->\nb\n"
 TEXT = "".join(PAGE.format(name) for name in ("machine", "boundary", "detector"))
 
 
-def test_a_part_of_the_benchmark_says_itself_what_the_machine_did_meanwhile():
+def test_a_part_of_the_benchmark_says_itself_what_the_machine_did_meanwhile() -> None:
     new = renewed(TEXT, {**REPORT, "sections": {"boundary": SECTION}})
     assert (
         "Measured apart from the rest: load 0.10 before, 0.5 % of the processors' time taken by"
@@ -40,7 +41,7 @@ def test_a_part_of_the_benchmark_says_itself_what_the_machine_did_meanwhile():
     assert renewed(new, {**REPORT, "sections": {"boundary": SECTION}}) == new
 
 
-def test_what_was_measured_is_written_and_the_rest_stays():
+def test_what_was_measured_is_written_and_the_rest_stays() -> None:
     report = {**REPORT, "sections": dict.fromkeys(SECTIONS, SECTION)}
     new = renewed(TEXT + PAGE.format("else"), report)
     assert "| p99 of a/b | 12.2 | µs | 11 to 14.5 |" in new
@@ -54,7 +55,9 @@ def test_what_was_measured_is_written_and_the_rest_stays():
 
 
 @pytest.mark.parametrize("text", [None, "no JSON", "{}", "[]"])
-def test_a_report_that_is_none_is_refused_in_a_sentence(tmp_path, monkeypatch, text):
+def test_a_report_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text
+) -> None:
     page, report = tmp_path / "bench.md", tmp_path / "report.json"
     page.write_text(text_of("docs/bench.md"), encoding="utf-8")
     if text is not None:

@@ -13,6 +13,8 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import Executor
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -36,7 +38,7 @@ NOTHING = {"rows": [], "notes": [], "histograms": [], "seconds": 0.0, "steal_per
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
@@ -56,12 +58,12 @@ MEASURING = ("delay", "identify", "map", "rendered", "sweep")
 
 
 @pytest.fixture
-def cut_short(monkeypatch, thorough):
+def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     """What takes seconds is stopped as soon as it begins; all of it has tests of its own."""
     if thorough:
         return
 
-    def interrupted(*_, **__):
+    def interrupted(*_, **__) -> NoReturn:
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
@@ -84,7 +86,7 @@ def cut_short(monkeypatch, thorough):
 class Nobody(Executor):
     """Is interrupted before it takes a task."""
 
-    def submit(self, *_, **__):
+    def submit(self, *_, **__) -> NoReturn:
         raise KeyboardInterrupt
 
 
@@ -133,7 +135,7 @@ def run_quickly(words, folder, capsys):
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
 
 
-def look(words, folder, capsys):
+def look(words, folder, capsys) -> None:
     """A ``scan`` or ``doctor``, at a port where nothing is unless it brings its own bus."""
     nowhere = folder / "ttyUSB0"
     if words[0] == "scan":
@@ -147,7 +149,9 @@ def look(words, folder, capsys):
 
 @pytest.mark.usefixtures("cut_short")
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
-def test_commands_of_the_program(found, folder, capsys, thorough):
+def test_commands_of_the_program(
+    found, folder, capsys: pytest.CaptureFixture[str], thorough: bool
+) -> None:
     _, (first, *words) = found
     if first == "scripts/run":
         words = ["run", *words]
@@ -172,7 +176,7 @@ def test_commands_of_the_program(found, folder, capsys, thorough):
 
 
 @pytest.mark.parametrize("found", OTHERS, ids=shown)
-def test_other_commands(found, folder):
+def test_other_commands(found, folder) -> None:
     _, words = found
     match words:
         case (".", activate):
@@ -190,7 +194,7 @@ def test_other_commands(found, folder):
 
 
 @pytest.fixture
-def bus(tmp_path):
+def bus(tmp_path: Path):
     """Starts emulated buses by the pages' words, files apart; ends them."""
     started = []
 
@@ -225,7 +229,7 @@ def second_terminal():
 
 
 @pytest.mark.realtime
-def test_two_terminals(bus, tmp_path):
+def test_two_terminals(bus, tmp_path: Path) -> None:
     """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
     first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
     emulator, _, there = bus(first)
@@ -253,7 +257,7 @@ def test_two_terminals(bus, tmp_path):
 
 
 @pytest.mark.realtime
-def test_the_vendors_client(bus, tmp_path):
+def test_the_vendors_client(bus, tmp_path: Path) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
     page = "docs/emulated-bus.md"
     first = next(words for found, words in RUNS if words in BUSES and found == page)

@@ -24,7 +24,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_a_seed_is_found_as_well_as_the_page_says(kind, thorough):
+def test_a_seed_is_found_as_well_as_the_page_says(kind, thorough: bool) -> None:
     if kind is not KINDS[0] and not thorough:
         pytest.skip("seconds; --thorough runs it")
     cases = [identified((kind, seed)) for seed in range(SEEDS if thorough else 1)]
@@ -43,7 +43,7 @@ def test_a_seed_is_found_as_well_as_the_page_says(kind, thorough):
         assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
 
 
-def test_the_bounds_of_an_ordinary_servo_hold_it(thorough):
+def test_the_bounds_of_an_ordinary_servo_hold_it(thorough: bool) -> None:
     """The first of those that the page counts."""
     if not thorough:
         pytest.skip("seconds; --thorough runs it")

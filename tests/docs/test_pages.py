@@ -17,7 +17,7 @@ from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page):
+def test_links_lead_somewhere(page) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text())):
         if re.match(r"[a-z]+:", target):
             continue
@@ -28,7 +28,7 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.usefixtures("folder")
-def test_what_is_shown_is_what_the_program_says():
+def test_what_is_shown_is_what_the_program_says() -> None:
     stale = [
         page.name
         for page in readme_output.pages()
@@ -37,12 +37,12 @@ def test_what_is_shown_is_what_the_program_says():
     assert not stale, "run scripts/study readme_output"
 
 
-def test_measured_parts_are_filled():
+def test_measured_parts_are_filled() -> None:
     empty = r"<!-- measured: [^>]*-->\n<!-- end -->"
     assert [name_of(page) for page in PAGES if re.search(empty, page.read_text())] == []
 
 
-def test_the_presets_are_those_of_the_program(capsys):
+def test_the_presets_are_those_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["presets", "--json"]) == 0
     listed = {p["name"]: p["summary"] for p in json.loads(capsys.readouterr().out)["presets"]}
     rows = dict(re.findall(r"^\| `([\w-]+)` \| (.*?) \|$", text_of("README.md"), re.M))
@@ -50,7 +50,7 @@ def test_the_presets_are_those_of_the_program(capsys):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_settings_that_are_named_exist(page):
+def test_settings_that_are_named_exist(page) -> None:
     sections = "|".join({path.split(".")[0] for path in fields()})
     named = set(re.findall(rf"`((?:{sections})\.[a-z_]+)(?:[=:.][^`]*)?`", page.read_text()))
     groups = {key.rpartition(".")[0] for key in report_keys_named()}
@@ -58,12 +58,12 @@ def test_settings_that_are_named_exist(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_that_are_named_exist(page):
+def test_commands_that_are_named_exist(page) -> None:
     named = set(re.findall(r"`haptic-wall ([a-z]+)", page.read_text()))
     assert sorted(named - {*COMMANDS}) == []
 
 
-def test_every_trip_has_its_section():
+def test_every_trip_has_its_section() -> None:
     sections = re.findall(r"^## ([a-z_]+)$", text_of("docs/trips.md"), re.M)
     assert sorted(sections) == sorted(trip.label for trip in Trip)
 
@@ -87,7 +87,7 @@ def keys(value, path=""):
 
 
 @pytest.mark.usefixtures("folder")
-def test_every_key_of_the_report_is_explained(capsys):
+def test_every_key_of_the_report_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", "emulated-xm430", "--set=loop.clock=simulated", "--duration=0.1", "--json"]
     assert call(words) == 0
     report = json.loads(capsys.readouterr().out)
@@ -105,14 +105,14 @@ def test_every_key_of_the_report_is_explained(capsys):
         assert f"`{name}`" in page
 
 
-def test_every_column_of_the_log_is_explained():
+def test_every_column_of_the_log_is_explained() -> None:
     page = text_of("docs/report.md")
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
     assert dict(rows) == COLUMNS
     assert set(ROW.names) - set(COLUMNS.values()) == {"seq", "sampled_ns"}
 
 
-def test_every_start_up_check_is_explained():
+def test_every_start_up_check_is_explained() -> None:
     _, rows = readme_output.checks()
     page = text_of("docs/hardware.md").partition("| check | why |")[2].partition("\n\n")[0]
     assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [name for name, *_ in rows]

@@ -4,5 +4,5 @@ from scripts.studies.uncertainty import STUDY
 from tests.scripts.computed import stale
 
 
-def test_the_tables_are_what_is_computed(thorough):
+def test_the_tables_are_what_is_computed(thorough: bool) -> None:
     assert stale(STUDY, None if thorough else ["costs"]) == [], "run scripts/study uncertainty"

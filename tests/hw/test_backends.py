@@ -5,7 +5,9 @@ import os
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +22,7 @@ EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "line_servo"
 PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
 
 
-def install(folder, project, *modules):
+def install(folder: Path, project: Mapping[str, Any], *modules: Path) -> None:
     """What an installer leaves of a distribution: its modules, and what it says of itself."""
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir(parents=True)
@@ -35,12 +37,12 @@ def install(folder, project, *modules):
         (folder / module.name).symlink_to(module)
 
 
-def distribution(name, **backends):
+def distribution(name: str, **backends: str) -> dict[str, Any]:
     return {"name": name, "version": "1.0", "entry-points": {"haptic_wall.servos": backends}}
 
 
 @pytest.fixture
-def site(tmp_path, monkeypatch):
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder on the path, where distributions can be installed."""
     folder = tmp_path / "site"
     folder.mkdir()
@@ -51,7 +53,7 @@ def site(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def line_servo(tmp_path):
+def line_servo(tmp_path: Path) -> dict[str, str]:
     """Variables of an environment in which the example is installed."""
     folder = tmp_path / "site"
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
@@ -61,7 +63,7 @@ def line_servo(tmp_path):
 
 
 @pytest.fixture
-def board(line_servo):
+def board(line_servo: dict[str, str]) -> Iterator[str]:
     """The port of a board that is there."""
     with subprocess.Popen(
         [sys.executable, "-m", "line_board"],
@@ -74,7 +76,7 @@ def board(line_servo):
         process.stdin.close()
 
 
-def test_a_backend_of_another_distribution_keeps_the_contract(line_servo):
+def test_a_backend_of_another_distribution_keeps_the_contract(line_servo: dict[str, str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(EXAMPLE)],
         env=line_servo,
@@ -87,7 +89,9 @@ def test_a_backend_of_another_distribution_keeps_the_contract(line_servo):
 
 
 @pytest.mark.realtime
-def test_a_wall_on_it_runs_end_to_end(line_servo, board, tmp_path):
+def test_a_wall_on_it_runs_end_to_end(
+    line_servo: dict[str, str], board: str, tmp_path: Path
+) -> None:
     sets = [
         f"servo.port={board}",
         "realtime.profile=best-effort",
@@ -114,7 +118,7 @@ def test_a_wall_on_it_runs_end_to_end(line_servo, board, tmp_path):
     assert 0.0 < report["guard"]["commanded"]["stiffness"] <= 5.0
 
 
-def test_its_options_are_checked_before_anything_runs(line_servo):
+def test_its_options_are_checked_before_anything_runs(line_servo: dict[str, str]) -> None:
     done = subprocess.run(
         [
             *(*PROGRAM, "run", str(EXAMPLE / "wall.yaml"), "--set", "servo.baud=null"),
@@ -131,7 +135,7 @@ def test_its_options_are_checked_before_anything_runs(line_servo):
     assert "servo.baud (from --set): found nothing, wanted 115200" in done.stderr
 
 
-def test_ours_are_known_without_being_installed():
+def test_ours_are_known_without_being_installed() -> None:
     assert backend_names()[:2] == ["simulated", "dynamixel"]
     assert backend("simulated").kind(None) == "simulated"
     kind = backend("dynamixel").kind
@@ -142,14 +146,14 @@ def test_ours_are_known_without_being_installed():
     )
 
 
-def test_a_name_of_ours_cannot_be_taken(site):
+def test_a_name_of_ours_cannot_be_taken(site: Path) -> None:
     before = backend("simulated")
     install(site, distribution("impostor", simulated="impostor:BACKEND"))
     backend.cache_clear()
     assert backend("simulated") is before
 
 
-def test_an_unknown_backend_is_named_with_those_that_are_known(site):
+def test_an_unknown_backend_is_named_with_those_that_are_known(site: Path) -> None:
     install(site, distribution("line-servo", line="line_servo:BACKEND"))
     with pytest.raises(BackendError, match=r"'lime': known are simulated, dynamixel, line\.$"):
         backend("lime")
@@ -169,8 +173,8 @@ def test_an_unknown_backend_is_named_with_those_that_are_known(site):
     ],
 )
 def test_a_backend_that_cannot_be_loaded_is_named_with_its_distribution(
-    site, text, told, monkeypatch
-):
+    site: Path, text: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delitem(sys.modules, "broken_servo", raising=False)
     install(site, distribution("broken-servo", broken="broken_servo:BACKEND"))
     (site / "broken_servo.py").write_text(text)
@@ -182,20 +186,20 @@ def test_a_backend_that_cannot_be_loaded_is_named_with_its_distribution(
     assert "\n" not in problem
 
 
-def test_two_distributions_with_one_name_are_both_named(site):
+def test_two_distributions_with_one_name_are_both_named(site: Path) -> None:
     for name in ("one", "other"):
         install(site, distribution(name, twice=f"{name}:BACKEND"))
     with pytest.raises(BackendError, match="more than once, by one and other"):
         backend("twice")
 
 
-def test_a_simulated_servo_has_no_port_and_ends_with_its_process():
+def test_a_simulated_servo_has_no_port_and_ends_with_its_process() -> None:
     settings = ServoSettings(true=TrueServo(0.01))
     assert open_port(settings) is None
     assert cut_torque(settings, None, SimulatedClock()) is True
 
 
-def test_a_real_servo_without_a_port_is_never_said_to_be_off():
+def test_a_real_servo_without_a_port_is_never_said_to_be_off() -> None:
     settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350")
     assert cut_torque(settings, None, MonotonicClock()) is False
     with pytest.raises(PortError, match="No serial port"):

@@ -6,7 +6,7 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,7 +73,7 @@ def test_an_unknown_model_in_memory_is_unfit() -> None:
 
 
 @pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
-def test_no_port_is_an_error_and_never_a_simulated_servo(open_it) -> None:  # type: ignore[no-untyped-def]
+def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., object]) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(PortError, match=r"No serial port is configured: set servo\.port"):
         open_it(settings())
     with pytest.raises(PortError, match="does not exist"):

@@ -9,7 +9,7 @@ PERIOD_NS = 1_000_000
 
 
 class TestSimulated(ServoContract):
-    def make_rig(self):
+    def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)
         true = TrueServo(
             inertia=0.012, damping=0.012, coulomb=0.09, torque_step=0.001, delay=0.4e-3
@@ -18,14 +18,14 @@ class TestSimulated(ServoContract):
 
 
 class TestSimulatedWithoutEncoder(ServoContract):
-    def make_rig(self):
+    def make_rig(self) -> Rig:
         clock = SimulatedClock()
         true = TrueServo(inertia=0.012, counts_per_rev=0)
         return Rig(open_servo(ServoSettings(true=true), clock), clock)
 
 
 class TestDynamixelInMemory(ServoContract):
-    def make_rig(self):
+    def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)
         true = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
         settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350", true=true)

@@ -2,6 +2,7 @@
 
 import math
 import random
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from haptic_wall.hw.simulated import SimulatedServo
 MS = 1_000_000
 
 
-def started(start_ns=0, **settings):
+def started(start_ns: int = 0, **settings: Any) -> tuple[SimulatedServo, SimulatedClock]:
     clock = SimulatedClock(start_ns)
     true = TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
     servo = SimulatedServo(true, clock)
@@ -21,7 +22,7 @@ def started(start_ns=0, **settings):
     return servo, clock
 
 
-def test_the_position_is_that_of_the_request_however_late_it_is_collected():
+def test_the_position_is_that_of_the_request_however_late_it_is_collected() -> None:
     servo, clock = started()
     servo.write(1.0)
     clock.wait_until(10 * MS)
@@ -35,14 +36,14 @@ def test_the_position_is_that_of_the_request_however_late_it_is_collected():
     assert math.isnan(reading.torque)
 
 
-def test_its_facts_are_those_of_the_true_servo():
+def test_its_facts_are_those_of_the_true_servo() -> None:
     servo, _ = started(counts_per_rev=1024, torque_limit=0.5, torque_step=0.002)
     facts = servo.facts
     assert (facts.counts_per_rev, facts.torque_limit, facts.torque_step) == (1024, 0.5, 0.002)
     assert servo.bus is None
 
 
-def test_its_time_begins_with_the_start():
+def test_its_time_begins_with_the_start() -> None:
     # A hand would have moved it, had it begun when it was opened.
     clock = SimulatedClock()
     true = TrueServo(inertia=0.01, counts_per_rev=0, hand="lean", position=0.1)
@@ -56,7 +57,7 @@ def test_its_time_begins_with_the_start():
     assert servo.collect(0).position == pytest.approx(0.5, abs=1e-3)
 
 
-def test_a_torque_sent_acts_the_device_delay_later():
+def test_a_torque_sent_acts_the_device_delay_later() -> None:
     servo, clock = started(delay=0.5e-3)
     servo.write(1.0)
     clock.wait_until(2 * MS)
@@ -64,7 +65,7 @@ def test_a_torque_sent_acts_the_device_delay_later():
     assert servo.collect(0).position == pytest.approx(0.5 * 100.0 * 0.0015**2, rel=1e-9)
 
 
-def test_each_torque_acts_until_the_next_is_written():
+def test_each_torque_acts_until_the_next_is_written() -> None:
     """Also where nobody looks in between."""
     servo, clock = started()
     servo.write(1.0)
@@ -77,7 +78,7 @@ def test_each_torque_acts_until_the_next_is_written():
     assert servo.collect(0).position == pytest.approx(pushed + drifted, rel=1e-9)
 
 
-def test_a_reading_answers_one_request():
+def test_a_reading_answers_one_request() -> None:
     servo, _ = started()
     with pytest.raises(RuntimeError, match="call request first"):
         servo.collect(0)
@@ -87,13 +88,13 @@ def test_a_reading_answers_one_request():
         servo.collect(0)
 
 
-def test_a_servo_that_cannot_be_is_refused_when_it_is_opened():
+def test_a_servo_that_cannot_be_is_refused_when_it_is_opened() -> None:
     with pytest.raises(ValueError, match="inertia"):
         SimulatedServo(TrueServo(inertia=0.0), SimulatedClock())
 
 
-def test_the_same_run_is_the_same_to_the_bit():
-    def run(start_ns):
+def test_the_same_run_is_the_same_to_the_bit() -> None:
+    def run(start_ns: int) -> list[float]:
         servo, clock = started(
             start_ns, damping=0.01, coulomb=0.09, hand="tap", counts_per_rev=4096, delay=3e-4
         )

@@ -18,7 +18,7 @@ PATIENCE_MS, SHORT_MS = 10_000, 50
 
 
 class Client:
-    def __init__(self, bus):
+    def __init__(self, bus) -> None:
         self.port = sdk.PortHandler(bus.port)
         self.port.baudrate = bus.baud
         assert self.port.openPort()
@@ -27,7 +27,7 @@ class Client:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_) -> None:
         self.port.closePort()
 
     def ping(self, id_=1, patience_ms=PATIENCE_MS):
@@ -35,7 +35,7 @@ class Client:
         return self.handler.ping(self.port, id_)
 
 
-def test_a_bus_by_default(dynamixel_bus):
+def test_a_bus_by_default(dynamixel_bus: DynamixelBus) -> None:
     assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((1,), 4_000_000)
     with Client(dynamixel_bus) as client:
         assert client.ping() == (1020, 0, 0)
@@ -44,7 +44,7 @@ def test_a_bus_by_default(dynamixel_bus):
 @pytest.mark.dynamixel_bus(servos=["XL330-M288:3", "XM430-W350"], baud=1_000_000)
 class TestMarkers:
     @pytest.mark.dynamixel_bus(truth={"position": 1.0}, latency_timer=2, block=62)
-    def test_what_is_nearer_to_the_test_adds_to_the_rest(self, dynamixel_bus):
+    def test_what_is_nearer_to_the_test_adds_to_the_rest(self, dynamixel_bus: DynamixelBus) -> None:
         assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((3, 1), 1_000_000)
         assert dynamixel_bus.position(3) == pytest.approx(1.0)
         with Client(dynamixel_bus) as client:
@@ -52,12 +52,12 @@ class TestMarkers:
             assert client.ping(1) == (1020, 0, 0)
 
     @pytest.mark.dynamixel_bus(baud=57_600)
-    def test_and_outdoes_it(self, dynamixel_bus):
+    def test_and_outdoes_it(self, dynamixel_bus: DynamixelBus) -> None:
         assert (dynamixel_bus.ids, dynamixel_bus.baud) == ((3, 1), 57_600)
 
 
 @pytest.mark.dynamixel_bus(faults=["drop:way=reply"])
-def test_faults_come_and_go(dynamixel_bus):
+def test_faults_come_and_go(dynamixel_bus: DynamixelBus) -> None:
     with Client(dynamixel_bus) as client:
         assert client.ping(patience_ms=SHORT_MS)[1] == sdk.COMM_RX_TIMEOUT
         dynamixel_bus.inject("late:ms=1")
@@ -69,7 +69,7 @@ def test_faults_come_and_go(dynamixel_bus):
     assert [row.fault for row in dynamixel_bus.events("fault", 1)] == ["drop", "hardware-error"]
 
 
-def test_the_record_holds_what_happened_also_after_the_end():
+def test_the_record_holds_what_happened_also_after_the_end() -> None:
     with DynamixelBus(["XM430-W350:5"], truth={"position": 2.0}) as bus, Client(bus) as client:
         begun = time.monotonic()
         client.port.setPacketTimeout = lambda _: client.port.setPacketTimeoutMillis(PATIENCE_MS)
@@ -89,7 +89,7 @@ def test_the_record_holds_what_happened_also_after_the_end():
     bus.stop()
 
 
-def test_the_port_stays_when_the_adapter_is_unplugged_and_back(dynamixel_bus):
+def test_the_port_stays_when_the_adapter_is_unplugged_and_back(dynamixel_bus: DynamixelBus) -> None:
     link = Path(dynamixel_bus.port)
     held = os.open(link, os.O_RDWR | os.O_NOCTTY)
     before = link.resolve()
@@ -105,7 +105,7 @@ def test_the_port_stays_when_the_adapter_is_unplugged_and_back(dynamixel_bus):
     dynamixel_bus.inject("drop")  # what it says of this is told apart from the new path
 
 
-def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus):
+def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus: DynamixelBus) -> None:
     with pytest.raises(BusError, match="drop"):
         dynamixel_bus.inject("dorp")
     with pytest.raises(BusError, match="has the id 9"):
@@ -120,13 +120,15 @@ def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus):
         dynamixel_bus.inject("drop")
 
 
-def test_one_that_was_not_started_says_so():
+def test_one_that_was_not_started_says_so() -> None:
     with pytest.raises(BusError, match="does not run"):
         _ = DynamixelBus().rows
 
 
 @pytest.mark.dynamixel_bus(servos=["XM430-W350:1", "XL330-M288:1"])
-def test_two_servos_may_share_an_id_and_different_answers_collide(dynamixel_bus):
+def test_two_servos_may_share_an_id_and_different_answers_collide(
+    dynamixel_bus: DynamixelBus,
+) -> None:
     with Client(dynamixel_bus) as client:
         assert client.ping(patience_ms=SHORT_MS)[1] != sdk.COMM_SUCCESS
         client.ping(patience_ms=SHORT_MS)  # whatever is left of it
@@ -134,7 +136,7 @@ def test_two_servos_may_share_an_id_and_different_answers_collide(dynamixel_bus)
         assert same == (0, sdk.COMM_SUCCESS, 0)
 
 
-def test_the_bus_outlives_the_thread_that_started_it():
+def test_the_bus_outlives_the_thread_that_started_it() -> None:
     """A fixture may be set up in a thread of its own."""
     bus = DynamixelBus()
     thread = threading.Thread(target=bus.__enter__)
@@ -157,7 +159,7 @@ with DynamixelBus() as bus:
 """
 
 
-def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path):
+def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path: Path) -> None:
     words = [sys.executable, "-c", KILLED]
     folders = {"TMPDIR": str(tmp_path)}
     with subprocess.Popen(

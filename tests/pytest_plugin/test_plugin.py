@@ -35,7 +35,7 @@ def emulators(folder):
 
 
 @pytest.fixture
-def outside(pytester, monkeypatch):
+def outside(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch):
     """Runs tests in an empty folder; no bus may be left over."""
     monkeypatch.setenv("TMPDIR", str(pytester.path))
 
@@ -47,7 +47,7 @@ def outside(pytester, monkeypatch):
     assert emulators(pytester.path) == set()
 
 
-def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside):
+def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside) -> None:
     done = outside(
         """
         import os, signal
@@ -93,7 +93,9 @@ def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside):
         assert words in said
 
 
-def test_it_meets_no_modules_of_the_program_under_test(outside, pytester, monkeypatch):
+def test_it_meets_no_modules_of_the_program_under_test(
+    outside, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Their own `controller` and `hw`, in the folder and on the path, stay theirs."""
     for name in ("controller", "hw"):
         pytester.makepyfile(**{name: "OURS = False"})
@@ -119,7 +121,7 @@ def test_it_meets_no_modules_of_the_program_under_test(outside, pytester, monkey
     done.assert_outcomes(passed=2)
 
 
-def test_it_ends_with_the_tests_however_they_end(tmp_path):
+def test_it_ends_with_the_tests_however_they_end(tmp_path: Path) -> None:
     test = tmp_path / "test_hangs.py"
     test.write_text(
         "import pathlib, time\ndef test_hangs(dynamixel_bus):\n"
@@ -144,7 +146,7 @@ def test_it_ends_with_the_tests_however_they_end(tmp_path):
         time.sleep(0.02)
 
 
-def test_our_own_suite_has_it_once(pytestconfig):
+def test_our_own_suite_has_it_once(pytestconfig: pytest.Config) -> None:
     plugins = [
         name
         for name, plugin in pytestconfig.pluginmanager.list_name_plugin()
@@ -153,7 +155,7 @@ def test_our_own_suite_has_it_once(pytestconfig):
     assert plugins == ["haptic_wall"]
 
 
-def test_the_example_passes_and_its_workflow_runs_it(tmp_path):
+def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     for name in ("move_servo.py", "test_move_servo.py"):
         (tmp_path / name).write_text((EXAMPLES / name).read_text())
     (job,) = yaml.safe_load((EXAMPLES / "ci.yml").read_text())["jobs"].values()
@@ -170,7 +172,7 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path):
+def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) -> None:
     """A script that does not try again, and lets go of nothing, fails two of them."""
     script = (EXAMPLES / "move_servo.py").read_text()
     script = script.replace("ATTEMPTS = 10", "ATTEMPTS = 1")
@@ -187,7 +189,7 @@ def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path):
     assert "3 failed, 2 passed" in done.stdout, done.stdout
 
 
-def test_the_page_s_programs_run(tmp_path):
+def test_the_page_s_programs_run(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "testing-your-code.md").read_text()
     blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]
     for number, block in enumerate(blocks):
@@ -204,7 +206,7 @@ def test_the_page_s_programs_run(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["wheel", "editable"])
-def test_installed(how, tmp_path, thorough):
+def test_installed(how, tmp_path: Path, thorough: bool) -> None:
     """As a wheel and editable, in a fresh environment that sees this one's other packages."""
     if not thorough:
         pytest.skip("makes a virtual environment and builds: --thorough")

@@ -1,5 +1,7 @@
 """On made-up records of a run each broken promise is found, and none is invented."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -56,7 +58,7 @@ def ended(cut_s):
     ]
 
 
-def test_a_run_that_was_cut_in_time_has_no_offence():
+def test_a_run_that_was_cut_in_time_has_no_offence() -> None:
     found = ending(ended(0.5), WATCHDOG_S)
     assert found.offences == []
     assert found.cut_s == pytest.approx(0.5002)
@@ -72,16 +74,16 @@ def test_a_run_that_was_cut_in_time_has_no_offence():
         (frame(0.55, 0.0, Instruction.WRITE, ON), "torque was switched on again after the cut"),
     ],
 )
-def test_torque_after_a_trip_is_found(late, offence):
+def test_torque_after_a_trip_is_found(late, offence) -> None:
     assert ending([*ended(0.5), late], WATCHDOG_S).offences == [offence]
 
 
-def test_a_torque_off_that_was_damaged_on_its_way_is_no_cut():
+def test_a_torque_off_that_was_damaged_on_its_way_is_no_cut() -> None:
     rows = [*pressing(0.5), frame(0.5, -0.5, Instruction.WRITE, OFF, error=3), state(0.51, -0.5)]
     assert ending(rows, WATCHDOG_S).cut_s is None
 
 
-def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut():
+def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut() -> None:
     alone = pressing(0.5)
     inside = [*alone, state(0.499 + WATCHDOG_S, -0.5), state(0.6, 0.0)]
     assert ending(inside, WATCHDOG_S).offences == []
@@ -98,7 +100,7 @@ def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut():
 )
 def test_before_a_cut_that_comes_late_the_bus_watchdog_must_have_ended_the_torque(
     torque_s, offence
-):
+) -> None:
     rows = [
         *pressing(0.5),
         state(torque_s, -0.5),
@@ -110,20 +112,20 @@ def test_before_a_cut_that_comes_late_the_bus_watchdog_must_have_ended_the_torqu
     assert found.offences == offence
 
 
-def test_a_goal_that_acts_after_the_bus_watchdog_should_have_tripped_is_found():
+def test_a_goal_that_acts_after_the_bus_watchdog_should_have_tripped_is_found() -> None:
     off = frame(0.61, 0.0, Instruction.WRITE, OFF)
     rows = [*pressing(0.5), state(0.55, 0.0), goal(0.6, -50), off]
     (offence,) = ending(rows, WATCHDOG_S).offences
     assert offence == "torque 60.9 ms after the Bus Watchdog should have ended it"
 
 
-def test_a_bus_watchdog_that_tripped_at_no_torque_may_be_armed_again():
+def test_a_bus_watchdog_that_tripped_at_no_torque_may_be_armed_again() -> None:
     again = [goal(0.6 + n * 1e-3, -50) for n in range(20)]
     rows = [*pressing(0.5), goal(0.5, 0), goal(0.599, 0), *again]
     assert ending([*rows, frame(0.62, 0.0, Instruction.WRITE, OFF)], WATCHDOG_S).offences == []
 
 
-def test_the_start_up_may_switch_torque_on_and_off():
+def test_the_start_up_may_switch_torque_on_and_off() -> None:
     probe = [
         frame(0.0, 0.0, Instruction.WRITE, OFF),
         frame(0.1, 0.0, Instruction.WRITE, ON),
@@ -153,11 +155,13 @@ SHOTS = [
         ("interrupted", 10.1, None),  # nobody asked
     ],
 )
-def test_only_a_shot_shortly_before_that_may_cause_it_explains_an_end(reason, stopped_s, cause):
+def test_only_a_shot_shortly_before_that_may_cause_it_explains_an_end(
+    reason, stopped_s, cause
+) -> None:
     assert explanation(reason, stopped_s, SHOTS, MAY_END) == cause
 
 
-def test_a_stall_explains_only_what_stalls_cause_and_only_where_it_was_long_enough():
+def test_a_stall_explains_only_what_stalls_cause_and_only_where_it_was_long_enough() -> None:
     stalls = [Stall(10.0, 10.03)]
     assert stalled("trip:torque_lost", 10.05, stalls, 0.02)
     assert not stalled("trip:torque_lost", 10.05, stalls, 0.04)
@@ -165,7 +169,7 @@ def test_a_stall_explains_only_what_stalls_cause_and_only_where_it_was_long_enou
     assert not stalled("trip:overspeed", 10.05, stalls, 0.02)
 
 
-def test_gaps_in_a_log_are_found():
+def test_gaps_in_a_log_are_found() -> None:
     whole = np.arange(1000)
     assert gaps(whole) == []
     assert gaps(whole[3:]) == [(0, 3)]
@@ -173,14 +177,14 @@ def test_gaps_in_a_log_are_found():
     assert gaps(np.concatenate([whole[:600], whole[500:]])) == [(600, -100)]
 
 
-def test_ticks_behind_the_last_row_are_found_but_for_the_frames_of_the_stop():
+def test_ticks_behind_the_last_row_are_found_but_for_the_frames_of_the_stop() -> None:
     goals = [tick * 1e-3 + 1e-4 for tick in range(1000)]
     assert missing_at_end(goals, 0.999) == 0
     assert missing_at_end(goals, 0.990) == 0
     assert missing_at_end(goals, 0.749) == 151 - 8
 
 
-def test_growth_is_found_and_what_settles_is_not():
+def test_growth_is_found_and_what_settles_is_not() -> None:
     minutes = np.arange(0.0, 600.0, 2.0)
     settling = [(t, 60.0 + 10.0 * min(t, 80.0) / 80.0) for t in minutes]
     assert growth_mb(settling) == 0.0
@@ -190,7 +194,7 @@ def test_growth_is_found_and_what_settles_is_not():
     assert growth_mb(settling[:60]) is None
 
 
-def test_a_recorder_that_was_replaced_is_another_process():
+def test_a_recorder_that_was_replaced_is_another_process() -> None:
     """Each in its first minute is as large as the next, and what lives through it has grown."""
     run = Run()
     run.memory = {
@@ -202,7 +206,7 @@ def test_a_recorder_that_was_replaced_is_another_process():
     assert growth(run) == {"recorder": 6.0}
 
 
-def test_in_the_run_that_watches_the_recorder_none_is_killed():
+def test_in_the_run_that_watches_the_recorder_none_is_killed() -> None:
     assert RECORDER_KILLED in [shot.name for shot in GENTLE]
     spared = [shot.name for shot in chaos.sparing_recorder(iter(GENTLE))]
     assert spared == [shot.name for shot in GENTLE if shot.name != RECORDER_KILLED]
@@ -235,7 +239,7 @@ def a_run(reason="interrupted", cause=ASKED, **more):
         ),
     ],
 )
-def test_the_page_says_each_promise_that_did_not_hold(run, words):
+def test_the_page_says_each_promise_that_did_not_hold(run, words) -> None:
     hour = Hour(60.0, 1, [a_run(), run], whole=True)
     text = text_of(hour)
     assert ("Did not hold" in text) == bool(words)
@@ -243,7 +247,7 @@ def test_the_page_says_each_promise_that_did_not_hold(run, words):
     assert ("**no**" in text) == bool(words)
 
 
-def test_memory_is_only_called_flat_where_every_process_was_watched():
+def test_memory_is_only_called_flat_where_every_process_was_watched() -> None:
     flat = [(t, 60.0) for t in range(0, 600, 2)]
     run = a_run(memory={(name, n): flat for n, name in enumerate(WATCHED) if name != "recorder"})
     assert "no recorder was watched long enough, supervisor +0.0 MB | – |" in text_of(
@@ -253,12 +257,12 @@ def test_memory_is_only_called_flat_where_every_process_was_watched():
     assert "recorder +0.0 MB, supervisor +0.0 MB | yes |" in text_of(Hour(60.0, 1, [run]))
 
 
-def test_a_page_of_an_hour_that_was_broken_off_says_so():
+def test_a_page_of_an_hour_that_was_broken_off_says_so() -> None:
     assert "broken off" in text_of(Hour(60.0, 1, [a_run()]))
     assert "broken off" not in text_of(Hour(60.0, 1, [a_run()], whole=True))
 
 
-def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path):
+def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path: Path) -> None:
     said = f"{DID_NOT_START}: haptic-wall: The servo must not be driven as it is."
     run = Run(reason=said)
     (tmp_path / "witness.csv").touch()
@@ -271,7 +275,7 @@ def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path):
     assert not Run(reason=said, began_s=9.0).refused
 
 
-def test_a_gentle_shot_explains_nothing_and_a_hard_one_something():
+def test_a_gentle_shot_explains_nothing_and_a_hard_one_something() -> None:
     assert all(not shot.may_end for shot in GENTLE)
     assert all(shot.may_end for shot in HARD)
     assert len(MAY_END) == len(GENTLE) + len(HARD)

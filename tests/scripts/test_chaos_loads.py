@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 from random import Random
 from types import SimpleNamespace
 
@@ -15,7 +16,9 @@ from scripts.chaos.loads import others, ran_at_real_time
     ("says", "from_s", "seconds"),
     [("12.5", 12.5, pytest.approx(0.2, abs=0.1)), ("", None, 0.0)],
 )
-def test_a_core_is_held_from_when_who_holds_it_says_so(monkeypatch, says, from_s, seconds):
+def test_a_core_is_held_from_when_who_holds_it_says_so(
+    monkeypatch: pytest.MonkeyPatch, says, from_s, seconds
+) -> None:
     """One that is refused the priority says nothing, and holds nothing."""
 
     def load(*arguments, output):
@@ -32,10 +35,10 @@ OURS, FIFO = 10, 1
 
 
 @pytest.fixture
-def proc(tmp_path):
+def proc(tmp_path: Path):
     """A /proc of made-up processes."""
 
-    def put(pid, *, parent=1, ticks=(0, 0), start=500, memory=4096, policy=FIFO):
+    def put(pid, *, parent=1, ticks=(0, 0), start=500, memory=4096, policy=FIFO) -> None:
         words = ["S", *["0"] * 49]
         words[1], words[19], words[20], words[38] = map(str, (parent, start, memory, policy))
         words[11:13] = map(str, ticks)
@@ -49,7 +52,7 @@ def proc(tmp_path):
     return put
 
 
-def test_a_real_time_program_of_others_counts_only_while_it_runs(proc):
+def test_a_real_time_program_of_others_counts_only_while_it_runs(proc) -> None:
     proc(20, ticks=(100, 7))
     before = others(OURS, proc.folder)
     assert not ran_at_real_time(before, others(OURS, proc.folder))
@@ -67,14 +70,14 @@ def test_a_real_time_program_of_others_counts_only_while_it_runs(proc):
         {"parent": OURS + 1},  # ours
     ],
 )
-def test_what_is_no_real_time_program_of_others_may_run(proc, harmless):
+def test_what_is_no_real_time_program_of_others_may_run(proc, harmless) -> None:
     proc(20, **harmless)
     before = others(OURS, proc.folder)
     proc(20, ticks=(9, 9), **harmless)
     assert not ran_at_real_time(before, others(OURS, proc.folder))
 
 
-def test_a_real_time_program_that_took_over_a_pid_has_run_since_its_own_start(proc):
+def test_a_real_time_program_that_took_over_a_pid_has_run_since_its_own_start(proc) -> None:
     proc(20, ticks=(1000, 0), start=500)
     before = others(OURS, proc.folder)
     proc(20, ticks=(1, 0), start=900)

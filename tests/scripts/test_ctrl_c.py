@@ -2,6 +2,7 @@
 
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -39,28 +40,28 @@ EMULATE = replace(ENDED, name="emulate", torque=None)
         (replace(EMULATE, number=signal.SIGHUP, status=0), True),  # that is how it is ended
     ],
 )
-def test_a_command_ends_as_asked_quietly_and_leaves_nothing(found, wanted):
+def test_a_command_ends_as_asked_quietly_and_leaves_nothing(found, wanted) -> None:
     assert found.as_wanted == wanted
 
 
-def test_a_line_of_the_table_counts():
+def test_a_line_of_the_table_counts() -> None:
     tries = [ENDED, ENDED, replace(ENDED, before=True), replace(ENDED, status=-2, ended_s=0.5)]
     counted = ["Ctrl-C", "run", "4", "1", "130: 2, -2: 1", "0.50", "0", "0", "0", "0"]
     assert cells(tries) == counted
     assert "–" in cells([EMULATE])
 
 
-def test_every_command_is_tried():
+def test_every_command_is_tried() -> None:
     assert {words[0] for words in CASES.values()} == set(COMMANDS)
 
 
-def test_the_commands_that_matter_most_come_first_and_each_as_often_as_asked():
+def test_the_commands_that_matter_most_come_first_and_each_as_often_as_asked() -> None:
     lots = list(batches(usual(STUDY, tries=50, others=0, commands="run")))
     assert [lot.name for lot in lots[:3]] == ["run"] * 3
     assert sum(lot.tries for lot in lots if lot.name == "run, simulated") == 50
 
 
-def test_tries_are_kept_and_read_again(tmp_path):
+def test_tries_are_kept_and_read_again(tmp_path: Path) -> None:
     (part,) = STUDY.parts
     (batch, *_) = batches(usual(STUDY))
     file = tmp_path / "rows"

@@ -27,7 +27,7 @@ def passed(rows):
     return telemetry.passed
 
 
-def test_a_run_as_it_should_be_has_nothing_to_show():
+def test_a_run_as_it_should_be_has_nothing_to_show() -> None:
     found = passed(rows_of_a_run())
     assert found.rows == TICKS
     assert (found.off_grid, found.off_seq, found.failed, found.not_finite, found.alarmed) == (
@@ -45,24 +45,24 @@ def test_a_run_as_it_should_be_has_nothing_to_show():
         ("oscillation", 2, "alarmed"),
     ],
 )
-def test_one_tick_that_is_not_as_the_others_is_found(column, value, seen):
+def test_one_tick_that_is_not_as_the_others_is_found(column, value, seen) -> None:
     rows = rows_of_a_run()
     rows[column][10_000] = value
     assert getattr(passed(rows), seen) == 1
 
 
-def test_a_round_of_the_hand_that_is_not_as_the_others_is_found():
+def test_a_round_of_the_hand_that_is_not_as_the_others_is_found() -> None:
     rows = rows_of_a_run()
     rows["position"][13_000] = 0.01
     assert passed(rows).furthest_counts == pytest.approx(0.01 / (2 * np.pi / 4096), rel=0.01)
 
 
-def test_a_quarter_of_a_minute_holds_all_that_is_looked_at():
+def test_a_quarter_of_a_minute_holds_all_that_is_looked_at() -> None:
     found = long_run(("simulated", 0.004))
     assert [row for row in found if row[2] is False] == []
     assert ("ticks", "14400 of 14400", True) in found
 
 
-def test_a_shaft_that_turns_on_and_on_is_where_it_is_said_to_be():
+def test_a_shaft_that_turns_on_and_on_is_where_it_is_said_to_be() -> None:
     found = turning(0.02)
     assert [row for row in found if row[2] is False] == []

@@ -18,13 +18,13 @@ from tests.scripts.computed import stale
 LOOP = Loop(0.012, 0.012, 0.03, 2)
 
 
-def test_the_tables_are_what_is_computed(thorough):
+def test_the_tables_are_what_is_computed(thorough: bool) -> None:
     parts = None if thorough else ["slow_tick"]
     assert stale(STUDY, parts) == [], "run scripts/study interval_check"
 
 
 @pytest.mark.parametrize("quarters", [4, 6, 12])
-def test_a_regular_loop_has_the_limit_of_the_theory(quarters):
+def test_a_regular_loop_has_the_limit_of_the_theory(quarters) -> None:
     period = quarters * PERIOD / 4
     exact = float(critical_stiffness(0.012, 0.012, 0.03, period, 2 * PERIOD / 4))
     found = least_unstable(
@@ -33,12 +33,12 @@ def test_a_regular_loop_has_the_limit_of_the_theory(quarters):
     assert found == pytest.approx(exact, rel=1e-3)
 
 
-def test_the_mean_square_of_one_interval_grows_as_its_pattern_does():
+def test_the_mean_square_of_one_interval_grows_as_its_pattern_does() -> None:
     matrices = [interval_matrix(LOOP, 50.0, 6, 1.5 * PERIOD)]
     assert mean_square_radius(matrices, [1.0]) == pytest.approx(pattern_radius(matrices) ** 2)
 
 
-def test_a_lost_tick_has_the_spring_alone():
+def test_a_lost_tick_has_the_spring_alone() -> None:
     lost = interval_matrix(Loop(0.012, 0.012, 0.03, 0), 50.0, 8, 2 * PERIOD, lost=4)
     first = interval_matrix(Loop(0.012, 0.012, 0.03, 0), 50.0, 4, PERIOD)
     held = np.eye(3)

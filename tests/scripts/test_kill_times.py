@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -33,7 +34,7 @@ ENDED = Hit(40.3, "Bus Watchdog", 3, "`trip:loop_died`", 0, 0, 5.0)
         (SUPERVISOR, replace(ENDED, time_ms=math.inf, status=-9), False),
     ],
 )
-def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot, hit, wanted):
+def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot, hit, wanted) -> None:
     assert as_wanted(shot, hit) == wanted
 
 
@@ -55,12 +56,12 @@ ENDING = (812.0, "Torque Enable 0")
         (NAMED["supervisor: SIGTERM"], report("interrupted"), True, False),
     ],
 )
-def test_a_run_went_on_only_where_its_report_says_so(shot, told, lived, goes_on):
+def test_a_run_went_on_only_where_its_report_says_so(shot, told, lived, goes_on) -> None:
     time_ms, by = torque_of(shot, told, ENDING, lived=lived)
     assert (time_ms, by) == ((None, "nothing, the run goes on") if goes_on else ENDING)
 
 
-def test_a_run_that_should_have_gone_on_says_what_ended_it(tmp_path):
+def test_a_run_that_should_have_gone_on_says_what_ended_it(tmp_path: Path) -> None:
     (tmp_path / "said").write_text(
         f"another one goes on with {tmp_path}/run.hwlog, the log\nelse\n"
     )

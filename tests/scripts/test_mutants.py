@@ -4,6 +4,7 @@ import ast
 import json
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 
@@ -67,25 +68,25 @@ def by_name(source=SOURCE, path="a.py"):
 
 
 @pytest.mark.parametrize(("name", "line"), KINDS)
-def test_a_mutant_changes_one_line(name, line):
+def test_a_mutant_changes_one_line(name, line) -> None:
     text, becomes = mutated(SOURCE, by_name()[name].number)
     assert becomes == line
     before = ast.unparse(ast.parse(SOURCE)).splitlines()
     assert sum(old != new for old, new in zip(before, text.splitlines(), strict=True)) == 1
 
 
-def test_texts_messages_and_annotations_are_left_alone():
+def test_texts_messages_and_annotations_are_left_alone() -> None:
     parts = {one.before for one in by_name().values()}
     assert not {part for part in parts if "at least" in part or "count'" in part or "bool" in part}
 
 
-def test_a_function_may_return_before_its_last_statements():
+def test_a_function_may_return_before_its_last_statements() -> None:
     text, _ = mutated(SOURCE, by_name()["Counter.add:return:1"].number)
     assert "        return\n        return self.count" not in text
     assert '"""Add."""\n        return\n' in text
 
 
-def test_every_mutant_of_the_program_compiles_and_differs(thorough):
+def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> None:
     for role in ROLES:
         for path in modules_of(ROOT, role):
             source = path.read_text("utf-8")
@@ -97,7 +98,7 @@ def test_every_mutant_of_the_program_compiles_and_differs(thorough):
                 assert text.strip() != plain, one.id
 
 
-def test_names_are_unique_and_last_where_a_module_moves():
+def test_names_are_unique_and_last_where_a_module_moves() -> None:
     found = all_mutants(ROOT)
     assert len({one.id for one in found}) == len(found) > 5000
     moved = by_name(f"{SOURCE}\n\ndef more():\n    return 1 + 2\n", "somewhere/else.py")
@@ -105,7 +106,7 @@ def test_names_are_unique_and_last_where_a_module_moves():
     assert {one.role for one in found} == set(ROLES)
 
 
-def test_a_smaller_sample_is_the_beginning_of_a_larger_one():
+def test_a_smaller_sample_is_the_beginning_of_a_larger_one() -> None:
     found = all_mutants(ROOT)
     few, many = sample(found, 12, 1), sample(found, 60, 1)
     assert few == many[:12] != sample(found, 12, 2)
@@ -113,7 +114,7 @@ def test_a_smaller_sample_is_the_beginning_of_a_larger_one():
     assert sample(reversed(found), 12, 1) == few
 
 
-def test_the_tests_of_a_role_are_those_that_import_it():
+def test_the_tests_of_a_role_are_those_that_import_it() -> None:
     imports = imports_of_tests(ROOT)
     found = {role: files_for(role, ROOT, imports) for role in ROLES}
     assert "tests/controller/runtime/test_tick.py" in found["tick"]
@@ -122,7 +123,7 @@ def test_the_tests_of_a_role_are_those_that_import_it():
     assert "tests/hw/dynamixel/test_codec.py" not in found["safety"]
 
 
-def test_a_watched_module_tells_which_statements_run(monkeypatch):
+def test_a_watched_module_tells_which_statements_run(monkeypatch: pytest.MonkeyPatch) -> None:
     hits = set()
     monkeypatch.setattr("builtins.mutant_hits", hits.add, raising=False)
     names = {}
@@ -137,7 +138,7 @@ def test_a_watched_module_tells_which_statements_run(monkeypatch):
         counter.add(0.1)
 
 
-def test_the_quickest_tests_come_first_and_one_at_least():
+def test_the_quickest_tests_come_first_and_one_at_least() -> None:
     one = by_name()["Counter.add:sign:1"]
     found = {f"a.py#{one.statement}": {"slow": 9.0, "quick": 0.1, "other": 0.2}}
     assert list(chosen(one, found, 1.0)) == ["quick", "other"]
@@ -153,7 +154,7 @@ def results(source, outcome="killed", path="a.py"):
     ]
 
 
-def test_mutants_are_compared_by_name_and_by_text():
+def test_mutants_are_compared_by_name_and_by_text() -> None:
     before = results(SOURCE)
     assert list(compared(before, results(SOURCE, "timeout"))) == []
     assert list(compared(results(SOURCE, "survived"), [])) == []
@@ -166,7 +167,7 @@ def test_mutants_are_compared_by_name_and_by_text():
     assert any("not tried after: guard:Counter.add:extreme:1" in told for told in gone)
 
 
-def test_results_are_kept_and_counted(tmp_path):
+def test_results_are_kept_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "found.json"
     assert load(path) == {}
     found = {one["id"]: one for one in results(SOURCE)}
@@ -179,7 +180,7 @@ def test_results_are_kept_and_counted(tmp_path):
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A small project with one module, of which one test checks something and one nothing."""
     root = tmp_path / "project"
     package, room = root / ".src" / "haptic_wall", root / "controller" / "runtime"
@@ -205,7 +206,7 @@ def project(tmp_path, monkeypatch):
     return root
 
 
-def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
+def test_mutants_are_tried_in_a_copy(project, tmp_path: Path, thorough: bool) -> None:
     source = (project / "controller" / "runtime" / "safety.py").read_text()
     wanted = {
         "safety:far:boundary:2": "survived",
@@ -220,7 +221,7 @@ def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
         found = reached(workers, project, ["safety"], known, said.append)
         assert reached(workers, project, ["safety"], known, pytest.fail) == found, "not run again"
 
-        def job(tree, run):
+        def job(tree, run) -> None:
             for one in all_mutants(project):
                 if one.id in wanted:
                     tests = chosen(one, found, 9.0)
@@ -235,7 +236,9 @@ def test_mutants_are_tried_in_a_copy(project, tmp_path, thorough):
     assert (project / "controller" / "runtime" / "safety.py").read_text() == source
 
 
-def test_comparing_ends_with_1_where_a_mutant_got_lost(tmp_path, monkeypatch, capsys):
+def test_comparing_ends_with_1_where_a_mutant_got_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name, outcome in (("before", "killed"), ("after", "survived")):
         found = {one["id"]: one for one in results(SOURCE, outcome)}
         save(tmp_path / f"{name}.json", found, {})

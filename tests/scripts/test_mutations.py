@@ -30,11 +30,15 @@ def faults(kind, folder, count, base=Path(), least=0):
 
 
 @pytest.mark.parametrize("kind", SOME)
-def test_no_file_is_read_wrongly_or_ends_in_a_traceback(kind, tmp_path, thorough):
+def test_no_file_is_read_wrongly_or_ends_in_a_traceback(
+    kind, tmp_path: Path, thorough: bool
+) -> None:
     assert faults(kind, tmp_path, 10 * SOME[kind] if thorough else SOME[kind]) == []
 
 
-def test_no_folder_of_a_commissioning_is(tmp_path, monkeypatch, thorough):
+def test_no_folder_of_a_commissioning_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thorough: bool
+) -> None:
     base, folder = tmp_path / "base", tmp_path / "tried"
     folder.mkdir()
     steps_taken(monkeypatch, {"nothing": None})
@@ -59,12 +63,14 @@ def half_parted(whole, period, notes):
         ("csvs", "haptic_wall.controller.logs.csv_recording.parted", half_parted, "wrong"),
     ],
 )
-def test_a_defect_is_noticed(kind, place, wrong, fault, tmp_path, monkeypatch):
+def test_a_defect_is_noticed(
+    kind, place, wrong, fault, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(place, wrong)
     assert f"('{fault}'" in faults(kind, tmp_path, 200, least=1)[0]
 
 
-def test_the_page_is_of_this_script():
+def test_the_page_is_of_this_script() -> None:
     text = text_of("docs/logs.md")
     (part,) = (found[3] for found in PART.finditer(text) if found[2] == "mutations")
     head, _, *rows = [line for line in part.splitlines() if line.startswith("|")]
@@ -78,7 +84,7 @@ def test_the_page_is_of_this_script():
     assert re.search(r"^Seed 1\. The slowest took", part, re.M)
 
 
-def test_files_are_tried_in_processes_of_their_own(tmp_path):
+def test_files_are_tried_in_processes_of_their_own(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- computed: mutations -->\n<!-- end -->\n")
     command = ["mutations", "--kinds", "configurations", "--share", "0.01", "--workers", "1"]

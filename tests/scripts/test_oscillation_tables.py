@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from scripts import detector_table, reaction_table
 from scripts.trials.cases import Case
 from scripts.trials.run import WallAsked
@@ -10,7 +12,7 @@ from scripts.trials.truth import Truth
 CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}
 
 
-def test_the_sections_of_the_detectors_page_are_made(tmp_path) -> None:
+def test_the_sections_of_the_detectors_page_are_made(tmp_path: Path) -> None:
     page, examples = tmp_path / "page.md", tmp_path / "examples"
     page.write_text("# The detector, tried\n\nhead\n")
     names = list(detector_table.SECTIONS)
@@ -25,7 +27,7 @@ def test_the_sections_of_the_detectors_page_are_made(tmp_path) -> None:
             assert isinstance(eval(line, CASE), Case)
 
 
-def test_the_sections_of_the_reactions_page_are_made(tmp_path) -> None:
+def test_the_sections_of_the_reactions_page_are_made(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     reaction_table.main(
         ["--quick", "--only", *reaction_table.SECTIONS, "--seed", "2", "--out", str(page)]

@@ -16,12 +16,12 @@ def found(draw):
 
 
 @pytest.mark.parametrize("name", HANDS)
-def test_hands_do_not_trip(name):
+def test_hands_do_not_trip(name) -> None:
     assert all(math.isnan(outcome.trip_s) for outcome in found(HANDS[name]))
 
 
 @pytest.mark.parametrize("name", [name for name in RUNAWAYS if "longest lag" not in name])
-def test_runaways_trip_as_soon_as_they_are_fast(name):
+def test_runaways_trip_as_soon_as_they_are_fast(name) -> None:
     fast = [outcome for outcome in found(RUNAWAYS[name]) if not math.isnan(outcome.fast_s)]
     assert fast
     assert all(outcome.trip_s <= outcome.fast_s + 0.01 for outcome in fast)

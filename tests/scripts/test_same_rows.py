@@ -1,6 +1,7 @@
 """Short simulated walls give the rows that tests/same_rows.txt has digests of."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -26,20 +27,20 @@ MADE_ON, LINES = lines_in(DIGESTS.read_text("utf-8"))
 ROWS = {"time_s": ["0.0", "0.001"], "torque_nm": ["0.0", "-0.25"]}
 
 
-def pytest_generate_tests(metafunc):
+def pytest_generate_tests(metafunc) -> None:
     if "case" in metafunc.fixturenames:
         names = CASES if metafunc.config.getoption("thorough") else SOME
         metafunc.parametrize("case", names)
 
 
-def test_rows_are_as_they_were(case):
+def test_rows_are_as_they_were(case) -> None:
     found = ran(CASES[case])
     now, exactly = line_of(case, found), machine() == MADE_ON
     told = change(LINES[case], now, kept(same_rows.KEPT, case), found)
     assert same(LINES[case], now, exactly=exactly), f"{told}; scripts/study same_rows tells more"
 
 
-def test_each_run_has_a_line():
+def test_each_run_has_a_line() -> None:
     assert list(LINES) == list(CASES)
     assert len(CASES) >= 60
     assert len({line.exact for line in LINES.values() if line.rows}) >= 60, "no two are the same"
@@ -58,11 +59,11 @@ def test_each_run_has_a_line():
         ("torque_nm", "torque_nm"),
     ],
 )
-def test_rounding(text, wanted):
+def test_rounding(text, wanted) -> None:
     assert rounded(text) == wanted
 
 
-def test_the_last_bit_counts_on_the_same_machine_only():
+def test_the_last_bit_counts_on_the_same_machine_only() -> None:
     was = Ran(ROWS, "duration", 0, "{}")
     now = replace(was, rows={**ROWS, "torque_nm": ["0.0", "-0.25000000000000006"]})
     before, after = line_of("a", was), line_of("a", now)
@@ -71,7 +72,7 @@ def test_the_last_bit_counts_on_the_same_machine_only():
     assert not same(before, replace(after, status=3), exactly=False)
 
 
-def test_the_order_of_columns_does_not_count():
+def test_the_order_of_columns_does_not_count() -> None:
     other = dict(reversed(ROWS.items()))
     assert line_of("a", Ran(ROWS, "", 0, "{}")) == line_of("a", Ran(other, "", 0, "{}"))
 
@@ -86,11 +87,11 @@ def test_the_order_of_columns_does_not_count():
         ({**ROWS, "phase": ["0", "0"]}, "new column phase"),
     ],
 )
-def test_the_first_difference_is_named(now, words):
+def test_the_first_difference_is_named(now, words) -> None:
     assert first_difference(ROWS, now) == words
 
 
-def test_a_change_is_told_by_the_rows_that_were_kept(tmp_path):
+def test_a_change_is_told_by_the_rows_that_were_kept(tmp_path: Path) -> None:
     was = Ran(ROWS, "duration", 0, '{"ticks": 2}')
     keep(tmp_path, "a", was)
     assert kept(tmp_path, "a") == was

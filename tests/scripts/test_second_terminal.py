@@ -13,14 +13,14 @@ REPORT = {
 }
 
 
-def test_what_counts_of_a_report():
+def test_what_counts_of_a_report() -> None:
     found = replace(of_report(REPORT), load=0.0)
     assert found == Run("duration", lost=0.1, missed=0.1, scheduler=True)
     found = replace(of_report({**REPORT, "bus": None, "realtime": []}), load=0.0)
     assert found == Run("duration", 0.0, 0.1, False)
 
 
-def test_trips_are_counted_and_named():
+def test_trips_are_counted_and_named() -> None:
     runs = [of_report(REPORT)] * 2 + [Run("trip:loss_rate", 0.4, 0.2, scheduler=True)]
     found = cells(PRESET, runs)
     ends = ["`emulated-port`", "2 of 3", "trip:loss_rate 1"]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NoReturn
 
 import pytest
 
@@ -16,13 +17,13 @@ ME = getpass.getuser()
 
 
 @pytest.fixture
-def system(monkeypatch, tmp_path):
+def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """A system of its own: folders, groups, and programs that only change those groups."""
     groups = {"dialout": ["somebody"]}
     gids = {GROUP: os.getgid()}
     done = []
 
-    def command(*words):
+    def command(*words) -> None:
         done.append(" ".join(words))
         match words:
             case ("groupadd", "-r", name):
@@ -44,14 +45,16 @@ def system(monkeypatch, tmp_path):
     )
     monkeypatch.setattr("os.geteuid", lambda: 0)
 
-    def call(*options):
+    def call(*options) -> None:
         monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
         setup_testbed.main()
 
     return SimpleNamespace(call=call, groups=groups, gids=gids, done=done, root=tmp_path)
 
 
-def test_it_says_what_it_will_do_and_does_it_once(system, capsys):
+def test_it_says_what_it_will_do_and_does_it_once(
+    system, capsys: pytest.CaptureFixture[str]
+) -> None:
     system.call("--dry-run", f"--user={ME}")
     said = capsys.readouterr().out
     assert not system.done and not list(system.root.iterdir())
@@ -80,7 +83,9 @@ BEFORE = pytest.mark.parametrize(
 
 
 @BEFORE
-def test_undoing_leaves_what_was_there_before(system, before, capsys):
+def test_undoing_leaves_what_was_there_before(
+    system, before, capsys: pytest.CaptureFixture[str]
+) -> None:
     system.groups.update({name: list(members) for name, members in before.items()})
     system.call("--yes", f"--user={ME}")
     system.call("--undo", "--yes")
@@ -91,11 +96,11 @@ def test_undoing_leaves_what_was_there_before(system, before, capsys):
     assert "nothing to undo" in capsys.readouterr().out
 
 
-def broken_off(system, monkeypatch, plan, steps, *options):
+def broken_off(system, monkeypatch, plan, steps, *options) -> None:
     """Call the script, and press Ctrl-C after so many of its changes."""
     usual = getattr(setup_testbed, plan)
 
-    def ctrl_c():
+    def ctrl_c() -> NoReturn:
         raise KeyboardInterrupt
 
     def planned(*given):
@@ -110,7 +115,9 @@ def broken_off(system, monkeypatch, plan, steps, *options):
 
 @BEFORE
 @pytest.mark.parametrize("steps", range(7))
-def test_one_that_was_broken_off_can_be_undone(system, monkeypatch, before, steps):
+def test_one_that_was_broken_off_can_be_undone(
+    system, monkeypatch: pytest.MonkeyPatch, before, steps
+) -> None:
     """What is done to groups is written down before it is done."""
     system.groups.update({name: list(members) for name, members in before.items()})
     broken_off(system, monkeypatch, "changes", steps, "--yes", f"--user={ME}")
@@ -121,7 +128,9 @@ def test_one_that_was_broken_off_can_be_undone(system, monkeypatch, before, step
 
 @BEFORE
 @pytest.mark.parametrize("steps", range(7))
-def test_an_undoing_that_was_broken_off_can_be_ended(system, monkeypatch, before, steps):
+def test_an_undoing_that_was_broken_off_can_be_ended(
+    system, monkeypatch: pytest.MonkeyPatch, before, steps
+) -> None:
     system.groups.update({name: list(members) for name, members in before.items()})
     system.call("--yes", f"--user={ME}")
     broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
@@ -131,7 +140,9 @@ def test_an_undoing_that_was_broken_off_can_be_ended(system, monkeypatch, before
 
 
 @pytest.mark.parametrize("steps", range(8))
-def test_undoing_gives_the_latency_device_back_at_once(system, monkeypatch, steps):
+def test_undoing_gives_the_latency_device_back_at_once(
+    system, monkeypatch: pytest.MonkeyPatch, steps
+) -> None:
     """Without its rule it would keep the group until a restart; broken off or not."""
     given = []
     monkeypatch.setattr("os.chown", lambda *words: given.append(words))
@@ -146,7 +157,9 @@ def test_undoing_gives_the_latency_device_back_at_once(system, monkeypatch, step
     assert device.stat().st_mode & 0o777 == 0o600
 
 
-def test_the_latency_device_of_another_group_is_not_touched(system, monkeypatch):
+def test_the_latency_device_of_another_group_is_not_touched(
+    system, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("os.chown", lambda *_: pytest.fail("touched"))
     system.gids[GROUP] = os.getgid() + 1
     (system.root / LATENCY).parent.mkdir()
@@ -155,7 +168,7 @@ def test_the_latency_device_of_another_group_is_not_touched(system, monkeypatch)
     system.call("--undo", "--yes")
 
 
-def test_as_root_it_runs_nothing_of_the_users(tmp_path):
+def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:
     """Neither modules beside it, nor what PYTHONPATH or the checkout's environment bring."""
     (tmp_path / "argparse.py").write_text("raise SystemExit('not this one')\n")
     (tmp_path / "sitecustomize.py").write_text("raise SystemExit('nor this')\n")
@@ -171,7 +184,7 @@ def test_as_root_it_runs_nothing_of_the_users(tmp_path):
     assert "--undo" in done.stdout
 
 
-def test_files_of_others_are_not_touched(system):
+def test_files_of_others_are_not_touched(system) -> None:
     (system.root / RULES).parent.mkdir(parents=True)
     (system.root / RULES).write_text("# mine\n")
     for options in (("--yes", f"--user={ME}"), ("--undo", "--yes")):
@@ -180,7 +193,7 @@ def test_files_of_others_are_not_touched(system):
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
 
-def test_a_note_that_lacks_the_group_is_named(system):
+def test_a_note_that_lacks_the_group_is_named(system) -> None:
     system.call("--yes", f"--user={ME}")
     with (system.root / LIMITS).open("a") as file:
         file.write("# joined: me\n")
@@ -189,26 +202,28 @@ def test_a_note_that_lacks_the_group_is_named(system):
     assert (system.root / LIMITS).exists()
 
 
-def test_a_root_that_is_no_folder_is_wrong_input(system, capsys):
+def test_a_root_that_is_no_folder_is_wrong_input(
+    system, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         system.call("--dry-run", f"--user={ME}", f"--root={system.root / 'nothing'}")
     assert ended.value.code == 2 and "wanted a folder" in capsys.readouterr().err
 
 
-def test_who_does_not_exist_is_wrong_input(system, capsys):
+def test_who_does_not_exist_is_wrong_input(system, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         system.call("--user=no-such-user")
     assert ended.value.code == 2 and "wanted a user" in capsys.readouterr().err
 
 
-def test_nobody_to_be_asked_is_no_leave(system, monkeypatch):
+def test_nobody_to_be_asked_is_no_leave(system, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
     with pytest.raises(SystemExit, match="nobody is there to be asked"):
         system.call(f"--user={ME}")
     assert not system.done
 
 
-def test_only_root_changes_anything(system, monkeypatch):
+def test_only_root_changes_anything(system, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     with pytest.raises(SystemExit, match="sudo"):
         system.call("--yes", f"--user={ME}")

@@ -4,6 +4,7 @@ import importlib
 import json
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -38,7 +39,7 @@ PAGE = "before\n<!-- computed: squares -->\nold\n<!-- end -->\nbehind\n"
 
 
 @pytest.fixture
-def page(tmp_path):
+def page(tmp_path: Path):
     asked.clear()
     place = tmp_path / "squares.md"
     place.write_text(PAGE)
@@ -50,7 +51,7 @@ def call(page, *options):
     return status, page.read_text()
 
 
-def test_the_part_is_made_anew_and_the_rest_stays(page):
+def test_the_part_is_made_anew_and_the_rest_stays(page) -> None:
     status, text = call(page, "--count", "3")
     assert status == 0
     assert text.startswith(
@@ -60,13 +61,13 @@ def test_the_part_is_made_anew_and_the_rest_stays(page):
     assert "old" not in text
 
 
-def test_what_is_the_same_everywhere_names_no_machine(page):
+def test_what_is_the_same_everywhere_names_no_machine(page) -> None:
     study = Study("squares.md", (PART,), STUDY.options, everywhere=True)
     run(study, "squares", "Squares.", ["--out", str(page), "--quick"])
     assert page.read_text() == PAGE.replace("old\n", "0: 0 (0, 0)\n1: 1 (1, 1)\n")
 
 
-def test_a_later_call_goes_on_where_one_ended(page, tmp_path):
+def test_a_later_call_goes_on_where_one_ended(page, tmp_path: Path) -> None:
     rows = tmp_path / "rows"
     call(page, "--count", "4", "--rows", str(rows))
     assert [json.loads(line)[1] for line in rows.read_text().splitlines()] == ["0", "1", "2", "3"]
@@ -76,7 +77,7 @@ def test_a_later_call_goes_on_where_one_ended(page, tmp_path):
     assert "3: inf (3, 3)\n" in text and "5: 25 (5, 5)\n" in text
 
 
-def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path):
+def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path: Path) -> None:
     rows = tmp_path / "rows"
 
     def broken(case: int) -> Row:
@@ -91,7 +92,7 @@ def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path):
     assert len(rows.read_text().splitlines()) == 2
 
 
-def test_the_status_says_whether_what_is_wanted_holds(page):
+def test_the_status_says_whether_what_is_wanted_holds(page) -> None:
     part = Part(
         "squares", PART.cases, squared, lines, in_turn=True,
         wanted=lambda found: all(row.squared < 4 for _, row in found),
@@ -104,14 +105,14 @@ def test_the_status_says_whether_what_is_wanted_holds(page):
     assert status == [0, 1]
 
 
-def test_a_page_without_a_place_is_told_before_anything_is_computed(page):
+def test_a_page_without_a_place_is_told_before_anything_is_computed(page) -> None:
     page.write_text("no place")
     with pytest.raises(LookupError, match="no place for squares"):
         call(page)
     assert asked == []
 
 
-def test_what_one_gives_goes_before_what_is_quick(page):
+def test_what_one_gives_goes_before_what_is_quick(page) -> None:
     call(page, "--quick", "--count", "4")
     assert len(asked) == 4
     asked.clear()
@@ -119,7 +120,9 @@ def test_what_one_gives_goes_before_what_is_quick(page):
     assert len(asked) == 2
 
 
-def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(capsys):
+def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main([]) == 0
     said = capsys.readouterr().out
     assert "kill_times" in said and "same_rows" in said
@@ -127,7 +130,9 @@ def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(capsys):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(name, capsys):
+def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(
+    name, capsys: pytest.CaptureFixture[str]
+) -> None:
     module = importlib.import_module(f"scripts.studies.{name}")
     study = module.STUDY
     text = (ROOT / "docs" / study.page).read_text(encoding="utf-8")
@@ -139,7 +144,7 @@ def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(name, capsys)
     assert all(part.row.__annotations__["return"] for part in study.parts)
 
 
-def test_no_part_of_a_page_is_nobodys():
+def test_no_part_of_a_page_is_nobodys() -> None:
     theirs = {
         (study.page, part.name)
         for study in (importlib.import_module(f"scripts.studies.{n}").STUDY for n in STUDIES)
@@ -155,7 +160,7 @@ def test_no_part_of_a_page_is_nobodys():
     assert found == theirs
 
 
-def test_every_script_that_a_page_names_is_there():
+def test_every_script_that_a_page_names_is_there() -> None:
     names = {name for name, _ in listed()}
     there = {name for each in (ROOT / "scripts").iterdir() for name in (each.name, each.stem)}
     wrong = []

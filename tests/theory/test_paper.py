@@ -189,9 +189,7 @@ def test_points_of_figure_10() -> None:
         assert (radius(Loop(1.0, 0.01, line, point.beta, 1.0, 3.0)) < 1) == stable
 
 
-def test_at_delta_001_the_error_is_above_2_percent_from_the_start_for_three_samples_and_more() -> (
-    None
-):
+def test_at_delta_001_the_error_is_above_2_percent_from_the_start_for_three_samples_up() -> None:
     drawn = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
     assert [d for d in drawn if start_error(0.01, d) > 0.02] == [3.0]
     for delay in (3.0, 5.0, 10.0):

@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def row(time_s, event, instruction=None, fault=""):
 
 
 class TestTorqueFrames:
-    def test_a_late_frame_makes_one_interval_longer_and_the_next_one_shorter(self):
+    def test_a_late_frame_makes_one_interval_longer_and_the_next_one_shorter(self) -> None:
         sent = 10.0 + 1e-3 * np.arange(2000)
         sent[1000] += 30e-6
         found = intervals_us(sent, 9.0, 13.0, 2.0, 1000.0)
@@ -40,13 +41,13 @@ class TestTorqueFrames:
         assert np.sort(found)[1:-1] == pytest.approx(1000.0, abs=1e-3)
         assert not held_up(found).any()
 
-    def test_frames_that_waited_for_the_bus_together_say_nothing_of_the_loop(self):
+    def test_frames_that_waited_for_the_bus_together_say_nothing_of_the_loop(self) -> None:
         # 58 bytes take 145 µs at 4 Mbit/s: three frames came behind a stall of 3.4 ms.
         found = np.array([1000.0, 3400.0, 145.0, 146.0, 309.0, 1000.0, 400.0, 1600.0])
         assert held_up(found).tolist() == [*[False], *[True] * 4, *[False] * 3]
         assert held_up(np.array([145.0, 1000.0, 1000.0])).tolist() == [True, True, False]
 
-    def test_only_the_loops_own_torques_count_and_not_those_of_its_start(self):
+    def test_only_the_loops_own_torques_count_and_not_those_of_its_start(self) -> None:
         start = 5.0 + 0.013 * np.arange(20)
         own = 6.0 + 1e-3 * np.arange(2000)
         other = 9.0 + 1.7e-3 * np.arange(1000)
@@ -54,13 +55,13 @@ class TestTorqueFrames:
         found = intervals_us(sent, 4.9, 8.5, 2.0, 1000.0)
         assert found == pytest.approx(1000.0, abs=1e-3)
 
-    def test_a_loop_that_hardly_ran_is_told_in_a_sentence(self):
+    def test_a_loop_that_hardly_ran_is_told_in_a_sentence(self) -> None:
         with pytest.raises(PlatformError, match="wanted about 750"):
             intervals_us(10.5 + 1e-3 * np.arange(60), 10.0, 11.0, 1.0, 1000.0)
         with pytest.raises(PlatformError, match="found 0 torque frames"):
             intervals_us(np.array([]), 10.0, 11.0, 1.0, 1000.0)
 
-    def test_a_torque_frame_is_a_sync_write_that_has_arrived(self):
+    def test_a_torque_frame_is_a_sync_write_that_has_arrived(self) -> None:
         rows = [
             row(1.0, "rx", SYNC_WRITE),
             row(1.1, "rx", READ),
@@ -73,7 +74,7 @@ class TestTorqueFrames:
 
 class TestHighestRate:
     @pytest.mark.parametrize("capacity_hz", [520.0, 1234.0, 4700.0, 7990.0])
-    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz):
+    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz) -> None:
         # The range 500 to 8000 Hz halved six times: 16^(1/64) = 1.044.
         search = Search(500.0, 8000.0)
         for _ in range(6):
@@ -81,31 +82,31 @@ class TestHighestRate:
         found = search.held_hz or 500.0
         assert found <= capacity_hz < found * 1.05
 
-    def test_a_loop_that_holds_no_rate_has_none(self):
+    def test_a_loop_that_holds_no_rate_has_none(self) -> None:
         search = Search(500.0, 8000.0)
         for _ in range(6):
             search.tell(False)
         assert search.held_hz is None
         assert search.rate_hz == pytest.approx(500.0, rel=0.03)
 
-    def test_periods_skipped_and_replies_lost_both_count(self):
+    def test_periods_skipped_and_replies_lost_both_count(self) -> None:
         assert kept_up(Ran(ticks=991, missed=5, lost=4))
         assert not kept_up(Ran(ticks=990, missed=5, lost=5))
         assert not kept_up(Ran(ticks=0, missed=1000, lost=0))
 
-    def test_a_machine_that_stalls_once_is_tried_again(self):
+    def test_a_machine_that_stalls_once_is_tried_again(self) -> None:
         runs = [Ran(900, 100, 0), Ran(1000, 0, 0)]
         assert holds(lambda *_: runs.pop(0), "", 1000.0)
 
-    def test_a_loop_that_cannot_start_does_not_hold_the_rate(self):
-        def none(*_):
+    def test_a_loop_that_cannot_start_does_not_hold_the_rate(self) -> None:
+        def none(*_) -> NoReturn:
             raise ServoError("nobody answers")
 
         assert not holds(none, "", 1000.0)
 
 
 class TestLostReply:
-    def test_the_time_runs_from_the_unanswered_request_to_the_next_torque(self):
+    def test_the_time_runs_from_the_unanswered_request_to_the_next_torque(self) -> None:
         rows = [
             row(1.0, "rx", READ),
             row(1.0001, "tx", 85),
@@ -119,7 +120,7 @@ class TestLostReply:
         ]
         assert request_to_torque_s(rows) == pytest.approx([0.0008])
 
-    def test_a_request_asked_again_before_any_torque_begins_anew(self):
+    def test_a_request_asked_again_before_any_torque_begins_anew(self) -> None:
         rows = [
             row(1.0, "rx", READ),
             row(1.0, "fault", 85, "drop"),
@@ -128,7 +129,7 @@ class TestLostReply:
         ]
         assert request_to_torque_s(rows) == []
 
-    def test_clients_take_turns_until_each_has_lost_its_share(self):
+    def test_clients_take_turns_until_each_has_lost_its_share(self) -> None:
         reads = {"a": 0, "b": 0, "never loses": 0}
         turns = []
 
@@ -148,7 +149,9 @@ class TestLostReply:
         assert turns.index("b") < max(i for i, name in enumerate(turns) if name == "a")
 
 
-def test_a_row_of_ours_is_as_large_as_the_memory_says_and_files_hold_what_was_written(monkeypatch):
+def test_a_row_of_ours_is_as_large_as_the_memory_says_and_files_hold_what_was_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(telemetry_row, "_HOT", 5)
     monkeypatch.setattr(telemetry_row, "_ROUNDS", 2)
     monkeypatch.setattr(telemetry_row, "_COLD_TURNS", 2)
@@ -172,7 +175,7 @@ class TestStages:
             result = run_session(self.CONFIG, SimulatedClock(), Telemetry.create(), 0.3)
         return times, result.ticks
 
-    def test_every_stage_is_found_in_every_tick_and_all_is_as_before_afterwards(self):
+    def test_every_stage_is_found_in_every_tick_and_all_is_as_before_afterwards(self) -> None:
         before = [Tick.run, Wall.torque, SimulatedServo.collect]
         times, ticks = self.listened()
         assert [Tick.run, Wall.torque, SimulatedServo.collect] == before
@@ -182,7 +185,7 @@ class TestStages:
         work = [name for name in STAGES if not name.startswith("from waking")]
         assert all(np.median(found[name]) > 0.0 for name in work if name != WALL)
 
-    def test_what_a_stage_takes_falls_on_that_stage(self, monkeypatch):
+    def test_what_a_stage_takes_falls_on_that_stage(self, monkeypatch: pytest.MonkeyPatch) -> None:
         torque = Wall.torque
 
         def slow(*values):
@@ -204,7 +207,9 @@ class TestStages:
 
 
 @pytest.mark.realtime
-def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(monkeypatch):
+def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(torque_frames, "_ROUNDS", 1)
     monkeypatch.setattr(torque_frames, "_SECONDS", 0.5)
     monkeypatch.setattr(torque_frames, "_RATE_HZ", 500.0)  # a busy machine holds this too
@@ -223,8 +228,8 @@ def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(monkeypatch):
     assert not Path(path).exists()
 
 
-def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch):
-    def none(*_options):
+def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_options) -> NoReturn:
         raise PlatformError("the emulated bus did not start: it ended with 4")
 
     monkeypatch.setattr(torque_frames, "emulated_bus", none)

@@ -1,6 +1,7 @@
 """What ``cyclictest`` prints, and how it is asked."""
 
 import stat
+from pathlib import Path
 
 import pytest
 
@@ -24,7 +25,7 @@ PRINTED = """\
 """
 
 
-def test_every_wake_up_that_the_histogram_counts_is_found():
+def test_every_wake_up_that_the_histogram_counts_is_found() -> None:
     # Those beyond its range are known to be at least at its end.
     assert cyclictest.parsed(PRINTED).tolist() == [1, 1, 2, 2, 2, 3, 4, 4]
 
@@ -39,12 +40,12 @@ def test_every_wake_up_that_the_histogram_counts_is_found():
         PRINTED.replace(" 000003", " 000003 000004"),  # of two threads
     ],
 )
-def test_other_output_is_refused(text):
+def test_other_output_is_refused(text) -> None:
     with pytest.raises(PlatformError, match="install another version"):
         cyclictest.parsed(text)
 
 
-def test_what_it_says_when_it_is_refused_is_told(tmp_path):
+def test_what_it_says_when_it_is_refused_is_told(tmp_path: Path) -> None:
     program = tmp_path / "cyclictest"
     program.write_text("#!/bin/sh\necho 'WARN: distance' >&2\necho 'No rights!' >&2\nexit 1\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
@@ -54,7 +55,7 @@ def test_what_it_says_when_it_is_refused_is_told(tmp_path):
         cyclictest.lateness_us(str(tmp_path / "none"), 0, 10)
 
 
-def test_its_version_is_what_its_help_begins_with(tmp_path):
+def test_its_version_is_what_its_help_begins_with(tmp_path: Path) -> None:
     program = tmp_path / "cyclictest"
     program.write_text("#!/bin/sh\necho 'cyclictest V 2.40'\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)

@@ -2,6 +2,7 @@
 
 import os
 from importlib.metadata import PackageNotFoundError
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ class LateWaiter:
 
     margin_ns = slept_ns = 0
 
-    def __init__(self, late):
+    def __init__(self, late) -> None:
         self.now = 0
         self._late = iter(late)
 
@@ -32,7 +33,7 @@ class LateWaiter:
         return self.now
 
 
-def test_lateness_counts_from_the_grid_and_a_stall_skips_whole_periods():
+def test_lateness_counts_from_the_grid_and_a_stall_skips_whole_periods() -> None:
     late = [100, 0, 2 * PERIOD_NS + 300, 7]
     waiter = LateWaiter(late)
     woken = on_grid(waiter, len(late), now_ns=lambda: waiter.now)
@@ -42,7 +43,7 @@ def test_lateness_counts_from_the_grid_and_a_stall_skips_whole_periods():
 
 
 @pytest.fixture
-def stubs(monkeypatch):
+def stubs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Turns as given by name, a round each, for clients that start no process."""
     rounds = {
         "settings": [[1.0] * 99 + [10.0], [1.0] * 98 + [30.0] * 2, [1.0] * 98 + [8.0] * 2],
@@ -64,7 +65,7 @@ def stubs(monkeypatch):
 
 
 @pytest.mark.usefixtures("stubs")
-def test_figures_are_medians_of_rounds_and_the_ratio_is_of_the_same_round():
+def test_figures_are_medians_of_rounds_and_the_ratio_is_of_the_same_round() -> None:
     section = lateness.measure()
     rows = {row.name: row for row in section.rows}
     assert rows["cyclictest, lateness, p50"].value == 5.0
@@ -81,8 +82,10 @@ def test_figures_are_medians_of_rounds_and_the_ratio_is_of_the_same_round():
 
 
 @pytest.mark.usefixtures("stubs")
-def test_whoever_is_missing_is_named_and_the_rest_is_measured(monkeypatch):
-    def none(_name):
+def test_whoever_is_missing_is_named_and_the_rest_is_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def none(_name) -> NoReturn:
         raise PackageNotFoundError
 
     monkeypatch.setattr(cyclictest, "installed", lambda: None)
@@ -96,8 +99,10 @@ def test_whoever_is_missing_is_named_and_the_rest_is_measured(monkeypatch):
 
 
 @pytest.mark.usefixtures("stubs")
-def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(monkeypatch):
-    def refuse(*_arguments):
+def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_arguments) -> NoReturn:
         raise PlatformError("cyclictest ended with 1: Probably missing capabilities")
 
     monkeypatch.setattr(cyclictest, "lateness_us", refuse)
@@ -107,7 +112,9 @@ def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(monkeypat
 
 
 @pytest.mark.realtime
-def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(monkeypatch):
+def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(lateness, "_TICKS", 50)
     cores = os.sched_getaffinity(0)
     core, _ = pick_cores()

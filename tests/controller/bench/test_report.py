@@ -1,5 +1,7 @@
 """What a report is made of: bins, percentiles, the host's share."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from haptic_wall.controller.bench.rows import Histogram, over_rounds, ratio
 from haptic_wall.controller.bench.words import figure
 
 
-def test_a_percentile_is_one_of_the_values():
+def test_a_percentile_is_one_of_the_values() -> None:
     values = np.arange(1.0, 1001.0)
     assert [percentile(values, q) for q in (50.0, 99.0, 99.9, 100.0)] == [500, 990, 999, 1000]
     assert percentile(np.array([7.0]), 99.9) == 7.0
@@ -24,7 +26,7 @@ def test_a_percentile_is_one_of_the_values():
         ([0.0, 0.0], "linear"),
     ],
 )
-def test_no_sample_is_lost_between_the_bins(samples, scale):
+def test_no_sample_is_lost_between_the_bins(samples, scale) -> None:
     counted = binned(Histogram("h", "µs", {"one": samples, "none": []}))
     assert counted["scale"] == scale
     assert set(counted["series"]) == {"one"}
@@ -35,7 +37,7 @@ def test_no_sample_is_lost_between_the_bins(samples, scale):
     assert np.all(np.diff(edges) > 0)
 
 
-def test_a_sample_is_counted_in_the_bin_that_holds_it():
+def test_a_sample_is_counted_in_the_bin_that_holds_it() -> None:
     counted = binned(Histogram("h", "µs", {"one": [1.0, 10.0, 10.1, 1000.0]}))
     edges, counts = np.array(counted["edges"]), np.array(counted["series"]["one"]["counts"])
     (at,) = np.flatnonzero(counts == 2)
@@ -47,18 +49,18 @@ def test_a_sample_is_counted_in_the_bin_that_holds_it():
     ("value", "text"),
     [(0.04567, "0.0457"), (12.25, "12.2"), (999.97, "1,000"), (423456.0, "423,000"), (None, "–")],
 )
-def test_figures_have_three_digits(value, text):
+def test_figures_have_three_digits(value, text) -> None:
     assert figure(value) == text
 
 
-def test_quartiles_tell_how_far_the_rounds_are_apart():
+def test_quartiles_tell_how_far_the_rounds_are_apart() -> None:
     row = over_rounds("r", [1.0, 2.0, 3.0, 4.0, 5.0], "µs", "nothing")
     assert (row.low, row.value, row.high) == (2.0, 3.0, 4.0)
     alone = ratio("r", [3.0], [2.0], "nothing")
     assert (alone.low, alone.value, alone.high) == (1.5, 1.5, 1.5)
 
 
-def test_the_hosts_share_is_of_all_processors_time(tmp_path):
+def test_the_hosts_share_is_of_all_processors_time(tmp_path: Path) -> None:
     stat = tmp_path / "stat"
     # A guest's 40 ticks are counted in the user's 100 already.
     stat.write_text("cpu  100 0 50 800 10 0 5 35 40 0\ncpu0 1 1\n", encoding="ascii")

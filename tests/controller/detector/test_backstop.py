@@ -30,7 +30,7 @@ def run(truth, damping, *sets, operator=NOBODY, kick=0.05, duration_s=5.0, stiff
     )
 
 
-def test_a_lag_beyond_the_belief_is_found_and_the_oscillation_decays_in_time():
+def test_a_lag_beyond_the_belief_is_found_and_the_oscillation_decays_in_time() -> None:
     trial = run(RIGID, 0.04)
     found = own_oscillation(trial, BENCH.belief)
     assert found.judged
@@ -41,7 +41,7 @@ def test_a_lag_beyond_the_belief_is_found_and_the_oscillation_decays_in_time():
     assert not called_quiet(trial)
 
 
-def test_a_report_changes_nothing_and_asks_nothing():
+def test_a_report_changes_nothing_and_asks_nothing() -> None:
     trial = run(RIGID, 0.04, "safety.on_oscillation=report")
     assert set(trial.stiffness) == {trial.stiffness[0]}
     assert trial.counts[0] == 0
@@ -55,16 +55,16 @@ def ended_or_died(trial):
 
 
 @pytest.mark.parametrize("kick", [0.05, 0.2])
-def test_a_load_that_oscillates_on_its_transmission_is_found(kick):
+def test_a_load_that_oscillates_on_its_transmission_is_found(kick) -> None:
     assert ended_or_died(run(VALUE.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
 
 
-def test_a_light_servo_with_a_load_on_its_transmission_is_found():
+def test_a_light_servo_with_a_load_on_its_transmission_is_found() -> None:
     truth = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.002)
     assert ended_or_died(run(truth.with_mode(30.0, 0.02, 0.5), 0.2, kick=0.05))
 
 
-def test_a_ripple_on_a_large_oscillation_does_not_hide_it():
+def test_a_ripple_on_a_large_oscillation_does_not_hide_it() -> None:
     """It swings at 9 Hz with a ripple of three times that; it ends half a second late."""
     truth = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.002)
     trial = run(truth.with_mode(30.0, 0.02, 0.5), 0.2, kick=0.2)
@@ -80,7 +80,7 @@ def test_a_ripple_on_a_large_oscillation_does_not_hide_it():
         0.004,
     ],
 )
-def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay):
+def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay) -> None:
     truth = Truth(0.011951, 0.011692, 0.0453, delay=delay, backlash=math.radians(0.25))
     trial = run(truth, 0.2, duration_s=8.0)
     assert trial.stiffness[-1] < trial.stiffness[0]
@@ -93,7 +93,7 @@ def rhythm(hertz=2.0, seconds=8.0):
 
 
 @pytest.mark.parametrize("limit", [0.3, 0.5, 1.0])
-def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit):
+def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit) -> None:
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
     trial = run(truth, 0.04, f"servo.torque_limit={limit}", operator=rhythm(), stiffness=10.0)
     assert trial.saturated.mean() > 0.2
@@ -134,7 +134,7 @@ def backstop(seen, **given):
     return Backstop(BackstopSettings(**{**values, **given}), seen)
 
 
-def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2):
+def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2) -> None:
     """A half-cycle ends."""
     for name in ("duration", "amplitude", "inertia", "pull"):
         for new, old in (("_4", "_3"), ("_3", "_2"), ("_2", "")):
@@ -158,7 +158,7 @@ def probing(**given):
     return stop, seen
 
 
-def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_back_at_rest():
+def test_a_motion_as_long_in_a_probe_is_a_hands_and_the_wall_comes_back_at_rest() -> None:
     stop, seen = probing()
     take(stop, seen, 0.1, 0.1, 0.003)
     take(stop, seen, 0.1, 0.1, 0.003)
@@ -170,7 +170,7 @@ def test_a_motion_that_takes_as_long_in_a_probe_is_a_hands_and_the_wall_comes_ba
     assert (stop.stiffness_scale, stop.damping_scale) == (1.0, 1.0)
 
 
-def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regular():
+def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regular() -> None:
     seen = motion()
     stop = backstop(seen)
     for k in range(40):
@@ -178,7 +178,7 @@ def test_a_motion_of_two_modes_that_no_hand_makes_is_seen_though_it_is_not_regul
     assert stop.alarm
 
 
-def test_such_a_motion_that_dies_is_left_alone():
+def test_such_a_motion_that_dies_is_left_alone() -> None:
     seen = motion()
     stop = backstop(seen)
     for k in range(40):
@@ -186,7 +186,7 @@ def test_such_a_motion_that_dies_is_left_alone():
         assert not stop.alarm
 
 
-def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest():
+def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest() -> None:
     stop, seen = probing()
     for _ in range(2):
         take(stop, seen, 0.1, 0.1, 0.003)
@@ -195,14 +195,14 @@ def test_the_wall_comes_back_to_a_motion_so_fast_that_no_sample_finds_it_at_rest
     assert stop.stiffness_scale == 1.0
 
 
-def test_a_motion_like_the_hands_is_not_probed_again_soon():
+def test_a_motion_like_the_hands_is_not_probed_again_soon() -> None:
     stop, seen = probing()
     for _ in range(30):
         take(stop, seen, 0.1, 0.1, 0.003, elongation=0.0)
     assert stop.probes == 1
 
 
-def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explains_it():
+def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explains_it() -> None:
     """A hand's motion seems lighter on a softer wall, or goes further."""
     for inertia, amplitude, alarm in ((0.011, 0.1, True), (0.004, 0.1, False), (0.011, 0.2, False)):
         stop, seen = probing()
@@ -211,7 +211,7 @@ def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explai
         assert stop.alarm == alarm
 
 
-def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls():
+def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls() -> None:
     """Somebody holds the shaft and makes it stiffer than the probed wall does."""
     stop, seen = probing()
     for k in range(200):
@@ -224,7 +224,7 @@ def test_two_probes_that_neither_show_a_hand_nor_exclude_it_are_the_walls():
     assert stop.probes == 2
 
 
-def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_found():
+def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_found() -> None:
     truth = Truth(
         0.00976,
         0.0158,
@@ -241,7 +241,7 @@ def test_a_transmission_that_keeps_its_period_at_a_power_that_no_hand_has_is_fou
     assert ended_or_died(trial)
 
 
-def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_motion():
+def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_motion() -> None:
     seen = motion()
     stop = backstop(seen)
     take(stop, seen, 0.1, 0.008)
@@ -258,7 +258,7 @@ def test_a_suspicion_is_probed_as_soon_as_the_spring_lets_go_however_small_the_m
     assert stop.alarm
 
 
-def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands():
+def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands() -> None:
     stop, seen = probing()
     for _ in range(2):
         take(stop, seen, 0.1, 0.1, 0.003)
@@ -270,7 +270,7 @@ def test_a_suspicion_that_waits_hides_no_motion_that_is_beyond_hands():
     assert stop.alarm, "but none is so even"
 
 
-def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with():
+def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with() -> None:
     stop, seen = probing()
     for _ in range(2):
         take(stop, seen, 0.1, 0.1, 0.003, elongation=0.2)
@@ -284,7 +284,7 @@ def test_a_half_cycle_on_a_softer_wall_is_not_what_a_probe_is_compared_with():
     assert stop.phase == Phase.PROBING
 
 
-def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
+def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls() -> None:
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
     take(stop, seen, 0.2, 0.1)
@@ -297,7 +297,7 @@ def test_a_motion_that_takes_twice_as_long_in_a_probe_is_the_walls():
     assert stop.stiffness_scale == 1.0
 
 
-def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run():
+def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run() -> None:
     """Steel springs ring at 19 Hz under a hand that knocks four times a second."""
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
@@ -308,7 +308,7 @@ def test_a_rhythm_on_a_reduced_wall_that_its_torque_does_not_explain_ends_no_run
         assert not stop.failed
 
 
-def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run():
+def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run() -> None:
     stop, seen = probing()
     for _ in range(12):
         take(stop, seen, 0.1 / math.sqrt(stop.stiffness_scale), 0.1)
@@ -316,7 +316,7 @@ def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run():
 
 
 @pytest.mark.parametrize("rests", [True, False])
-def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests):
+def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests) -> None:
     """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
@@ -335,7 +335,7 @@ def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rest
     assert stop.returned == 1
 
 
-def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way():
+def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way() -> None:
     seen = motion(load=1.2)
     stop = backstop(seen)
     for k in range(200):
@@ -343,7 +343,7 @@ def test_a_wall_that_bears_a_load_is_not_probed_for_it_would_give_way():
     assert (stop.probes, stop.alarm, stop.failed) == (0, False, False)
 
 
-def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machine():
+def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machine() -> None:
     seen = motion(load=1.2)
     stop = backstop(seen)
     for _ in range(60):
@@ -352,7 +352,9 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machi
 
 
 @pytest.mark.parametrize(("inertia", "half_cycles"), [(0.012, 23), (0.2, 0)])
-def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(inertia, half_cycles):
+def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(
+    inertia, half_cycles
+) -> None:
     seen = motion(load=1.2)
     stop = backstop(seen)
     for k in range(1, 60):
@@ -362,7 +364,7 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(inertia
     assert (k if stop.failed else 0) == half_cycles
 
 
-def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds():
+def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds() -> None:
     """It grows to more than a radian; the detector, whose lag is four times too short, is quiet."""
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
     load = operator_of(0.0, 0.0, np.zeros(5000), push=1.1)
@@ -370,14 +372,14 @@ def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds():
     assert trial.trip == "oscillation"
 
 
-def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone():
+def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone() -> None:
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
     load = operator_of(0.0, 0.0, np.zeros(5000), push=0.5)
     trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.3)
     assert trial.first_alarm_s < 5.0
 
 
-def test_a_reduced_wall_does_not_let_its_load_run_away():
+def test_a_reduced_wall_does_not_let_its_load_run_away() -> None:
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
     load = operator_of(0.0, 0.0, np.zeros(5000), push=0.8)
     trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.1)
@@ -385,7 +387,7 @@ def test_a_reduced_wall_does_not_let_its_load_run_away():
     assert np.abs(trial.output).max() < 2.0
 
 
-def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load():
+def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load() -> None:
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
     take(stop, seen, 0.2, 0.1)
@@ -398,7 +400,7 @@ def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load():
 
 
 @pytest.mark.parametrize(("gain", "fails"), [(-0.02, False), (0.1, True)])
-def test_contacts_left_slower_than_entered_end_no_run(gain, fails):
+def test_contacts_left_slower_than_entered_end_no_run(gain, fails) -> None:
     """A hand that trembles at a reduced wall puts its load there, contact after contact."""
     stop, seen = probing(bounces=True)
     take(stop, seen, 0.2, 0.1)
@@ -410,7 +412,7 @@ def test_contacts_left_slower_than_entered_end_no_run(gain, fails):
     assert stop.failed == fails
 
 
-def test_a_wall_that_waits_to_come_back_is_watched():
+def test_a_wall_that_waits_to_come_back_is_watched() -> None:
     """A hand that leans on it keeps its spring loaded for as long as it likes."""
     stop, seen = probing()
     for _ in range(2):
@@ -421,7 +423,7 @@ def test_a_wall_that_waits_to_come_back_is_watched():
 
 
 @pytest.mark.parametrize(("load", "probed", "failed"), [(0.1, 1, False), (1.2, 0, True)])
-def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed):
+def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed) -> None:
     seen = motion(load=load)
     stop = backstop(seen, bounces=True)
     for k in range(12):
@@ -433,7 +435,7 @@ def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probe
     assert stop.failed == failed
 
 
-def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probed_wall():
+def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probed_wall() -> None:
     """At 200 Hz a fast shaft passes surface and gate between two samples."""
     seen = motion()
     stop = backstop(seen, bounces=True)
@@ -446,7 +448,7 @@ def test_a_contact_that_ends_as_a_probe_begins_is_not_taken_for_one_on_the_probe
     assert stop.alarm
 
 
-def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run():
+def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run() -> None:
     """Its spring throws the shaft back, faster than the hand has pressed it in."""
     limit = 0.5
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
@@ -460,7 +462,7 @@ def test_a_hand_that_presses_the_wall_like_a_button_ends_no_run():
     assert trial.trip is None
 
 
-def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts():
+def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts() -> None:
     """It is pushed against steadily; the lag is twice what is believed."""
     truth = Truth(0.017927, 0.005846, 0.045195, torque_gain=1.35, delay=0.00385)
     push = operator_of(0.0, 0.0, np.zeros(5000), push=0.161)
@@ -470,7 +472,7 @@ def test_a_wall_that_throws_the_shaft_back_is_found_within_five_contacts():
     assert np.ptp(trial.output[-1000:]) < 0.02
 
 
-def test_where_it_may_not_act_it_neither_probes_nor_reduces():
+def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
     seen = motion()
     stop = backstop(seen, acts=False)
     for k in range(200):
@@ -495,7 +497,7 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces():
     st.booleans(),
     st.booleans(),
 )
-def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspected):
+def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspected) -> None:
     seen = motion()
     stop = backstop(seen, bounces=bounces)
     stop.suspected = suspected
@@ -512,7 +514,7 @@ def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspec
 @pytest.mark.parametrize(("amplitude", "returned"), [(0.015, 0), (0.1, 1)])
 def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
     amplitude, returned
-):
+) -> None:
     stop, seen = probing()
     for _ in range(2):
         take(stop, seen, 0.2, 0.1)
@@ -522,7 +524,7 @@ def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
     assert stop.returned == returned
 
 
-def test_a_saturated_oscillation_that_the_softer_wall_keeps_up_small_does_not_get_the_wall_back():
+def test_a_saturated_oscillation_kept_up_by_the_softer_wall_does_not_get_the_wall_back() -> None:
     """Small, it has the period that it had large; a hand would be left alone for ten seconds."""
     bench = bench_of("xl330-m288")
     truth = Truth(0.0027213, 0.0073234, 0.025666, torque_gain=2.0, delay=0.005, torque_limit=0.52)

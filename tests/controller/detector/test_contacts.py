@@ -54,7 +54,7 @@ def watched(samples, count=0.0, span=PERIOD):
 
 @pytest.mark.parametrize("stiffness", [2.0, 10.0, 60.0])
 @pytest.mark.parametrize("speed", [0.5, 3.0])
-def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed):
+def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed) -> None:
     seen = watched(bounces(stiffness, speed, gravity=0.0))
     half = math.pi * math.sqrt(INERTIA / stiffness)
     assert seen.known == 1
@@ -63,18 +63,18 @@ def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed):
 
 
 @pytest.mark.parametrize("stiffness", [2.0, 10.0, 30.0])
-def test_what_bounces_seems_as_heavy_as_it_is(stiffness):
+def test_what_bounces_seems_as_heavy_as_it_is(stiffness) -> None:
     seen = watched(bounces(stiffness, 2.0, gravity=0.0))
     assert seen.inertia == pytest.approx(INERTIA, rel=0.05)
 
 
-def test_the_pull_of_a_spring_is_half_its_largest_torque():
+def test_the_pull_of_a_spring_is_half_its_largest_torque() -> None:
     """Torque times depth is K times its square, half of the largest on the mean."""
     seen = watched(bounces(10.0, 2.0, gravity=0.0))
     assert seen.pull == pytest.approx(0.5 * 10.0 * seen.amplitude, rel=0.03)
 
 
-def test_the_interval_is_from_exit_to_exit():
+def test_the_interval_is_from_exit_to_exit() -> None:
     """A throw with 2 rad/s at 2 rad/s² comes back after 2 s, and stays for half a cycle."""
     seen = watched(bounces(10.0, 2.0, 3))
     assert seen.known == 3
@@ -82,7 +82,7 @@ def test_the_interval_is_from_exit_to_exit():
     assert seen.duration == pytest.approx(seen.duration_2, rel=0.1)
 
 
-def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not():
+def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not() -> None:
     even = watched(bounces(10.0, 1.0, 5, gravity=20.0))
     assert lasts(even, TUNING.evidence)
     assert same_period(even, TUNING.evidence)
@@ -93,19 +93,19 @@ def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not():
 
 
 @pytest.mark.parametrize("depth", [0.5, 1.0])
-def test_a_touch_of_a_count_is_no_contact(depth):
+def test_a_touch_of_a_count_is_no_contact(depth) -> None:
     seen = watched([(-COUNT, 0.0), (depth * COUNT, 0.0)] * 20 + [(-COUNT, 0.0)], COUNT)
     assert seen.known == 0
 
 
-def test_a_start_inside_is_no_entry_but_ends_like_one():
+def test_a_start_inside_is_no_entry_but_ends_like_one() -> None:
     """Its first sample tells nothing of the time before."""
     seen = watched([(0.1, 0.0), (0.1, -1.0), (0.05, -1.0), (-0.1, -0.5)])
     assert seen.known == 1
     assert seen.duration == pytest.approx(2 * PERIOD)
 
 
-def test_between_contacts_only_time_passes():
+def test_between_contacts_only_time_passes() -> None:
     seen = watched(bounces(10.0, 1.0, gravity=0.0))
     before = seen.duration, seen.amplitude, seen.inertia
     for _ in range(100):
@@ -114,7 +114,7 @@ def test_between_contacts_only_time_passes():
     assert seen.elapsed == pytest.approx(0.1)
 
 
-def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy():
+def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy() -> None:
     seen = watched(bounces(10.0, 2.0, gravity=0.0, count=COUNT), COUNT)
     assert seen.duration == pytest.approx(math.pi * math.sqrt(INERTIA / 10.0), abs=2 * PERIOD)
     # The square of the rounded speed is larger on the mean, and the mass so much smaller.
@@ -128,7 +128,7 @@ def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy():
     ),
     st.sampled_from([0.0, COUNT]),
 )
-def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples, count):
+def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples, count) -> None:
     seen = Contacts(count, TUNING.contacts)
     total = inside = 0.0
     last = None
@@ -149,7 +149,7 @@ def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples
         assert math.isfinite(seen.pull)
 
 
-def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it():
+def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it() -> None:
     """They stay within the gate, so that nothing is known of their speeds."""
     seen = watched(bounces(60.0, 3.0, times=3, damping=0.2, count=COUNT), COUNT)
     for k in range(1500):
@@ -164,20 +164,20 @@ def test_a_bounce_that_lost_speed_does_not_speak_for_small_contacts_after_it():
     assert abs(seen.gain) < 0.02
 
 
-def test_the_least_positive_depth_is_no_contact_without_an_encoder():
+def test_the_least_positive_depth_is_no_contact_without_an_encoder() -> None:
     seen = watched([(-1e-300, 0.0), (5e-324, -1.0), (-5e-324, 0.0), (-0.1, 0.0)])
     assert seen.known == 0
 
 
 @pytest.mark.parametrize(("lag", "damping", "gaining"), [(8, 0.0, 4), (0, 0.02, 0)])
-def test_contacts_left_clearly_faster_than_entered_are_counted(lag, damping, gaining):
+def test_contacts_left_clearly_faster_than_entered_are_counted(lag, damping, gaining) -> None:
     samples = bounces(30.0, 1.5, 5, lag=lag, damping=damping, gravity=20.0)
     assert watched(samples).gaining >= gaining
     if not gaining:
         assert watched(samples).gaining == 0
 
 
-def test_the_mean_torque_of_a_bounce_is_the_push_that_it_holds_up():
+def test_the_mean_torque_of_a_bounce_is_the_push_that_it_holds_up() -> None:
     gravity = 20.0
     seen = watched(bounces(30.0, 1.0, 4, gravity=gravity))
     assert seen.load == pytest.approx(-INERTIA * gravity, rel=0.05)

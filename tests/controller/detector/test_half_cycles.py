@@ -36,7 +36,7 @@ def cosine(hertz, amplitude, seconds, count=0.0):
 
 
 @pytest.mark.parametrize("hertz", [1.0, 4.7, 30.0])
-def test_a_sinusoid_is_cut_at_its_turning_points(hertz):
+def test_a_sinusoid_is_cut_at_its_turning_points(hertz) -> None:
     seen, found = watched(cosine(hertz, 0.1, 5.0 / hertz))
     assert len(found) in (8, 9)
     assert found[1:, 0] == pytest.approx(0.5 / hertz, abs=1.01 * PERIOD)
@@ -48,7 +48,7 @@ def test_a_sinusoid_is_cut_at_its_turning_points(hertz):
 
 
 @pytest.mark.parametrize("counts", [4, 10, 100])
-def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts):
+def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts) -> None:
     """A turning point is the first sample on the outermost count, at either side alike."""
     _, found = watched(cosine(3.0, counts * COUNT, 4.0, COUNT), count=COUNT)
     assert len(found) in (22, 23)
@@ -56,7 +56,7 @@ def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts):
     assert found[:, 1] == pytest.approx(counts * COUNT, abs=0.51 * COUNT)
 
 
-def test_the_two_ways_may_last_differently():
+def test_the_two_ways_may_last_differently() -> None:
     """Down in 30 ms, up in 70 ms."""
     cycle = np.concatenate([np.linspace(1, -1, 30, endpoint=False), np.linspace(-1, 1, 70, False)])
     seen, found = watched(np.tile(cycle, 6))
@@ -66,7 +66,7 @@ def test_the_two_ways_may_last_differently():
     assert same_period(seen, TUNING.evidence), "compared to the half-cycle of the same way"
 
 
-def test_a_growing_motion_lasts_and_a_dying_one_does_not():
+def test_a_growing_motion_lasts_and_a_dying_one_does_not() -> None:
     time = np.arange(1500) * PERIOD
     wave = np.cos(math.tau * 5.0 * time)
     growing, _ = watched(0.1 * np.exp(0.3 * time) * wave)
@@ -75,7 +75,7 @@ def test_a_growing_motion_lasts_and_a_dying_one_does_not():
     assert not lasts(dying, TUNING.evidence)
 
 
-def test_nothing_lasts_before_four_are_known():
+def test_nothing_lasts_before_four_are_known() -> None:
     seen, found = watched(cosine(5.0, 0.1, 0.36))
     assert seen.known == len(found) == 3
     assert not lasts(seen, TUNING.evidence)
@@ -83,13 +83,13 @@ def test_nothing_lasts_before_four_are_known():
 
 
 @pytest.mark.parametrize("size", [0.4, 1.0, 1.49])
-def test_flicker_of_a_count_is_no_turning_point(size):
+def test_flicker_of_a_count_is_no_turning_point(size) -> None:
     still = [size * COUNT * (k % 2) for k in range(1000)]
     seen, _ = watched(still, count=COUNT)
     assert seen.known == 0
 
 
-def test_flicker_on_a_motion_changes_neither_number_nor_size():
+def test_flicker_on_a_motion_changes_neither_number_nor_size() -> None:
     flicker = np.array([0.0, COUNT] * 500)
     _, clean = watched(cosine(2.0, 0.1, 1.0), count=COUNT)
     _, found = watched(cosine(2.0, 0.1, 1.0) + flicker, count=COUNT)
@@ -98,7 +98,7 @@ def test_flicker_on_a_motion_changes_neither_number_nor_size():
 
 
 @pytest.mark.parametrize("ripple", [0.0005, 0.002])
-def test_a_ripple_on_a_large_motion_is_no_turning_point(ripple):
+def test_a_ripple_on_a_large_motion_is_no_turning_point(ripple) -> None:
     time = np.arange(2000) * PERIOD
     _, found = watched(cosine(2.0, 0.1, 2.0) + ripple * np.cos(math.tau * 60.0 * time))
     assert found[-5:, 0] == pytest.approx(0.25, abs=0.02), "at first ripples may count"
@@ -123,27 +123,27 @@ def oscillator(inertia, stiffness, gain=1.0, every=1):
 
 
 @pytest.mark.parametrize(("inertia", "stiffness"), [(0.012, 5.0), (0.012, 50.0), (0.001, 0.6)])
-def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia, stiffness):
+def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia, stiffness) -> None:
     seen, found = watched(*oscillator(inertia, stiffness))
     assert found[1:, 0].mean() == pytest.approx(math.pi * math.sqrt(inertia / stiffness), rel=0.01)
     assert seen.inertia == pytest.approx(inertia, rel=0.03)
     assert seen.inertia_2 == pytest.approx(inertia, rel=0.03)
 
 
-def test_a_servo_that_is_stronger_than_commanded_seems_lighter():
+def test_a_servo_that_is_stronger_than_commanded_seems_lighter() -> None:
     """Inertia in units of commanded torque."""
     seen, _ = watched(*oscillator(0.012, 5.0, gain=1.5))
     assert seen.inertia == pytest.approx(0.008, rel=0.03)
 
 
-def test_moved_by_somebody_else_it_seems_as_heavy_as_the_torque_explains():
+def test_moved_by_somebody_else_it_seems_as_heavy_as_the_torque_explains() -> None:
     """A quarter of the spring's torque at the same motion seems a quarter of the mass."""
     positions, torques = oscillator(0.012, 5.0)
     seen, _ = watched(positions, [0.25 * torque for torque in torques])
     assert seen.inertia == pytest.approx(0.003, rel=0.03)
 
 
-def test_the_place_of_the_spring_does_not_enter():
+def test_the_place_of_the_spring_does_not_enter() -> None:
     positions, torques = oscillator(0.012, 5.0)
     here, _ = watched(positions, torques)
     there, _ = watched([5.0 + p for p in positions], torques)
@@ -151,7 +151,7 @@ def test_the_place_of_the_spring_does_not_enter():
     assert there.pull == pytest.approx(here.pull, rel=1e-6)
 
 
-def test_skipped_samples_change_nothing_but_the_resolution():
+def test_skipped_samples_change_nothing_but_the_resolution() -> None:
     """Every fifth sample only, with the mean torque between: a lossy bus."""
     positions, torques = oscillator(0.012, 5.0)
     kept = positions[::5]
@@ -164,7 +164,7 @@ def test_skipped_samples_change_nothing_but_the_resolution():
     assert seen.inertia == pytest.approx(whole.inertia, rel=0.03)
 
 
-def test_the_pull_is_half_the_largest_torque_of_a_spring_and_more_where_it_saturates():
+def test_the_pull_is_half_the_largest_torque_of_a_spring_and_more_where_it_saturates() -> None:
     positions, torques = oscillator(0.012, 5.0)
     seen, _ = watched(positions, torques)
     assert seen.pull == pytest.approx(0.5 * 5.0 * seen.amplitude, rel=0.02)
@@ -174,7 +174,7 @@ def test_the_pull_is_half_the_largest_torque_of_a_spring_and_more_where_it_satur
     assert seen.pull == pytest.approx(0.2 * 2.0 / math.pi, rel=0.02)
 
 
-def test_what_was_forgotten_does_not_count():
+def test_what_was_forgotten_does_not_count() -> None:
     seen, _ = watched(cosine(5.0, 0.1, 1.0))
     assert seen.known > 4
     seen.forget()
@@ -191,7 +191,9 @@ spans = st.integers(1, 5)
 
 
 @given(st.lists(st.tuples(moves, moves, spans), max_size=200), st.sampled_from([0.0, COUNT]))
-def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(samples, count):
+def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(
+    samples, count
+) -> None:
     seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
     total = elapsed = 0.0
     turns = None
@@ -216,7 +218,7 @@ def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(
 
 
 @given(st.lists(moves, min_size=2, max_size=200), st.floats(-10.0, 10.0))
-def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque):
+def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque) -> None:
     one, found = watched(positions, [torque * p for p in positions])
     other, mirrored = watched([-p for p in positions], [-torque * p for p in positions])
     assert np.array_equal(found, mirrored)
@@ -224,7 +226,7 @@ def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque):
 
 
 @pytest.mark.parametrize("count", [0.0, COUNT])
-def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count):
+def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count) -> None:
     """What turns back by less than a part of the last motion is a ripple only for so long."""
     large = cosine(5.0, 0.5, 0.5, count)
     ripple = cosine(15.0, 0.03, 0.4, count)
@@ -234,7 +236,7 @@ def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count):
     assert found[-20:, 1] == pytest.approx(0.02, abs=count + 1e-3)
 
 
-def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for():
+def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for() -> None:
     seen = HalfCycles(PERIOD, COUNT, TUNING.half_cycles)
     for position in cosine(5.0, 0.5, 0.65, COUNT):
         seen.update(position, 0.0, PERIOD)

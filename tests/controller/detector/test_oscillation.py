@@ -45,7 +45,7 @@ def watched(detector, x, torque):
 
 @pytest.mark.parametrize("frequency", [2.0, 9.0, 28.0])
 @pytest.mark.parametrize("counts", [4.0, 40.0])
-def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequency, counts):
+def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequency, counts) -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * frequency) ** 2
     _, x, torque = free_oscillation(frequency, 0.0, counts * COUNT, 40.0 / frequency)
@@ -55,7 +55,7 @@ def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequenc
     assert detector.amplitude == pytest.approx(counts * COUNT, rel=0.2)
 
 
-def test_oscillation_of_a_count_is_sustained_but_no_alarm():
+def test_oscillation_of_a_count_is_sustained_but_no_alarm() -> None:
     # A wall without friction keeps it up at any stiffness, by the encoder's steps alone.
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 9.0) ** 2
@@ -64,7 +64,7 @@ def test_oscillation_of_a_count_is_sustained_but_no_alarm():
     assert detector.state == State.SUSTAINED
 
 
-def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured():
+def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured() -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
     t, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
@@ -75,7 +75,7 @@ def test_growing_oscillation_is_seen_before_it_doubles_and_its_rate_measured():
     assert detector.growth == pytest.approx(1.5, rel=0.1)
 
 
-def test_decaying_oscillation_is_no_alarm():
+def test_decaying_oscillation_is_no_alarm() -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
     _, x, torque = free_oscillation(10.0, -1.0, 100 * COUNT, 1.0)
@@ -84,7 +84,7 @@ def test_decaying_oscillation_is_no_alarm():
     assert detector.growth == pytest.approx(-1.0, rel=0.15)
 
 
-def test_the_same_motion_made_by_a_hand_is_no_alarm():
+def test_the_same_motion_made_by_a_hand_is_no_alarm() -> None:
     # The wall's torque is a spring and damper below its limit: the hand makes up the rest.
     detector = Detector(settings())
     detector.stiffness = stiffness = 20.0
@@ -98,7 +98,7 @@ def test_the_same_motion_made_by_a_hand_is_no_alarm():
         assert t.size == 20_000
 
 
-def test_rest_and_flicker_of_a_count_are_quiet():
+def test_rest_and_flicker_of_a_count_are_quiet() -> None:
     detector = Detector(settings())
     detector.stiffness = 10.0
     detector.balance.surface = 0.0
@@ -109,7 +109,7 @@ def test_rest_and_flicker_of_a_count_are_quiet():
     assert math.isnan(detector.frequency_hz)
 
 
-def test_alarm_ends_when_the_motion_ends():
+def test_alarm_ends_when_the_motion_ends() -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
     _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
@@ -121,7 +121,7 @@ def test_alarm_ends_when_the_motion_ends():
     assert detector.state == State.QUIET
 
 
-def test_lost_samples_count_as_the_periods_that_passed():
+def test_lost_samples_count_as_the_periods_that_passed() -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 5.0) ** 2
     _, x, torque = free_oscillation(5.0, 0.0, 40 * COUNT, 6.0)
@@ -135,7 +135,7 @@ def test_lost_samples_count_as_the_periods_that_passed():
     assert detector.frequency_hz == pytest.approx(5.0, rel=0.03)
 
 
-def test_restart_forgets():
+def test_restart_forgets() -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * 10.0) ** 2
     _, x, torque = free_oscillation(10.0, 1.5, 20 * COUNT, 1.0)
@@ -147,7 +147,7 @@ def test_restart_forgets():
 
 class TestActingTorque:
     @pytest.mark.parametrize("lag", [0.0, 0.25, 1.0, 2.7])
-    def test_is_the_mean_of_what_was_held(self, lag):
+    def test_is_the_mean_of_what_was_held(self, lag) -> None:
         # Oracle: the held torque on a fine grid, shifted and averaged.
         fine = 1000
         sent = np.random.default_rng(3).normal(size=40)
@@ -157,14 +157,14 @@ class TestActingTorque:
         wanted = [0.0, *(held[fine * (k - 1) : fine * k].mean() for k in range(1, 40))]
         assert found == pytest.approx(wanted, abs=1e-12)
 
-    def test_skipped_periods_hold_the_last_torque(self):
+    def test_skipped_periods_hold_the_last_torque(self) -> None:
         skipping, steady = ActingTorque(1.5), ActingTorque(1.5)
         skipping.push(1.0)
         found = skipping.push(2.0, 4)
         each = [steady.push(1.0), *(steady.push(1.0) for _ in range(3)), steady.push(2.0)]
         assert found == pytest.approx(sum(each[1:]) / 4)
 
-    def test_lag_may_grow_while_it_runs(self):
+    def test_lag_may_grow_while_it_runs(self) -> None:
         acting = ActingTorque(0.0)
         for value in range(1, 50):
             acting.push(float(value))
@@ -174,26 +174,26 @@ class TestActingTorque:
         assert acting.push(51.0) == 0.0
 
     @pytest.mark.parametrize("lag", [-0.1, math.nan, math.inf])
-    def test_says_what_a_lag_is(self, lag):
+    def test_says_what_a_lag_is(self, lag) -> None:
         with pytest.raises(ValueError, match="finite number from 0 up"):
             ActingTorque(lag)
 
 
 class TestRecord:
-    def test_without_torque_the_motion_alone_is_judged(self):
+    def test_without_torque_the_motion_alone_is_judged(self) -> None:
         t, x, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 6.0)
         found = detect(t, x, None, DetectorSettings(PERIOD))
         assert found.worst == State.SUSTAINED
         assert found.frequency_hz[found.worst_at] == pytest.approx(6.0, rel=0.03)
         assert found.amplitude[found.worst_at] == pytest.approx(30 * COUNT, rel=0.2)
 
-    def test_without_a_model_the_wall_must_at_least_pay(self):
+    def test_without_a_model_the_wall_must_at_least_pay(self) -> None:
         t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
         assert detect(t, x, torque, DetectorSettings(PERIOD)).worst == State.GROWING
         absorbed = -2.0 * x - 0.05 * np.gradient(x, PERIOD)
         assert detect(t, x, absorbed, DetectorSettings(PERIOD)).worst == State.QUIET
 
-    def test_nan_and_gaps_are_left_out(self):
+    def test_nan_and_gaps_are_left_out(self) -> None:
         t, x, torque = free_oscillation(6.0, 0.8, 30 * COUNT, 3.0)
         x[100:140:7] = math.nan
         keep = np.ones(t.size, dtype=bool)
@@ -203,14 +203,14 @@ class TestRecord:
         assert math.isfinite(found.first_alarm_s)
         assert np.isfinite(found.amplitude).all()
 
-    def test_lengths_and_order_are_checked(self):
+    def test_lengths_and_order_are_checked(self) -> None:
         t = np.arange(3) * PERIOD
         with pytest.raises(ValueError, match="3 times, 2 positions"):
             detect(t, t[:2], None, settings())
         with pytest.raises(ValueError, match="do not increase"):
             detect(t[::-1], t, None, settings())
 
-    def test_finds_the_encoders_count(self):
+    def test_finds_the_encoders_count(self) -> None:
         _, x, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 2.0)
         assert position_step(np.round(x, 6)) == pytest.approx(COUNT, rel=1e-3)
         noisy = x + 1e-15 * np.arange(x.size) % 3e-15  # as sums and products leave it

@@ -54,7 +54,7 @@ def pushed(walls, push, speed, periods):
     return Trace(np.array(counts), np.array(torques), np.array(positions))
 
 
-def test_bouncing_off_a_wall_that_never_pulls():
+def test_bouncing_off_a_wall_that_never_pulls() -> None:
     # Just below the two-sided limit such a wall returns a servo as fast as it came
     # (docs/one-sided.md), and with less stiffness slower: the bouncing dies.
     damping = 0.2 * 0.536 * M / T
@@ -67,7 +67,7 @@ def test_bouncing_off_a_wall_that_never_pulls():
         assert bool(listen(walls, 0, trace, EXACTLY, once=True).alarms) == bounces
 
 
-def test_growth_is_noticed_while_somebody_leans_on_the_wall():
+def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     # A steady push moves the middle of the motion 30 counts off the surface; it pays for nothing.
     limit = float(critical_stiffness(M, B_SERVO, 0.05, T, 2 * T))
     walls = one_wall(1.3 * limit, 0.05, one_sided=False)
@@ -77,7 +77,7 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall():
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
 
 
-def test_whether_motion_goes_on_without_the_hand():
+def test_whether_motion_goes_on_without_the_hand() -> None:
     # A hand's own motion ends with it; what the wall feeds stays.
     damping = 0.2
     limit = float(critical_stiffness(M, B_SERVO, damping, T, 2 * T))
@@ -87,7 +87,7 @@ def test_whether_motion_goes_on_without_the_hand():
         assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
-def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends():
+def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> None:
     """What docs/detector.md says of limit cycles of a count."""
     damping = 0.3
     limit = float(critical_stiffness(M, 0.0, damping, T, T))
@@ -131,7 +131,7 @@ def wrong_beliefs(count):
 
 
 @pytest.mark.parametrize("share", [1.2, 1.5, 2.5])
-def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share):
+def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share) -> None:
     walls = some_walls(share)
     kick = np.full(walls.size, 30 * COUNT)
     reached = []
@@ -145,7 +145,7 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share):
 
 
 @pytest.mark.parametrize("share", [1.3, 2.2])
-def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share):
+def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share) -> None:
     """B = 0; the file tells positions and torques, the servo is believed a fifth wrong."""
     walls = some_walls(share)
     walls = walls.take(np.flatnonzero(walls.virtual_damping == 0.0))
@@ -162,14 +162,14 @@ def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(shar
         assert np.abs(trace.position[: alarm + 1]).max() < 2.0 * kick[i]
 
 
-def test_motion_that_dies_is_no_alarm():
+def test_motion_that_dies_is_no_alarm() -> None:
     walls = some_walls(0.9)
     for i, trace in enumerate(kicked(walls, np.full(walls.size, 60 * COUNT), 12.0)):
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
 
 
 @pytest.mark.parametrize("hand", HANDS)
-def test_hands_on_walls_below_their_limit_are_no_alarm(hand):
+def test_hands_on_walls_below_their_limit_are_no_alarm(hand) -> None:
     walls = some_walls(0.9)
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
     for i, trace in enumerate(handled(walls, hands)):
@@ -177,7 +177,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand):
 
 
 @pytest.mark.parametrize("hand", ["rhythm", "tap"])
-def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand):
+def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand) -> None:
     walls = some_walls(0.6)
     walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(3))
@@ -186,7 +186,7 @@ def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand):
 
 
 @pytest.mark.parametrize("size", [5.0, 40.0])
-def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size):
+def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size) -> None:
     walls = some_walls(1.5)
     walls = replace(walls, torque_limit=walls.stiffness * size * COUNT)
     measured = 0
@@ -203,7 +203,7 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size):
     assert measured >= 5
 
 
-def test_trials_of_the_page(thorough):
+def test_trials_of_the_page(thorough: bool) -> None:
     """What docs/detector-table.md is made of, with few walls unless thorough."""
     if not thorough:
         pytest.skip("takes minutes; run with --thorough")
@@ -214,7 +214,7 @@ def test_trials_of_the_page(thorough):
     assert sum(trial.alarm and not trial.lasts for trial in trials) <= 0.01 * len(trials)
 
 
-def test_belief_without_numbers_makes_none_of_the_estimates_invalid():
+def test_belief_without_numbers_makes_none_of_the_estimates_invalid() -> None:
     walls = one_wall(30.0, 0.02, one_sided=False)
     trace = pushed(walls, 0.0, 1.0, 2000)
     belief = np.array([math.nan] * 3 + [1.0])

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -37,7 +38,9 @@ def both(folder, capsys, *sets, duration=3):
         ("safety.on_oscillation=reduce", "servo.hand=push", "wall.reference=start"),
     ],
 )
-def test_detect_on_the_log_says_what_the_run_said(tmp_path, capsys, more):
+def test_detect_on_the_log_says_what_the_run_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more
+) -> None:
     seen, found, ran = both(tmp_path, capsys, *DECEIVED, *more)
     assert found["state"] == seen["state"]
     assert found["first_alarm_s"] == seen["first_alarm_s"]
@@ -48,13 +51,17 @@ def test_detect_on_the_log_says_what_the_run_said(tmp_path, capsys, more):
         assert seen["first_alarm_s"] == pytest.approx(last_s), "the log holds the alarm's own row"
 
 
-def test_a_hand_on_a_stable_wall_is_as_quiet_in_the_log(tmp_path, capsys):
+def test_a_hand_on_a_stable_wall_is_as_quiet_in_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     seen, found, _ = both(tmp_path, capsys, "loop.clock=simulated")
     assert found["state"] == seen["state"] == "quiet"
     assert found["frequency_hz"] is found["amplitude_rad"] is found["growth_per_s"] is None
 
 
-def test_with_other_values_it_is_judged_by_those(tmp_path, capsys):
+def test_with_other_values_it_is_judged_by_those(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, found, _ = both(tmp_path, capsys, *DECEIVED, "safety.on_oscillation=report")
     log = str(tmp_path / "a.hwlog")
     done = CliRunner().invoke(command, [log, "--delay", "0.006", "--json"], catch_exceptions=False)

@@ -26,14 +26,14 @@ def oscillation(damping=B, late=1, seconds=0.8, hand=0.0):
     return np.array(positions), np.array(torques)
 
 
-def test_inertia_and_delay_are_found_of_a_servo_without_friction():
+def test_inertia_and_delay_are_found_of_a_servo_without_friction() -> None:
     servo = fitted_servo(*oscillation(damping=0.0), T)
     assert servo.inertia == pytest.approx(J, rel=0.05)
     assert servo.balance < 0.0, "the wall feeds it"
     assert servo.lag() == pytest.approx(1.5 * T, rel=0.15)  # and half a period that it is held
 
 
-def test_of_damping_and_delay_the_one_tells_the_other():
+def test_of_damping_and_delay_the_one_tells_the_other() -> None:
     servo = fitted_servo(*oscillation(), T)
     assert servo.inertia == pytest.approx(J, rel=0.05)
     assert servo.lag(B) == pytest.approx(1.5 * T, rel=0.15)
@@ -41,17 +41,17 @@ def test_of_damping_and_delay_the_one_tells_the_other():
     assert servo.lag() < servo.lag(B)
 
 
-def test_a_motion_that_dies_out_is_not_fed():
+def test_a_motion_that_dies_out_is_not_fed() -> None:
     servo = fitted_servo(*oscillation(damping=0.02, late=0), T)
     assert servo.balance > 0.0
     assert servo.lag() == 0.0
 
 
-def test_what_a_hand_moves_is_not_the_torques_doing():
+def test_what_a_hand_moves_is_not_the_torques_doing() -> None:
     assert fitted_servo(*oscillation(damping=0.05, late=0, hand=0.3), T) is None
 
 
-def test_samples_that_are_missing_are_no_obstacle_unless_they_are_many():
+def test_samples_that_are_missing_are_no_obstacle_unless_they_are_many() -> None:
     positions, torques = oscillation()
     positions[100:110], torques[300] = math.nan, math.nan
     assert fitted_servo(positions, torques, T).inertia == pytest.approx(J, rel=0.05)
@@ -59,7 +59,7 @@ def test_samples_that_are_missing_are_no_obstacle_unless_they_are_many():
     assert fitted_servo(positions, torques, T) is None
 
 
-def test_what_does_not_oscillate_tells_nothing():
+def test_what_does_not_oscillate_tells_nothing() -> None:
     times = np.arange(500) * T
     for positions in (times, 0.0 * times, np.full(500, math.nan)):
         assert fitted_servo(positions, 1.0 - 0.1 * times, T) is None

@@ -38,29 +38,29 @@ def of_motion(positions, count=COUNT):
     return most
 
 
-def test_what_repeats_exactly_is_counted_without_end():
+def test_what_repeats_exactly_is_counted_without_end() -> None:
     assert counted([(0.1, 0.05)] * 50) == list(range(1, 51))
 
 
-def test_each_way_is_compared_to_itself():
+def test_each_way_is_compared_to_itself() -> None:
     """A load to one side makes the two ways unlike."""
     assert counted([(0.1, 0.05), (0.08, 0.07)] * 20)[-1] == 40
 
 
 @pytest.mark.parametrize("one", [(0.12, 0.05), (0.1, 0.07), (0.08, 0.05), (0.1, 0.035)])
-def test_one_that_is_unlike_begins_the_count_anew(one):
+def test_one_that_is_unlike_begins_the_count_anew(one) -> None:
     counts = counted([(0.1, 0.05)] * 20 + [one] + [(0.1, 0.05)] * 20)
     assert counts[19] == 20
     assert counts[20] == 1
     assert counts[-1] <= 20
 
 
-def test_a_slow_drift_is_not_steady_however_even_each_step_is():
+def test_a_slow_drift_is_not_steady_however_even_each_step_is() -> None:
     """Compared to the first one, not to the one before."""
     assert max(counted([(0.1 * 1.005**k, 0.05) for k in range(200)])) < STEADY
 
 
-def test_rounding_of_the_encoder_and_of_the_period_is_forgiven():
+def test_rounding_of_the_encoder_and_of_the_period_is_forgiven() -> None:
     random = np.random.default_rng(1)
     rows = [
         (4 * COUNT + 0.5 * COUNT * random.integers(2), 0.02 + PERIOD * random.integers(2))
@@ -71,14 +71,14 @@ def test_rounding_of_the_encoder_and_of_the_period_is_forgiven():
 
 @pytest.mark.parametrize("hertz", [3.0, 10.8, 26.3])
 @pytest.mark.parametrize("counts", [4.2, 8.0, 100.0])
-def test_a_limit_cycle_on_the_encoder_is_steady(hertz, counts):
+def test_a_limit_cycle_on_the_encoder_is_steady(hertz, counts) -> None:
     time = np.arange(round(1e3 * (STEADY + 5) / (2 * hertz))) * PERIOD
     wave = counts * COUNT * np.cos(math.tau * hertz * time)
     assert of_motion(np.round(wave / COUNT) * COUNT) >= STEADY
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed):
+def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed) -> None:
     """The most even hands: 3 to 5 %."""
     random = np.random.default_rng(seed)
     lengths = np.maximum(1.0 + 0.03 * random.standard_normal(200), 0.5) / 4.0
@@ -89,7 +89,7 @@ def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed):
 
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1.0), st.floats(1e-3, 1.0)), max_size=60))
-def test_the_count_grows_by_one_or_begins_anew(rows):
+def test_the_count_grows_by_one_or_begins_anew(rows) -> None:
     last = 0
     for count in counted(rows):
         assert count in (last + 1, 1)

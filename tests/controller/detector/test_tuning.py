@@ -16,7 +16,7 @@ NUMBERS = [
 PERIOD, COUNT = 1e-3, math.tau / 4096
 
 
-def test_each_number_has_a_unit_a_meaning_and_a_source():
+def test_each_number_has_a_unit_a_meaning_and_a_source() -> None:
     for group, one in NUMBERS:
         origin = one.metadata["origin"]
         assert isinstance(origin, Origin), f"{group}.{one.name}"
@@ -26,13 +26,13 @@ def test_each_number_has_a_unit_a_meaning_and_a_source():
         assert kind in ("measured", "quantisation", "arithmetic", "physics", "chosen"), one.name
 
 
-def test_a_value_that_leaves_a_criterion_out_is_another_one():
+def test_a_value_that_leaves_a_criterion_out_is_another_one() -> None:
     for group, one in NUMBERS:
         origin = one.metadata["origin"]
         assert origin.off != getattr(getattr(TUNING, group), one.name), f"{group}.{one.name}"
 
 
-def test_nobody_changes_it():
+def test_nobody_changes_it() -> None:
     with pytest.raises(FrozenInstanceError):
         TUNING.probe.first = 2.0  # type: ignore[misc]
 
@@ -63,7 +63,7 @@ def oscillation(tuning):
     return stop
 
 
-def test_the_backstop_uses_the_tuning_that_it_is_given():
+def test_the_backstop_uses_the_tuning_that_it_is_given() -> None:
     assert oscillation(TUNING).stiffness_scale == 0.25
     deeper = replace(TUNING, probe=replace(TUNING.probe, scale=0.125))
     assert oscillation(deeper).stiffness_scale == 0.125
@@ -88,7 +88,7 @@ def first_alarm(tuning):
     return None
 
 
-def test_the_detector_uses_the_tuning_that_it_is_given():
+def test_the_detector_uses_the_tuning_that_it_is_given() -> None:
     assert first_alarm(TUNING) is not None
     deaf = replace(
         TUNING,

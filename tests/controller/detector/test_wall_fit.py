@@ -24,7 +24,7 @@ def rendered(stiffness, damping, surface, side=0, late=0, limit=math.inf):
 
 @pytest.mark.parametrize("side", [0, 1, -1])
 @pytest.mark.parametrize(("late", "limit"), [(0, math.inf), (3, math.inf), (0, 0.6)])
-def test_a_wall_is_found_from_torque_against_position(side, late, limit):
+def test_a_wall_is_found_from_torque_against_position(side, late, limit) -> None:
     wall = fitted_wall(*rendered(8.0, 0.02, 0.01, side, late, limit), T)
     assert wall.stiffness == pytest.approx(8.0, rel=1e-3)
     assert wall.virtual_damping == pytest.approx(0.02, abs=1e-4)
@@ -33,17 +33,17 @@ def test_a_wall_is_found_from_torque_against_position(side, late, limit):
     assert wall.inserted == pytest.approx(late * T)
 
 
-def test_no_damping_is_found_to_be_none():
+def test_no_damping_is_found_to_be_none() -> None:
     assert fitted_wall(*rendered(8.0, 0.0, 0.0), T).virtual_damping == 0.0
 
 
-def test_a_position_that_is_missing_is_no_obstacle():
+def test_a_position_that_is_missing_is_no_obstacle() -> None:
     positions, torques = rendered(8.0, 0.02, 0.01)
     positions[500:600], torques[700:710] = math.nan, math.nan
     assert fitted_wall(positions, torques, T).stiffness == pytest.approx(8.0, rel=1e-3)
 
 
-def test_torques_of_something_else_are_no_walls():
+def test_torques_of_something_else_are_no_walls() -> None:
     positions, torques = rendered(8.0, 0.0, 0.0)
     noise = np.random.default_rng(1).normal(0.0, 0.3, torques.size)
     assert fitted_wall(positions, noise, T) is None

@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,11 +56,11 @@ def play(folder, *sets, duration=8.0, telemetry=None):
 
 
 @pytest.fixture(scope="module")
-def reduced(tmp_path_factory):
+def reduced(tmp_path_factory: pytest.TempPathFactory):
     return play(tmp_path_factory.mktemp("reduced"), *DECEIVED)
 
 
-def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced):
+def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced) -> None:
     ended, rows = reduced
     seen = ended.result["oscillation"]
     assert ended.stop_reason == "duration"
@@ -82,7 +83,7 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced):
     assert largest[-1] < 0.4 * at_alarm
 
 
-def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced):
+def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced) -> None:
     ended, rows = reduced
     guard = ended.result["guard"]
     assert guard["commanded"]["stiffness"] == rows["stiffness"][-1]
@@ -93,13 +94,13 @@ def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced):
     json.dumps(ended.result, allow_nan=False)
 
 
-def test_the_log_holds_the_detectors_state(reduced):
+def test_the_log_holds_the_detectors_state(reduced) -> None:
     _, rows = reduced
     assert rows["oscillation"].max() >= State.SUSTAINED
     assert rows["oscillation"][-1] < State.SUSTAINED
 
 
-def test_the_full_wall_comes_back_only_on_request(tmp_path, reduced):
+def test_the_full_wall_comes_back_only_on_request(tmp_path: Path, reduced) -> None:
     ended, rows = reduced
     left = rows["stiffness"][-1]
     assert left < 0.6 * ALLOWED, "what an alarm took does not come back by itself"
@@ -111,7 +112,7 @@ def test_the_full_wall_comes_back_only_on_request(tmp_path, reduced):
     class Asking(Telemetry):
         """Asks once, when the wall has been reduced for a while."""
 
-        def write(self, row):
+        def write(self, row) -> None:
             super().write(row)
             if self.words[Word.HEAD] == 6000:
                 self.words[Word.RAISE] = 1
@@ -123,32 +124,32 @@ def test_the_full_wall_comes_back_only_on_request(tmp_path, reduced):
     assert ended.stop_reason == "duration"
 
 
-def test_trip_ends_the_run_by_name(tmp_path):
+def test_trip_ends_the_run_by_name(tmp_path: Path) -> None:
     ended, _ = play(tmp_path, *DECEIVED, "safety.on_oscillation=trip")
     assert ended.stop_reason == "trip:oscillation"
     assert exit_status(ended.stop_reason) == 3
     assert ended.result["torque_off"]
 
 
-def test_report_only_tells(tmp_path):
+def test_report_only_tells(tmp_path: Path) -> None:
     ended, rows = play(tmp_path, *DECEIVED, "safety.on_oscillation=report", duration=2.0)
     assert ended.result["oscillation"]["first_alarm_s"] < 2.0
     assert np.all(rows["stiffness"] == rows["stiffness"][0])
 
 
-def test_without_a_guard_it_always_trips(tmp_path):
+def test_without_a_guard_it_always_trips(tmp_path: Path) -> None:
     ended, _ = play(tmp_path, *DECEIVED, "guard.mode=off", "safety.on_oscillation=report")
     assert ended.stop_reason == "trip:oscillation"
 
 
-def test_a_stable_wall_is_left_alone(tmp_path):
+def test_a_stable_wall_is_left_alone(tmp_path: Path) -> None:
     ended, rows = play(tmp_path, "servo.delay=0.002", "wall.stiffness=10")
     assert ended.result["oscillation"]["first_alarm_s"] is None
     assert ended.result["oscillation"]["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert rows["stiffness"][-1] == pytest.approx(ALLOWED, rel=1e-3)
 
 
-def test_the_measured_torque_is_believed_before_the_one_sent():
+def test_the_measured_torque_is_believed_before_the_one_sent() -> None:
     watch = Watch(WatchSettings(DetectorSettings(1e-3), "report", 0.0))
     watch.passed(1)
     watch.sent(1.0)
@@ -167,7 +168,7 @@ def five_cycles(stiffness, rows):
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.7])
-def test_passivity_control_holds_what_some_damping_could(tmp_path, share):
+def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share) -> None:
     limit = float(critical_stiffness(0.011951, 0.011692, 0.0, 1e-3, 2e-3))
     highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
     stiffness = share * highest
@@ -180,7 +181,7 @@ def test_passivity_control_holds_what_some_damping_could(tmp_path, share):
     assert ended.stop_reason == "trip:oscillation", "and without it"
 
 
-def test_beyond_the_peak_it_cannot_and_trips(tmp_path):
+def test_beyond_the_peak_it_cannot_and_trips(tmp_path: Path) -> None:
     highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
     ended, rows = play(
         tmp_path,
@@ -193,7 +194,7 @@ def test_beyond_the_peak_it_cannot_and_trips(tmp_path):
     assert rows["damping"].max() <= 3.49, "no more damping than at the peak"
 
 
-def test_passivity_control_is_off_unless_asked_for(tmp_path):
+def test_passivity_control_is_off_unless_asked_for(tmp_path: Path) -> None:
     _, rows = play(tmp_path, *DECEIVED, duration=0.5)
     assert np.all(rows["damping"] == 0.0)
 
@@ -214,17 +215,17 @@ def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side):
+def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side) -> None:
     """It takes 0.02 J and gives 0.2 J."""
     assert contact_with(0.2, 2.0, side=side).failed
     assert not contact_with(2.0, 0.2, side=side).failed, "it has taken energy"
     assert not contact_with(2.0, 2.1, side=side).failed, "0.01 J is allowed"
 
 
-def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands():
+def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands() -> None:
     """A bounce of 0.02 kg·m² on 10 N·m/rad lasts 0.14 s."""
     assert not contact_with(0.0, 2.0, seconds=0.4).failed
 
 
-def test_a_report_ends_no_run_for_energy():
+def test_a_report_ends_no_run_for_energy() -> None:
     assert not contact_with(0.2, 2.0, answer="report").failed

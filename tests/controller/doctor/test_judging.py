@@ -1,5 +1,7 @@
 """What measurements mean: which schedule suits, which rate holds, what the machine grants."""
 
+from pathlib import Path
+
 import pytest
 
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
@@ -52,13 +54,13 @@ def by_name(findings):
     return {finding.name: finding for finding in findings}
 
 
-def test_percentiles_are_nearest_ranks():
+def test_percentiles_are_nearest_ranks() -> None:
     numbers = list(range(1, 101))
     assert [percentile(numbers, share) for share in (0.5, 0.99, 1.0)] == [50, 99, 100]
     assert percentile([7], 0.01) == 7
 
 
-def test_quick_replies_are_well_in_both_schedules():
+def test_quick_replies_are_well_in_both_schedules() -> None:
     found = judged(QUICK, wanted("immediate"))
     assert all(finding.ok and not finding.fix for finding in found.values())
     found = judged(QUICK, wanted("pipelined"))
@@ -70,7 +72,7 @@ SPOILED = [series("immediate", 0, 0, 1), series("pipelined", 0, 0, 0)]
 NONE = [series("immediate", 0.9, 1), series("pipelined", 0.9, 1)]
 
 
-def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named():
+def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named() -> None:
     found = judged(TIMER, wanted(), *SPOILED)
     assert {name for name, finding in found.items() if not finding.ok} == {
         "reply time",
@@ -87,7 +89,7 @@ def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named():
     assert "would not do here" in found["schedule immediate"].found
 
 
-def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate():
+def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate() -> None:
     # A run keeps its rate with such an adapter, with older samples: a lower one gains nothing.
     for schedule in ("immediate", "pipelined"):
         found = judged(FACTORY, wanted(schedule), *NONE)
@@ -99,20 +101,22 @@ def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate(
 
 
 @pytest.mark.parametrize("timer_ms", [1, 2, 4])
-def test_pipelined_is_not_said_to_sustain_more_than_one_reply_per_expiry_of_the_timer(timer_ms):
+def test_pipelined_is_not_said_to_sustain_more_than_one_reply_per_expiry_of_the_timer(
+    timer_ms,
+) -> None:
     # 1.8 periods for one reply are enough at 1.6 times the rate, but the next request waits for it.
     found = sustainable_hz(held(timer_ms * MS), "pipelined", 4_000_000)
     assert found == pytest.approx(1000 / timer_ms / 0.95)
 
 
-def test_the_wire_limits_the_rate_however_quick_the_replies():
+def test_the_wire_limits_the_rate_however_quick_the_replies() -> None:
     # 58 bytes of ten bits each at 57600 bit/s: 10.1 ms, which the configuration allows to be 0.8
     # of a period.
     assert sustainable_hz(QUICK, "pipelined", 57_600) == pytest.approx(79.45, abs=0.01)
     assert sustainable_hz(QUICK, "immediate", 4_000_000) == pytest.approx(0.8 / 0.145e-3)
 
 
-def test_lost_replies_are_wrong_however_quick_the_others_are():
+def test_lost_replies_are_wrong_however_quick_the_others_are() -> None:
     poor = replies([MS // 10] * 180, MS // 10, 15, 5)
     found = judged(poor, wanted(), *NONE)
     assert not found["reply time"].ok
@@ -123,7 +127,7 @@ def test_lost_replies_are_wrong_however_quick_the_others_are():
     assert "encoder at rest" not in none
 
 
-def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to_0():
+def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to_0() -> None:
     slow = replies([6 * MS // 10 + k * MS // 500 for k in range(200)], 6 * MS // 10)
     found = judged(slow, wanted(return_delay_ns=MS // 2))
     for name in ("reply time", "sustainable rate"):
@@ -133,7 +137,7 @@ def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to
 
 
 @pytest.mark.parametrize("stalls", [False, True], ids=["its own core is quiet", "it stalls"])
-def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(stalls):
+def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(stalls) -> None:
     # The emulated bus may be kept waiting where the loop is not.
     measured = [series("immediate", 0.06, 0), series("pipelined", 0.01, 0)]
     found = judged(STALLED, wanted(stalls=stalls), *measured)
@@ -146,38 +150,38 @@ def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(s
     assert fix.startswith("set servo.schedule=pipelined")
 
 
-def test_a_timer_is_blamed_before_a_return_delay():
+def test_a_timer_is_blamed_before_a_return_delay() -> None:
     found = judged(FACTORY, wanted(return_delay_ns=MS // 2), *NONE)
     assert "latency timer" in found["reply time"].fix
 
 
-def test_an_encoder_that_moves_is_told_and_is_not_wrong():
+def test_an_encoder_that_moves_is_told_and_is_not_wrong() -> None:
     found = judged(replies([MS // 10] * 9, MS // 10, counts=(5, 25)), wanted())
     assert found["encoder at rest"].ok
     assert "20 counts" in found["encoder at rest"].found
     assert found["encoder at rest"].fix
 
 
-def test_the_youngest_samples_that_come_at_every_phase_are_recommended():
+def test_the_youngest_samples_that_come_at_every_phase_are_recommended() -> None:
     both = [series("immediate", 0, 0, age_ns=MS // 5), series("pipelined", 0, 0)]
     assert suits(both) == "immediate"
     assert suits([series("immediate", 0, 1), series("pipelined", 0, 0.04)]) == "pipelined"
     assert suits([series("immediate", 0, 1), series("pipelined", 0, 0.06)]) is None
 
 
-def test_the_age_that_decides_is_not_that_of_a_few_samples_in_a_stall():
+def test_the_age_that_decides_is_not_that_of_a_few_samples_in_a_stall() -> None:
     stalled = Series("immediate", [Phase(0, 100, 3, [MS // 5] * 97 + [20 * MS] * 3)], [0], 0)
     assert suits([stalled, series("pipelined", 0)]) == "immediate"
 
 
-def test_where_no_schedule_holds_a_lower_rate_is_named():
+def test_where_no_schedule_holds_a_lower_rate_is_named() -> None:
     # The wire alone: at 1 Mbit/s a cycle takes 0.58 ms, so 2 kHz cannot be.
     slow = replies([7 * MS // 10] * 200, 7 * MS // 10)
     found = judged(slow, wanted("immediate", 2000.0, 1_000_000), *NONE)
     assert found["schedule"].fix == "set loop.rate_hz=1000"
 
 
-def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice():
+def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice() -> None:
     refused = [
         Setting(name, "wanted", "refused", False, f"remedy of {name}")
         for name in ("scheduler", "memory", "cpu latency")
@@ -190,7 +194,7 @@ def test_strict_insists_on_scheduler_and_memory_and_the_rest_is_advice():
     assert not off.applies
 
 
-def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on():
+def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on() -> None:
     assert judge_lateness([0] * 98 + [249_000] * 2, MS).ok
     assert not judge_lateness([0] * 98 + [250_000] * 2, MS).ok
 
@@ -199,8 +203,8 @@ def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on():
     ("realtime", "isolated", "governor", "hints"),
     [("1", "1-3,5", "performance", 0), ("0", "", "powersave", 3), (None, "2", None, 2)],
 )
-def test_kernel_and_core_are_advice(tmp_path, realtime, isolated, governor, hints):
-    def put(path, text):
+def test_kernel_and_core_are_advice(tmp_path: Path, realtime, isolated, governor, hints) -> None:
+    def put(path, text) -> None:
         if text is not None:
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).write_text(text)

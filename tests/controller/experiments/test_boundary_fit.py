@@ -1,5 +1,6 @@
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,14 +42,14 @@ def loop(coulomb=0.0, lag=0.001):
     return Loop(M, coulomb, T, 1, lag)
 
 
-def test_the_boundary_gives_back_damping_and_delay():
+def test_the_boundary_gives_back_damping_and_delay() -> None:
     fit = fit_boundary(points([0.0, 0.02, 0.05, 0.1, 0.2], [0.002, 0.005]), loop())
     assert fit.damping.value == pytest.approx(B, rel=1e-3)
     assert fit.delay.value == pytest.approx(0.001 + LATE, abs=1e-6)
     assert fit.used == 10
 
 
-def test_the_straight_part_alone_says_nearly_the_same():
+def test_the_straight_part_alone_says_nearly_the_same() -> None:
     fit = fit_boundary(points([0.0, 0.004, 0.008, 0.012, 0.1], [0.002]), loop())
     assert 3 <= fit.straight < 5
     # The line lies up to 2 % off where it counts as straight.
@@ -56,13 +57,13 @@ def test_the_straight_part_alone_says_nearly_the_same():
     assert fit.line_damping.value == pytest.approx(B, rel=0.03)
 
 
-def test_friction_counts_as_the_damping_that_it_is():
+def test_friction_counts_as_the_damping_that_it_is() -> None:
     measured = points([0.0, 0.02, 0.05, 0.1], [0.002, 0.004], coulomb=C)
     assert fit_boundary(measured, loop(C)).damping.value == pytest.approx(B, rel=1e-3)
     assert fit_boundary(measured, loop(0.0)).damping.value > 1.3 * B
 
 
-def test_the_standard_errors_are_those_of_the_noise(thorough):
+def test_the_standard_errors_are_those_of_the_noise(thorough: bool) -> None:
     off = []
     for seed in range(200 if thorough else 20):
         fit = fit_boundary(points([0.0, 0.02, 0.05, 0.1], [0.002], noise=0.01, seed=seed), loop())
@@ -77,7 +78,7 @@ def test_the_standard_errors_are_those_of_the_noise(thorough):
     assert np.all(inside >= 0.85), inside
 
 
-def test_unmeasured_points_are_left_out_and_too_few_are_told(tmp_path):
+def test_unmeasured_points_are_left_out_and_too_few_are_told(tmp_path: Path) -> None:
     path = tmp_path / "sweep.json"
     listed = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": k, "uncertainty": None}
@@ -93,7 +94,7 @@ def test_unmeasured_points_are_left_out_and_too_few_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"points": [{"measured": 1}]}', '{"points": 3}'])
-def test_a_file_that_is_no_sweep_is_told(tmp_path, text):
+def test_a_file_that_is_no_sweep_is_told(tmp_path: Path, text) -> None:
     path = tmp_path / "sweep.json"
     path.write_text(text)
     with pytest.raises(UserError, match="--from-sweep"):
@@ -112,7 +113,7 @@ def test_a_file_that_is_no_sweep_is_told(tmp_path, text):
         ("uncertainty", float("inf")),
     ],
 )
-def test_figures_that_no_servo_has_are_told(tmp_path, name, value):
+def test_figures_that_no_servo_has_are_told(tmp_path: Path, name, value) -> None:
     path = tmp_path / "sweep.json"
     listed = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": k, "uncertainty": None}

@@ -1,6 +1,8 @@
 """The search for one point, on simulated servos whose limits are known."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -31,7 +33,7 @@ def search(folder, damping, steps, *sets, preset="simulated", **options):
 @pytest.mark.parametrize(
     ("damping", "steps", "lag"), [(0.0, 0, 1.3e-3), (0.1, 2, 0.45e-3), (0.5, 3, 0.0)]
 )
-def test_a_linear_servo_has_the_exact_boundary(tmp_path, damping, steps, lag):
+def test_a_linear_servo_has_the_exact_boundary(tmp_path: Path, damping, steps, lag) -> None:
     found = search(tmp_path, damping, steps, *LINEAR, f"servo.delay={lag}")
     delay = lag + steps * 1e-3
     exact = float(critical_stiffness(0.011951, 0.011692, damping, 1e-3, delay))
@@ -42,7 +44,7 @@ def test_a_linear_servo_has_the_exact_boundary(tmp_path, damping, steps, lag):
     assert found.reason is None
 
 
-def test_it_measures_the_servo_and_not_the_belief(tmp_path):
+def test_it_measures_the_servo_and_not_the_belief(tmp_path: Path) -> None:
     believed = ("model.damping=0.03", "model.inertia=0.008", "model.delay=0")
     found = search(tmp_path, 0.02, 2, *LINEAR, "servo.delay=0.0005", *believed)
     true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2.5e-3))
@@ -52,7 +54,7 @@ def test_it_measures_the_servo_and_not_the_belief(tmp_path):
 
 
 @pytest.mark.parametrize("kick", [0.04, 0.1])
-def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path, kick):
+def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path: Path, kick) -> None:
     found = search(tmp_path, 0.02, 2, kick=kick)
     # The describing function is within a few per cent; 4096 counts add little at 26 counts.
     assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
@@ -71,7 +73,7 @@ def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path, kic
         (0.02, ("safety.max_speed=2",), ("safety.max_speed leaves room", "--kick")),
     ],
 )
-def test_a_point_out_of_reach_says_why(tmp_path, damping, sets, words):
+def test_a_point_out_of_reach_says_why(tmp_path: Path, damping, sets, words) -> None:
     found = search(tmp_path, damping, 2, *LINEAR, *sets, kick=0.1)
     assert found.measured is None
     assert found.uncertainty is None
@@ -79,7 +81,7 @@ def test_a_point_out_of_reach_says_why(tmp_path, damping, sets, words):
         assert word in found.reason
 
 
-def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path):
+def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path: Path) -> None:
     # Believed so heavy that far stiffer trials seem slow enough.
     heavy = ("model.inertia=0.1", "model.damping=0.06", "model.coulomb=0")
     found = search(tmp_path, 0.02, 2, "servo.coulomb=0", *heavy, "safety.max_speed=4", kick=0.1)
@@ -89,7 +91,9 @@ def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path):
     assert all((tmp_path / log).exists() for log in found.logs)
 
 
-def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(tmp_path, monkeypatch):
+def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run_and_lose(plan, tell):
         return replace(run(plan, tell), lacking=3, warnings=["it lacks 3 of 9 rows"])
 
@@ -99,7 +103,9 @@ def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(tmp_path, monkey
         search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
 
 
-def test_a_loss_of_readings_is_not_laid_to_a_stiffness(tmp_path, monkeypatch):
+def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     played = Testbed.play
     losses = iter([ExperimentTrippedError("trip:losses_in_row", "check cable")])
 
@@ -116,7 +122,7 @@ def test_a_loss_of_readings_is_not_laid_to_a_stiffness(tmp_path, monkeypatch):
     assert found.measured == pytest.approx(true, rel=0.005)
 
 
-def test_three_trips_give_a_point_up(tmp_path):
+def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
     heavy = ("model.inertia=1", "model.damping=0.3", "model.coulomb=0")
     found = search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
     assert len(found.trips) == 3
@@ -125,11 +131,11 @@ def test_three_trips_give_a_point_up(tmp_path):
 
 
 def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
-    tmp_path, monkeypatch
-):
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     played = Testbed.play
 
-    def play(bed, name, phases, steps):
+    def play(bed, name, phases, steps) -> NoReturn:
         played(bed, name, phases, steps)
         raise ExperimentTrippedError("trip:losses_in_row", "check cable")
 
@@ -139,7 +145,7 @@ def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_each_batch_leaves_the_shaft_where_it_took_it(tmp_path):
+def test_each_batch_leaves_the_shaft_where_it_took_it(tmp_path: Path) -> None:
     """On a servo that stays where it is left the next one begins there."""
     found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
     for log in found.logs:
@@ -147,7 +153,9 @@ def test_each_batch_leaves_the_shaft_where_it_took_it(tmp_path):
         assert rows["position"][-1] == pytest.approx(rows["position"][0], abs=0.02)
 
 
-def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(tmp_path, monkeypatch):
+def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     played = Testbed.play
     centres = []
 
@@ -162,7 +170,7 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("damping", [-0.005, 0.02, 3.0])
-def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping):
+def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping) -> None:
     device = Device.of(config())
     stiffness, amplitude, frequency = device.onsets(damping, 2e-3)
     some = slice(1, None, 60)
@@ -173,7 +181,7 @@ def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping):
     assert stiffness[-1] > 1000.0 * stiffness[0]
 
 
-def test_the_soft_spring_is_stable_in_the_worst_corner():
+def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     effective = config(
         "model.inertia={value: 0.012, low: 0.008, high: 0.018}",
         "model.damping={value: 0.01, low: 0.001, high: 0.02}",
@@ -187,7 +195,7 @@ def test_the_soft_spring_is_stable_in_the_worst_corner():
     assert 0.0 < hold.stiffness < 0.35 * float(limit)
 
 
-def test_the_shaft_stays_within_what_is_announced(tmp_path):
+def test_the_shaft_stays_within_what_is_announced(tmp_path: Path) -> None:
     setting, options = Setting(0.02, 1), Options(kick=0.05, repeats=1)
     effective = config(*LINEAR)
     point = PointSearch(Testbed(effective, tmp_path), setting, options).run()
@@ -198,7 +206,7 @@ def test_the_shaft_stays_within_what_is_announced(tmp_path):
     assert furthest < excursion(effective, (setting,), options) < 4.0 * furthest
 
 
-def test_real_time_is_estimated_from_what_will_be_played():
+def test_real_time_is_estimated_from_what_will_be_played() -> None:
     effective = config("loop.clock=monotonic")
     one = expected_s(effective, (Setting(0.02, 1),), Options())
     two = expected_s(effective, (Setting(0.02, 1), Setting(0.02, 2), Setting(9.0, 2)), Options())
@@ -206,7 +214,7 @@ def test_real_time_is_estimated_from_what_will_be_played():
     assert 1.5 * one < two < 3.0 * one  # nothing is tried over the ceiling
 
 
-def test_a_servo_without_a_known_torque_limit_is_refused():
+def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
     effective = config("servo.torque_limit=null", preset="emulated-xm430")
     with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
         Device.of(effective)

@@ -20,7 +20,7 @@ def grown(time, position, least):
 
 @pytest.mark.parametrize("rate", [-2.0, 0.0, 3.0])
 @pytest.mark.parametrize("hertz", [3.0, 11.0, 47.0, 160.0])
-def test_growth_of_a_damped_sinusoid(rate, hertz):
+def test_growth_of_a_damped_sinusoid(rate, hertz) -> None:
     turns, found = grown(*swing(rate, hertz), 1e-4)
     assert turns.half_period == pytest.approx(0.5 / hertz, rel=1e-3)
     assert np.mean(found.log_ratio) == pytest.approx(rate * 0.5 / hertz, abs=2e-4)
@@ -28,21 +28,21 @@ def test_growth_of_a_damped_sinusoid(rate, hertz):
         assert found.amplitude == pytest.approx(0.1, rel=1e-3)
 
 
-def test_what_the_oscillation_rides_on_does_not_count():
+def test_what_the_oscillation_rides_on_does_not_count() -> None:
     time, position = swing(-0.5, 8.0)
     position += 0.03 + 0.08 * np.exp(-time / 0.6)
     _, found = grown(time, position, 1e-3)
     assert np.mean(found.log_ratio) == pytest.approx(-0.5 / 16.0, abs=3e-3)
 
 
-def test_between_encoder_counts():
+def test_between_encoder_counts() -> None:
     # 30 counts, each turning point known to a small part of one: growth to a few thousandths.
     time, position = swing(0.4, 6.0, size=30 * COUNT)
     _, found = grown(time, np.round(position / COUNT) * COUNT, 2.5 * COUNT)
     assert np.mean(found.log_ratio) == pytest.approx(0.4 / 12.0, abs=4e-3)
 
 
-def test_samples_may_be_missing():
+def test_samples_may_be_missing() -> None:
     time, position = swing(1.0, 5.0)
     keep = np.random.default_rng(3).random(time.size) > 0.2
     keep[0] = True
@@ -50,7 +50,7 @@ def test_samples_may_be_missing():
     assert np.mean(found.log_ratio) == pytest.approx(0.1, abs=1e-3)
 
 
-def test_half_cycles_that_are_not_sound_are_left_out():
+def test_half_cycles_that_are_not_sound_are_left_out() -> None:
     turns = turning_points(*swing(1.0, 5.0), 1e-3)
     sound = np.ones(turns.time.size - 1, dtype=bool)
     sound[9] = False
@@ -60,7 +60,7 @@ def test_half_cycles_that_are_not_sound_are_left_out():
 
 
 @pytest.mark.parametrize("position", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
-def test_too_little_motion_gives_no_growth(position):
+def test_too_little_motion_gives_no_growth(position) -> None:
     position = np.array(position)
     turns = turning_points(1e-3 * np.arange(position.size), position, 1e-3)
     found = growth(turns, np.ones(max(turns.time.size - 1, 0), dtype=bool))

@@ -11,7 +11,7 @@ def program():
     return Program(motions(GUESS, BOUNDS, 0.3), BOUNDS.period, BOUNDS.torque)
 
 
-def test_a_shaft_that_is_taken_away_is_let_go_at_once():
+def test_a_shaft_that_is_taken_away_is_let_go_at_once() -> None:
     """A weight, a hand, a spring that is unstable: no motion goes on pulling."""
     playing = program()
     playing.torque(0.0, 0.0)
@@ -20,7 +20,7 @@ def test_a_shaft_that_is_taken_away_is_let_go_at_once():
     assert playing.done and torque == 0.0
 
 
-def test_a_shaft_that_was_thrown_beyond_the_reach_is_brought_home():
+def test_a_shaft_that_was_thrown_beyond_the_reach_is_brought_home() -> None:
     """Where the next, smaller motions begin."""
     playing = program()
     playing.torque(0.0, 0.0)

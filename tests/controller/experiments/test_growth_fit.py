@@ -28,7 +28,7 @@ def trials(rng, stiffnesses, **how):
 AROUND = (11.0, 11.6, 12.3, 12.9, 11.2, 12.6)
 
 
-def test_without_noise_it_is_exact():
+def test_without_noise_it_is_exact() -> None:
     found = balance(trials(np.random.default_rng(0), AROUND), KICK, 13.0)
     assert found.stiffness == pytest.approx(LIMIT, rel=1e-4)
     assert found.uncertainty < 1e-3 * LIMIT
@@ -37,7 +37,7 @@ def test_without_noise_it_is_exact():
 
 
 @pytest.mark.parametrize("start", [0.08, 0.098, 0.104, 0.13])
-def test_with_friction_it_is_that_of_the_amplitude_told(start):
+def test_with_friction_it_is_that_of_the_amplitude_told(start) -> None:
     rng, friction = np.random.default_rng(1), 0.005
     found = balance(trials(rng, AROUND, friction=friction, start=start), KICK, 11.5)
     there = (1.0 + friction / found.amplitude) / (1.0 + friction / KICK)
@@ -46,7 +46,7 @@ def test_with_friction_it_is_that_of_the_amplitude_told(start):
         assert found.amplitude == pytest.approx(KICK)
 
 
-def test_its_uncertainty_is_what_repeating_it_scatters():
+def test_its_uncertainty_is_what_repeating_it_scatters() -> None:
     errors, claimed = [], []
     for seed in range(60):
         found = balance(trials(np.random.default_rng(seed), AROUND, noise=3e-4), KICK, 12.0)
@@ -57,7 +57,7 @@ def test_its_uncertainty_is_what_repeating_it_scatters():
     assert np.mean(np.abs(errors) < 2.0 * np.array(claimed)) > 0.85
 
 
-def test_growth_that_falls_with_stiffness_tells_nothing():
+def test_growth_that_falls_with_stiffness_tells_nothing() -> None:
     rng = np.random.default_rng(2)
     falling = [
         Trial(LIMIT**2 / each.stiffness, each.growth, each.half_period, each.grew)

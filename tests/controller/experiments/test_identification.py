@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,20 +55,20 @@ def far_off(found, config):
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
 
 
-def only_thorough(thorough):
+def only_thorough(thorough) -> None:
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory):
+def usual(tmp_path_factory: pytest.TempPathFactory):
     """A servo, and what is found of it."""
     sets = ("servo.delay=0.0037", "servo.kick=0.0003", "wall.stiffness=3", "servo.hand=push")
     config = config_of(*sets)
     return config, identify(config, tmp_path_factory.mktemp("usual"))
 
 
-def test_a_servo_with_another_truth_than_believed_is_found(usual):
+def test_a_servo_with_another_truth_than_believed_is_found(usual) -> None:
     """Two seeds of scripts/study identify_check have the rest."""
     config, found = usual
     for name, true in zip(NAMES[:3], truth(config)[:3], strict=True):
@@ -83,7 +84,7 @@ def test_a_servo_with_another_truth_than_believed_is_found(usual):
     assert np.max(np.abs(position - position[0])) <= 0.6
 
 
-def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual):
+def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual) -> None:
     """The servo went on under torques that the log does not hold, or not at their time."""
     config, found = usual
     rows = found.played.rows
@@ -97,7 +98,7 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual):
 
 
 @pytest.mark.parametrize("play", [0.0005, 0.01])
-def test_play_is_seen_and_measured(tmp_path, play, thorough):
+def test_play_is_seen_and_measured(tmp_path: Path, play, thorough: bool) -> None:
     """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
     if play > 0.001:
         only_thorough(thorough)
@@ -109,14 +110,14 @@ def test_play_is_seen_and_measured(tmp_path, play, thorough):
     assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
 
 
-def test_without_viscous_friction_and_without_an_encoder(tmp_path):
+def test_without_viscous_friction_and_without_an_encoder(tmp_path: Path) -> None:
     config = config_of("servo.damping=0", "servo.counts_per_rev=0")
     found = identify(config, tmp_path)
     assert found.damping.value == pytest.approx(0.0, abs=0.05 * 0.0036617)
     assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.01)
 
 
-def test_a_measured_current_gives_the_gain(tmp_path):
+def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     sets = ("loop.clock=simulated", "servo.delay=0.001")
     config = load_config("emulated-xm430", sets).config
     found = identify(config, tmp_path)
@@ -128,23 +129,23 @@ def test_a_measured_current_gives_the_gain(tmp_path):
     assert found.delay.value == pytest.approx(0.001, abs=1e-4)
 
 
-def test_a_blocked_shaft_is_told_with_what_was_tried(tmp_path):
+def test_a_blocked_shaft_is_told_with_what_was_tried(tmp_path: Path) -> None:
     with pytest.raises(UnidentifiableError, match=r"does not move: pulses of .*, 0\.52 N·m"):
         identify(config_of("servo.coulomb=0.6"), tmp_path)
 
 
-def test_friction_that_leaves_no_torque_is_told(tmp_path):
+def test_friction_that_leaves_no_torque_is_told(tmp_path: Path) -> None:
     with pytest.raises(UnidentifiableError, match=r"friction takes 0\.3.* of the torque limit"):
         identify(config_of("servo.coulomb=0.35"), tmp_path)
 
 
-def test_a_trip_keeps_its_name(tmp_path):
+def test_a_trip_keeps_its_name(tmp_path: Path) -> None:
     with pytest.raises(ExperimentTrippedError) as error:
         identify(config_of("safety.max_speed=5", "model.inertia=0.2"), tmp_path)
     assert error.value.stop_reason == "trip:overspeed"
 
 
-def test_a_reversed_torque_is_told(tmp_path, monkeypatch):
+def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Reversed(Testbed):
         def play(self, name, phases, delay_steps=None):
             played = super().play(name, phases, delay_steps)
@@ -157,7 +158,9 @@ def test_a_reversed_torque_is_told(tmp_path, monkeypatch):
         identify(config_of(), tmp_path)
 
 
-def test_a_strong_spring_on_the_shaft_is_told(tmp_path, monkeypatch):
+def test_a_strong_spring_on_the_shaft_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def on_a_spring(state, parameters, torque, duration, pull=None, *, turns=None):
         assert pull is None
         return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
@@ -172,7 +175,7 @@ def test_a_strong_spring_on_the_shaft_is_told(tmp_path, monkeypatch):
         assert "spring" in " ".join(found.warnings)
 
 
-def test_what_else_pushes_both_ways_is_told(tmp_path):
+def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     """More than friction holds: the shaft would not have stayed where it was."""
     weight = Effects(gravity=0.1, hanging=math.pi / 2)
     with ordinary(weight), pytest.raises(UnidentifiableError, match="something else moves it"):
@@ -188,7 +191,9 @@ def test_what_else_pushes_both_ways_is_told(tmp_path):
     ],
     ids=["stick", "a period per turn", "an angle"],
 )
-def test_an_ordinary_servo_is_found_and_the_misfit_named(tmp_path, effects, said, thorough):
+def test_an_ordinary_servo_is_found_and_the_misfit_named(
+    tmp_path: Path, effects, said, thorough: bool
+) -> None:
     if effects.gravity == 0.0:
         only_thorough(thorough)
     config = config_of("servo.delay=0.002", "servo.kick=0.0005")
@@ -204,7 +209,9 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(tmp_path, effects, said
         assert width <= 3.0 * ideal * getattr(config.servo, name)
 
 
-def test_a_motion_that_is_not_explained_is_repeated(tmp_path, monkeypatch):
+def test_a_motion_that_is_not_explained_is_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As one that a hand has touched; the second one is what counts."""
     found = []
 
@@ -220,18 +227,18 @@ def test_a_motion_that_is_not_explained_is_repeated(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
-def test_a_reach_that_makes_no_sense_is_refused(reach):
+def test_a_reach_that_makes_no_sense_is_refused(reach) -> None:
     with pytest.raises(UserError, match="--reach"):
         bounds_of(config_of(), reach)
 
 
-def test_a_bus_without_a_torque_limit_is_refused():
+def test_a_bus_without_a_torque_limit_is_refused() -> None:
     config = load_config("emulated-xm430", ["servo.torque_limit=null"]).config
     with pytest.raises(UserError, match=r"servo\.torque_limit: found nothing"):
         bounds_of(config, 0.6)
 
 
-def test_the_configuration_holds_the_truth_and_little_else(usual, tmp_path):
+def test_the_configuration_holds_the_truth_and_little_else(usual, tmp_path: Path) -> None:
     config, found = usual
     path = tmp_path / "mine.yaml"
     path.write_text(identified_config(config, found, "simulated"))

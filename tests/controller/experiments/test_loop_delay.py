@@ -1,6 +1,7 @@
 """The measured delay is the servo's, its standard error honest, and what is inserted is found."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def shaken(config, folder, bursts=3, seed=0):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def found(tmp_path_factory: pytest.TempPathFactory):
     """A servo with a lag of a fraction of a period, the hand of its preset, 3 periods inserted."""
     config = config_of("servo.delay=0.00137", "delay.steps=3")
     told = []
@@ -48,7 +49,7 @@ def found(tmp_path_factory):
     return measure_delay(config, folder, [0], bursts=6, tell=told.append), told
 
 
-def test_the_delay_is_the_servos_lag_and_what_is_inserted(found):
+def test_the_delay_is_the_servos_lag_and_what_is_inserted(found) -> None:
     delay, _ = found
     assert delay.device.value == pytest.approx(0.00137, abs=3 * delay.device.stderr)
     assert delay.total.value == pytest.approx(0.00437, abs=3 * delay.total.stderr)
@@ -56,14 +57,14 @@ def test_the_delay_is_the_servos_lag_and_what_is_inserted(found):
     assert delay.device.stderr < delay.total.stderr
 
 
-def test_the_inserted_delay_is_recovered(found):
+def test_the_inserted_delay_is_recovered(found) -> None:
     reference, inserted = found[0].points
     assert reference.recovered is None
     recovered = inserted.recovered
     assert recovered.value == pytest.approx(0.003, abs=3 * recovered.stderr)
 
 
-def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found):
+def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found) -> None:
     report = delay_report(found[0], 1e-3, 0.0)
     assert report["value"] == found[0].total.value
     assert report["parts"]["inserted"] == pytest.approx(0.003)
@@ -71,7 +72,7 @@ def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found):
     assert [point["delay_steps"] for point in report["points"]] == [0, 3]
 
 
-def test_what_will_move_is_said_first_and_kept(found):
+def test_what_will_move_is_said_first_and_kept(found) -> None:
     delay, told = found
     assert "the shaft will swing over about 0.12 rad" in told[0]
     for point in delay.points:
@@ -80,7 +81,7 @@ def test_what_will_move_is_said_first_and_kept(found):
         assert point.shaken.played.log.exists()
 
 
-def test_without_friction_and_encoder_it_is_exact(tmp_path):
+def test_without_friction_and_encoder_it_is_exact(tmp_path: Path) -> None:
     config = config_of("servo.delay=0.00203", preset="paper-table2")
     fit = shaken(config, tmp_path, bursts=1).fit
     assert fit.lag == pytest.approx(0.00203, abs=1e-8)
@@ -89,7 +90,7 @@ def test_without_friction_and_encoder_it_is_exact(tmp_path):
 
 
 @pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
-def test_the_standard_error_is_honest(servo, tmp_path, thorough):
+def test_the_standard_error_is_honest(servo, tmp_path: Path, thorough: bool) -> None:
     if servo and not thorough:
         pytest.skip("seconds; --thorough runs it")
     count = 100 if thorough else 8
@@ -113,14 +114,14 @@ def test_the_standard_error_is_honest(servo, tmp_path, thorough):
     assert 0.2 < np.mean(np.square(off)) < 1.44 * (1.0 + spread)
 
 
-def test_play_shows_as_lost_motion(tmp_path):
+def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     config = config_of("servo.backlash=0.004", "servo.hand=none")
     lost, stderr = lost_motion(shaken(config, tmp_path, bursts=6).fit)
     assert lost == pytest.approx(0.004, abs=3 * stderr)
     assert stderr < 5e-4
 
 
-def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path):
+def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> None:
     """The driver means the stall ratio of the data sheet, 1.783 N·m/A; the servo has another."""
     config = config_of(
         "servo.torque_constant=1.5",
@@ -135,19 +136,19 @@ def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path):
     assert error < 0.02
 
 
-def test_a_servo_that_does_not_move_is_told(tmp_path):
+def test_a_servo_that_does_not_move_is_told(tmp_path: Path) -> None:
     config = config_of("servo.coulomb=3", "model.coulomb=0.09", "servo.hand=none")
     with pytest.raises(ExperimentFailedError, match="the servo does not move: 0 rad"):
         shaken(config, tmp_path)
 
 
-def test_too_little_torque_against_friction_is_the_users_error(tmp_path):
+def test_too_little_torque_against_friction_is_the_users_error(tmp_path: Path) -> None:
     config = config_of("model.coulomb=1.0")
     with pytest.raises(UserError, match=r"raise servo\.torque_limit, or narrow model\.coulomb"):
         measure_delay(config, tmp_path, [])
 
 
-def test_a_much_lighter_servo_leaves_the_reach_or_trips(tmp_path):
+def test_a_much_lighter_servo_leaves_the_reach_or_trips(tmp_path: Path) -> None:
     config = config_of("model.inertia=0.5", "servo.hand=none", "safety.max_speed=1000")
     with pytest.raises(ExperimentFailedError, match=r"left the ±.* lighter than model\.inertia"):
         shaken(config, tmp_path)
@@ -187,21 +188,25 @@ def two_masses(hertz, damping_ratio, load, encoder):
     ],
 )
 def test_a_flexible_transmission_tells_no_lag(
-    monkeypatch, tmp_path, hertz, damping_ratio, load, encoder
-):
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, hertz, damping_ratio, load, encoder
+) -> None:
     config = tried(monkeypatch, two_masses(hertz, damping_ratio, load, encoder))
     with pytest.raises(ExperimentFailedError, match="not that of a rigid servo and tells no lag"):
         shaken(config, tmp_path, bursts=2)
 
 
-def test_a_stiff_transmission_widens_the_error_and_says_so(monkeypatch, tmp_path):
+def test_a_stiff_transmission_widens_the_error_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     found = shaken(tried(monkeypatch, two_masses(100, 0.1, 0.3, "output")), tmp_path, bursts=2)
     assert found.fit.lag == pytest.approx(0.0007, abs=found.fit.stderr)
     assert found.fit.stderr > 5e-4
     assert "not quite that of a rigid servo" in found.note
 
 
-def test_the_same_servo_rigid_is_measured_as_well_as_ever(monkeypatch, tmp_path):
+def test_the_same_servo_rigid_is_measured_as_well_as_ever(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     found = shaken(tried(monkeypatch, RIGID), tmp_path, bursts=2)
     assert found.fit.lag == pytest.approx(0.0007, abs=3 * found.fit.stderr)
     assert found.fit.stderr < 1e-4

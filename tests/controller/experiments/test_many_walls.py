@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> 
     ],
     ids=["plain", "delay-difference", "fraction-limit", "friction", "counts", "all", "play"],
 )
-def test_each_wall_moves_as_if_alone_to_the_last_bit(given):
+def test_each_wall_moves_as_if_alone_to_the_last_bit(given) -> None:
     walls = make(7, **given)
     start = np.linspace(-0.02, 0.11, 7)
     velocity = np.where(walls.one_sided, 0.5, 0.0)
@@ -139,7 +140,7 @@ def test_each_wall_moves_as_if_alone_to_the_last_bit(given):
     ],
     ids=["linear", "all"],
 )
-def test_it_is_what_the_program_does(tmp_path, sets, given):
+def test_it_is_what_the_program_does(tmp_path: Path, sets, given) -> None:
     log = tmp_path / "run.hwlog"
     options = [part for each in ("guard.mode=off", *sets) for part in ("--set", each)]
     arguments = ["run", "paper-table2", "--duration", "0.5", "--log", str(log), "--json"]
@@ -155,7 +156,7 @@ def test_it_is_what_the_program_does(tmp_path, sets, given):
     assert np.ptp(rows["position"]) > 0.01
 
 
-def test_blocks_hold_every_wall_once_and_only_walls_that_are_alike():
+def test_blocks_hold_every_wall_once_and_only_walls_that_are_alike() -> None:
     walls = make(
         60,
         delay=1e-3 * (np.arange(60) % 5) + 0.3e-3 * (np.arange(60) % 2),
@@ -168,7 +169,7 @@ def test_blocks_hold_every_wall_once_and_only_walls_that_are_alike():
         assert len({(walls.lag[i] > 0, walls.coulomb[i] > 0) for i in index}) == 1
 
 
-def test_delays_near_whole_periods_are_whole():
+def test_delays_near_whole_periods_are_whole() -> None:
     delay = np.array([0.0, 0.003, 3 * 1e-3 * (1 - 1e-15), 0.0025])
     whole, lag, rest = split_delay(delay, np.full(4, 1e-3))
     assert whole.tolist() == [0, 3, 3, 2]

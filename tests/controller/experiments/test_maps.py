@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from typing import ClassVar
+from typing import ClassVar, NoReturn
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def found(setting):
     return critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.01)
 
 
-def test_the_result_does_not_depend_on_the_executor(setting, found):
+def test_the_result_does_not_depend_on_the_executor(setting, found) -> None:
     with ThreadPoolExecutor(3) as threads:
         other = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=threads, tolerance=0.01)
         assert threads.submit(int).result() == 0  # the caller's executor stays open
@@ -55,7 +55,7 @@ def test_the_result_does_not_depend_on_the_executor(setting, found):
     assert found.complete
 
 
-def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting, found):
+def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting, found) -> None:
     servo = setting.servo
     for i, steps in enumerate(STEPS):
         expected = simulated_critical_stiffness(
@@ -74,7 +74,7 @@ def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting
     assert found.delay.tolist() == [0.0, 0.002]
 
 
-def test_progress_goes_up_to_the_number_of_points(setting):
+def test_progress_goes_up_to_the_number_of_points(setting) -> None:
     seen = []
     critical_map(
         setting,
@@ -90,9 +90,9 @@ def test_progress_goes_up_to_the_number_of_points(setting):
     assert seen[-1] == (8, 8)
 
 
-def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting):
+def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting) -> None:
     class Interrupted(AtOnce):
-        def __init__(self):
+        def __init__(self) -> None:
             super().__init__(most=1)
             self.futures = []
 
@@ -100,7 +100,7 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting):
             self.futures.append(super().submit(fn, *args, **kwargs))
             return self.futures[-1]
 
-    def interrupt(*_):
+    def interrupt(*_) -> NoReturn:
         raise KeyboardInterrupt
 
     executor = Interrupted()
@@ -117,7 +117,7 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting):
     assert [future.cancelled() for future in executor.futures] == [False, True]
 
 
-def test_a_failing_task_is_not_hidden(setting):
+def test_a_failing_task_is_not_hidden(setting) -> None:
     class Broken(Executor):
         def submit(self, *_, **__):
             future: Future = Future()
@@ -128,7 +128,9 @@ def test_a_failing_task_is_not_hidden(setting):
         critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Broken())
 
 
-def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_cancelled(setting):
+def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_cancelled(
+    setting,
+) -> None:
     class Full(AtOnce):
         futures: ClassVar[list[Future]] = []
 
@@ -143,7 +145,7 @@ def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_ca
     assert Full.futures[0].cancelled()
 
 
-def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting):
+def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting) -> None:
     class Cancelling(Executor):
         def submit(self, *_, **__):
             future: Future = Future()
@@ -155,7 +157,7 @@ def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting):
         critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Cancelling())
 
 
-def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction():
+def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     sets = ("servo.delay=0.00125", "wall.velocity_samples=2")
     setting = Setting.of(load_config("paper-table2", sets).config)
     found = critical_map(setting, [0.1], [0, 1], [0.01], executor=AtOnce())
@@ -164,7 +166,7 @@ def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction():
     assert not setting.kick_matters
 
 
-def test_a_real_servo_has_no_known_truth():
+def test_a_real_servo_has_no_known_truth() -> None:
     with pytest.raises(UserError, match="wanted a simulated or an emulated one"):
         Setting.of(load_config("xm430-w350", ()).config)
 
@@ -178,6 +180,6 @@ def test_a_real_servo_has_no_known_truth():
         ([0.0], [0], [0.0], "kicks"),
     ],
 )
-def test_what_cannot_be_mapped_is_refused(setting, dampings, steps, kicks, name):
+def test_what_cannot_be_mapped_is_refused(setting, dampings, steps, kicks, name) -> None:
     with pytest.raises(ValueError, match=name):
         critical_map(setting, dampings, steps, kicks, executor=AtOnce())

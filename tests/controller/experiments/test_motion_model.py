@@ -45,7 +45,7 @@ def shown(motion, true, begin, end, speed):
 
 @pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0052])
 @pytest.mark.parametrize("coulomb", [0.0, 0.013])
-def test_it_moves_as_the_exact_plant_does(delay, coulomb):
+def test_it_moves_as_the_exact_plant_does(delay, coulomb) -> None:
     random = np.random.default_rng(3)
     true = TrueServo(0.0018, 0.0037, coulomb, counts_per_rev=0, delay=delay, torque_limit=1.0)
     torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
@@ -56,7 +56,7 @@ def test_it_moves_as_the_exact_plant_does(delay, coulomb):
         assert shown(motion, true, begin, end, speed) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_stuck_shaft_stays_and_breaks_away():
+def test_a_stuck_shaft_stays_and_breaks_away() -> None:
     true = TrueServo(0.0018, 0.0, 0.013, counts_per_rev=0, torque_limit=1.0)
     torques = np.concatenate([np.full(50, 0.012), np.full(50, -0.02), np.zeros(100)])
     motion, speed = moved(true, torques)
@@ -65,7 +65,7 @@ def test_a_stuck_shaft_stays_and_breaks_away():
     assert found == pytest.approx(motion.position, abs=1e-12)
 
 
-def test_torques_act_when_they_were_sent_and_lost_periods_are_longer_steps():
+def test_torques_act_when_they_were_sent_and_lost_periods_are_longer_steps() -> None:
     random = np.random.default_rng(4)
     true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.0013, torque_limit=1.0)
     jitter = random.integers(0, 900_000, 300)
@@ -75,7 +75,7 @@ def test_torques_act_when_they_were_sent_and_lost_periods_are_longer_steps():
     assert shown(motion, true, 40, 300, speed) == pytest.approx(expected, abs=1e-9)
 
 
-def test_play_lags_behind_at_each_turn():
+def test_play_lags_behind_at_each_turn() -> None:
     true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, backlash=0.01, torque_limit=1.0)
     torques = 0.06 * np.sin(math.tau * 3.0 * np.arange(1500) * 1e-3)
     motion, speed = moved(true, torques)
@@ -85,7 +85,7 @@ def test_play_lags_behind_at_each_turn():
     assert found - found[0] == pytest.approx(expected, abs=1e-9)
 
 
-def test_variants_and_pieces_stand_side_by_side():
+def test_variants_and_pieces_stand_side_by_side() -> None:
     true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.002, torque_limit=1.0)
     motion, speed = moved(true, 0.06 * np.sin(np.arange(800) * 0.02))
     pieces = pieces_of(motion, [(100, 400), (400, 500)])
@@ -98,7 +98,7 @@ def test_variants_and_pieces_stand_side_by_side():
     assert np.max(np.abs(found[1, 0] - found[0, 0])) > 1e-3
 
 
-def test_a_failed_reading_is_no_sample_but_its_torque_was_sent():
+def test_a_failed_reading_is_no_sample_but_its_torque_was_sent() -> None:
     rows = np.zeros(4, ROW)
     rows["sampled_ns"] = [10 * MS, 11 * MS, 11 * MS, 13 * MS]
     rows["age_ns"] = [MS // 2, MS // 2, 3 * MS // 2, MS // 2]

@@ -33,7 +33,7 @@ def random_loops(seed, n):
     return inertia, damping, virtual, period, delay, samples
 
 
-def test_every_cell_of_the_papers_table_within_a_thousandth(thorough):
+def test_every_cell_of_the_papers_table_within_a_thousandth(thorough: bool) -> None:
     if not thorough:
         pytest.skip("the paper's Table II says the same in its own tests; --thorough runs it")
     with (files("haptic_wall.controller.paper") / "table2.csv").open() as stream:
@@ -46,14 +46,14 @@ def test_every_cell_of_the_papers_table_within_a_thousandth(thorough):
     np.testing.assert_allclose(found, exact, rtol=1e-4)  # the tolerance that was asked for
 
 
-def test_random_two_sided_walls_are_on_the_exact_boundary(thorough):
+def test_random_two_sided_walls_are_on_the_exact_boundary(thorough: bool) -> None:
     *loop, samples = random_loops(3, 400 if thorough else 15)
     found = simulated_critical_stiffness(*loop, velocity_samples=samples)
     # Turning points are taken from the speeds at the samples, which is not exact under friction.
     np.testing.assert_allclose(found, critical_stiffness(*loop, samples), rtol=2e-4)
 
 
-def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough):
+def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough: bool) -> None:
     *loop, samples = random_loops(4, 200 if thorough else 30)
     found = simulated_critical_stiffness(
         *loop, velocity_samples=samples, one_sided=True, tolerance=1e-3
@@ -68,7 +68,7 @@ def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough):
 @pytest.mark.parametrize("stiffness", [6.0, 10.0, 20.0, 40.0])
 def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_describing_function_says(
     stiffness,
-):
+) -> None:
     onset = onset_amplitude(*SMALL, 0.09039, stiffness, 0.0, 1e-3, 2e-3)
     found = simulated_critical_stiffness(
         *SMALL, 0.0, 1e-3, 2e-3, coulomb=0.09039, kick=onset.amplitude, tolerance=1e-3
@@ -76,7 +76,7 @@ def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_describing_func
     assert found == pytest.approx(stiffness, rel=0.02)
 
 
-def test_a_torque_limit_alone_changes_nothing_whatever_the_kick():
+def test_a_torque_limit_alone_changes_nothing_whatever_the_kick() -> None:
     found = simulated_critical_stiffness(
         *SMALL, [0.0, 0.1], 1e-3, 2e-3, torque_limit=1.0, kick=[[0.005], [0.3], [3.0]]
     )
@@ -84,7 +84,7 @@ def test_a_torque_limit_alone_changes_nothing_whatever_the_kick():
     np.testing.assert_allclose(found, np.broadcast_to(exact, found.shape), rtol=1e-4)
 
 
-def test_an_encoder_hardly_changes_the_limit_of_motion_over_many_counts():
+def test_an_encoder_hardly_changes_the_limit_of_motion_over_many_counts() -> None:
     found = simulated_critical_stiffness(
         *SMALL, [0.0, 0.02], 1e-3, 2e-3, position_step=COUNT, kick=0.3, tolerance=1e-3
     )
@@ -93,7 +93,7 @@ def test_an_encoder_hardly_changes_the_limit_of_motion_over_many_counts():
     )
 
 
-def test_play_costs_stiffness_and_small_motion_most():
+def test_play_costs_stiffness_and_small_motion_most() -> None:
     """Play adds lag, the more the smaller the motion (its describing function)."""
     free = critical_stiffness(*SMALL, 0.05, 1e-3, 2e-3)
     found = simulated_critical_stiffness(
@@ -126,7 +126,7 @@ def after_long(loop, stiffness, kick, coulomb, play, turns=80):
     return found / kick
 
 
-def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth():
+def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth() -> None:
     """At 5.9 N·m/rad the motion goes from 0.02 to 0.0265 rad, and stays."""
     loop, play, kick = (0.001483, 0.002747, 0.0508, 1e-3, 6.2e-3), 0.004, np.array([0.01, 0.02])
     found = simulated_critical_stiffness(
@@ -148,7 +148,9 @@ def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth():
     assert late[2] == pytest.approx(0.0265, rel=0.02)
 
 
-def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(thorough):
+def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
+    thorough: bool,
+) -> None:
     rng = np.random.default_rng(11)
     n = 60 if thorough else 6
     m = 10 ** rng.uniform(-3, -1.7, n)
@@ -167,7 +169,7 @@ def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(th
         assert np.all(after_long(loop, 1.07 * found, kick, friction, play) > 0.98)
 
 
-def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero():
+def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero() -> None:
     ceiling = max_virtual_damping(*SMALL, 1e-3, 2e-3)
     assert simulated_critical_stiffness(*SMALL, 1.2 * ceiling, 1e-3, 2e-3) == 0.0
     assert simulated_critical_stiffness(*SMALL, -1.2 * SMALL[1], 1e-3, 2e-3) == 0.0
@@ -186,7 +188,7 @@ def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero
         ({"virtual_damping": float("nan")}, "virtual_damping"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(given, name):
+def test_what_cannot_be_is_refused_by_name(given, name) -> None:
     values = {
         "inertia": 0.01,
         "damping": 0.01,

@@ -13,13 +13,13 @@ from haptic_wall.controller.experiments.processes import processes
 _LONG = 600.0
 
 
-def test_they_compute():
+def test_they_compute() -> None:
     with processes(2) as pool:
         assert list(pool.map(abs, [-1, -2, -3])) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("reason", [KeyboardInterrupt, ValueError])
-def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(reason):
+def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(reason) -> None:
     begin = time.monotonic()
     with pytest.raises(reason), processes(1) as pool:
         assert pool.submit(abs, -1).result() == 1  # it is up
@@ -30,7 +30,7 @@ def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(reason)
     assert time.monotonic() - begin < _LONG / 2
 
 
-def test_one_that_dies_is_an_error_that_says_so():
+def test_one_that_dies_is_an_error_that_says_so() -> None:
     with (
         pytest.raises(PlatformError, match="was ended from outside, perhaps because memory"),
         processes(1) as pool,

@@ -1,5 +1,7 @@
 """The comparison says of a simulated servo what it is, within the standard errors it gives."""
 
+from pathlib import Path
+
 import pytest
 
 from haptic_wall.controller.experiments.rendered.contact_transient import plan_approach
@@ -18,17 +20,17 @@ def measured(folder, *sets):
     return found, {row.name: row for row in found.rows}
 
 
-def within(row, truth, times=3.0):
+def within(row, truth, times=3.0) -> None:
     assert row.rendered == pytest.approx(truth, abs=times * row.stderr)
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory):
+def usual(tmp_path_factory: pytest.TempPathFactory):
     return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
 
 
 @pytest.fixture(scope="module")
-def other(tmp_path_factory):
+def other(tmp_path_factory: pytest.TempPathFactory):
     """Believed a third heavier than it is; with play, a wall on the other side, delay inserted."""
     return measured(
         tmp_path_factory.mktemp("other"),
@@ -41,7 +43,7 @@ def other(tmp_path_factory):
     )
 
 
-def test_the_commanded_stiffness_is_rendered(usual):
+def test_the_commanded_stiffness_is_rendered(usual) -> None:
     _, rows = usual
     row = rows["static stiffness"]
     assert row.commanded == 8.0
@@ -51,7 +53,7 @@ def test_the_commanded_stiffness_is_rendered(usual):
     assert rows["static stiffness, true"].ratio == pytest.approx(1.0, abs=0.01)
 
 
-def test_friction_delay_and_gain_are_the_servos(usual):
+def test_friction_delay_and_gain_are_the_servos(usual) -> None:
     _, rows = usual
     within(rows["drag, Coulomb"], 0.09039)
     within(rows["drag, viscous"], 0.011692)
@@ -61,12 +63,12 @@ def test_friction_delay_and_gain_are_the_servos(usual):
     within(rows["lost motion"], 0.0)
 
 
-def test_the_ways_of_the_push_lie_apart_by_friction(usual):
+def test_the_ways_of_the_push_lie_apart_by_friction(usual) -> None:
     found, _ = usual
     assert found.static.friction == pytest.approx(0.09039, abs=3 * found.static.friction_stderr)
 
 
-def test_contacts_are_those_of_a_simulated_servo(usual):
+def test_contacts_are_those_of_a_simulated_servo(usual) -> None:
     found, rows = usual
     fast = [row for name, row in rows.items() if name.startswith("exit/entry") and row.rendered]
     assert fast
@@ -81,7 +83,7 @@ def test_contacts_are_those_of_a_simulated_servo(usual):
             assert row.ratio == pytest.approx(1.0, abs=0.05), name
 
 
-def test_a_wrong_belief_shows_in_true_units_only(other):
+def test_a_wrong_belief_shows_in_true_units_only(other) -> None:
     found, rows = other
     assert found.stiffness == 4.0
     within(rows["static stiffness"], 4.0)
@@ -90,21 +92,21 @@ def test_a_wrong_belief_shows_in_true_units_only(other):
     within(rows["static stiffness, true"], 4.0 * gain)
 
 
-def test_play_and_inserted_delay_show(other):
+def test_play_and_inserted_delay_show(other) -> None:
     _, rows = other
     within(rows["lost motion"], 0.004)
     assert rows["lost motion"].rendered > 0.003
     within(rows["delay"], 0.003)
 
 
-def test_contacts_happen_on_the_other_side_too(other):
+def test_contacts_happen_on_the_other_side_too(other) -> None:
     found, _ = other
     assert len(found.contacts) == 10
     assert all(contact.entry > 0.5 for contact in found.contacts)
     assert all(contact.penetration > 0.0 for contact in found.contacts)
 
 
-def test_a_spring_too_soft_for_friction_is_told(tmp_path):
+def test_a_spring_too_soft_for_friction_is_told(tmp_path: Path) -> None:
     found, rows = measured(tmp_path, "wall.stiffness=0.3", "wall.damping=0")
     row = rows["static stiffness"]
     assert row.rendered is None
@@ -113,7 +115,7 @@ def test_a_spring_too_soft_for_friction_is_told(tmp_path):
     assert rendering_report(found)["rows"][0]["ratio"] is None
 
 
-def test_plans_keep_within_travel_and_torque():
+def test_plans_keep_within_travel_and_torque() -> None:
     push = plan_push(200.0, 0.1, 0.09, 4.1, 0.00153)
     assert push.torque <= 0.5 * 4.1
     assert plan_push(0.0, 0.1, 0.09, 4.1, 0.00153) is None

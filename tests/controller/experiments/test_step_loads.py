@@ -1,5 +1,7 @@
 """A weight and cogging do not pass for delay: what they move is taken out of the torque steps."""
 
+from pathlib import Path
+
 import pytest
 
 from haptic_wall.controller.experiments.delay import measure_delay
@@ -11,7 +13,7 @@ BURSTS = 4
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.00137])
-def test_the_lag_of_an_ordinary_servo_is_found(tmp_path, thorough, lag):
+def test_the_lag_of_an_ordinary_servo_is_found(tmp_path: Path, thorough: bool, lag) -> None:
     if lag and not thorough:
         pytest.skip("seconds; --thorough runs it")
     belief = "model.delay={value: 0.001, low: 0.0, high: 0.002}"

@@ -2,6 +2,7 @@ import os
 import pickle
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def bed(folder, *sets):
     return Testbed(load_config("simulated", (*LINEAR, *sets)).config, folder)
 
 
-def test_a_released_shaft_swings_as_its_spring_says(tmp_path):
+def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     config = load_config("simulated", LINEAR).config
     stiffness = 2.0
     played = bed(tmp_path).play(
@@ -49,18 +50,20 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path):
     ("trip", "gone"),
     [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
 )
-def test_no_further_trial_follows_where_somebody_must_look_first(trip, gone):
+def test_no_further_trial_follows_where_somebody_must_look_first(trip, gone) -> None:
     assert ExperimentTrippedError(f"trip:{trip}", "").gone is gone
 
 
-def test_a_trip_ends_it_by_name(tmp_path):
+def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:
     with pytest.raises(ExperimentTrippedError) as error:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
     assert error.value.stop_reason == "trip:overspeed"
 
 
-def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(tmp_path, monkeypatch):
-    def interrupted(path, facts, *, sync):
+def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(path, facts, *, sync) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         append_end(path, facts, sync=sync)
 
@@ -70,7 +73,7 @@ def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(tmp_path, mo
     assert (tmp_path / "whole.hwlog").exists()
 
 
-def test_it_ends_with_its_last_phase(tmp_path):
+def test_it_ends_with_its_last_phase(tmp_path: Path) -> None:
     played = bed(tmp_path).play("short", [Phase(0.01), Phase(0.005)])
     assert 15 <= len(played.rows) <= 17
 
@@ -83,7 +86,7 @@ CUT_SHORT = [
 ]
 
 
-def cut_short(monkeypatch, lacking, warning):
+def cut_short(monkeypatch, lacking, warning) -> None:
     def run_and_lose(plan, tell):
         return replace(run(plan, tell), warnings=[warning], lacking=lacking)
 
@@ -91,7 +94,9 @@ def cut_short(monkeypatch, lacking, warning):
 
 
 @pytest.mark.parametrize(("lacking", "warning"), CUT_SHORT)
-def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch, lacking, warning):
+def test_a_log_that_was_cut_short_is_no_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacking, warning
+) -> None:
     cut_short(monkeypatch, lacking, warning)
     with pytest.raises(UserError, match="so nothing is measured from it") as error:
         bed(tmp_path).play("it", [Phase(0.05)])
@@ -100,17 +105,21 @@ def test_a_log_that_was_cut_short_is_no_measurement(tmp_path, monkeypatch, lacki
     assert (tmp_path / "it.hwlog").exists()
 
 
-def test_a_warning_that_costs_no_row_spoils_no_measurement(tmp_path, monkeypatch):
+def test_a_warning_that_costs_no_row_spoils_no_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one went on")
     assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
 
 
-def test_a_trip_comes_whole_out_of_another_process():
+def test_a_trip_comes_whole_out_of_another_process() -> None:
     error = pickle.loads(pickle.dumps(ExperimentTrippedError("trip:overspeed", "too fast", "gap")))
     assert (error.stop_reason, str(error), error.fault) == ("trip:overspeed", "too fast", "gap")
 
 
-def test_a_trip_says_whether_its_log_can_be_measured_from(tmp_path, monkeypatch):
+def test_a_trip_says_whether_its_log_can_be_measured_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(ExperimentTrippedError) as whole:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
     assert whole.value.fault == ""

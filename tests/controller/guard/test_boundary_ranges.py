@@ -18,18 +18,20 @@ LOOP = ("--rate=1000", "--delay=0.002", "--virtual-damping=0.005")
         ("--servo=MX-64", "--torque-gain=1e-9:1e9"),
     ],
 )
-def test_a_range_of_many_decades_is_refused(words, capsys):
+def test_a_range_of_many_decades_is_refused(words, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["boundary", *LOOP, *words]) == 2
     told = capsys.readouterr().err
     assert "1e-09:1e+09" in told and "wanted at most 10000 times" in told
 
 
-def test_a_damping_from_nothing_on_is_no_range_of_many_decades(capsys):
+def test_a_damping_from_nothing_on_is_no_range_of_many_decades(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["boundary", *LOOP, "--inertia=0.01", "--damping=0:0.01"]) == 0
     assert capsys.readouterr().err == ""
 
 
-def test_what_is_known_already_is_not_proved_again(monkeypatch):
+def test_what_is_known_already_is_not_proved_again(monkeypatch: pytest.MonkeyPatch) -> None:
     proofs = []
     prove = guaranteed.guaranteed_limit
     monkeypatch.setattr(

@@ -31,14 +31,14 @@ class Gains:
 class Ages:
     """A schedule that is shown ages, at one tick a period."""
 
-    def __init__(self, percentile=90.0):
+    def __init__(self, percentile=90.0) -> None:
         gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
         self.made = GainSchedule([gains], AGES, [PERIOD], percentile, WINDOW)
 
     def observe(self, age, may_raise):
         return self.made.observe(age, PERIOD, may_raise)
 
-    def settle(self):
+    def settle(self) -> None:
         self.made.settle()
 
     @property
@@ -46,7 +46,7 @@ class Ages:
         return self.made.age_ns
 
 
-def test_the_bin_covers_the_age():
+def test_the_bin_covers_the_age() -> None:
     subject = Ages()
     for age in (150_000,) * 50:
         subject.observe(age, may_raise=False)
@@ -54,7 +54,7 @@ def test_the_bin_covers_the_age():
     assert subject.age_ns == 200_000
 
 
-def test_warm_up_may_settle_on_any_bin():
+def test_warm_up_may_settle_on_any_bin() -> None:
     subject = Ages()
     for age in (700_000,) * 50:
         subject.observe(age, may_raise=False)
@@ -62,7 +62,7 @@ def test_warm_up_may_settle_on_any_bin():
     assert subject.age_ns == 800_000
 
 
-def test_the_percentile_is_covered_and_not_the_worst():
+def test_the_percentile_is_covered_and_not_the_worst() -> None:
     subject = Ages(percentile=90.0)
     for k in range(WINDOW):
         subject.observe(700_000 if k % 20 == 0 else 50_000, may_raise=True)
@@ -73,20 +73,20 @@ def test_the_percentile_is_covered_and_not_the_worst():
     assert subject.age_ns == 800_000
 
 
-def test_a_run_of_high_ages_lowers_at_once():
+def test_a_run_of_high_ages_lowers_at_once() -> None:
     subject = Ages()
     changed = [subject.observe(350_000, may_raise=False) for _ in range(RUN)]
     assert changed == [False] * (RUN - 1) + [True]
     assert subject.age_ns == 400_000
 
 
-def test_a_hiccup_does_not_lower():
+def test_a_hiccup_does_not_lower() -> None:
     subject = Ages()
     for k in range(WINDOW * 3):
         assert not subject.observe(800_000 if k % 60 == 0 else 0, may_raise=True)
 
 
-def test_raised_only_after_whole_windows_and_out_of_contact():
+def test_raised_only_after_whole_windows_and_out_of_contact() -> None:
     subject = Ages()
     for _ in range(RUN):
         subject.observe(800_000, may_raise=True)
@@ -102,7 +102,7 @@ def test_raised_only_after_whole_windows_and_out_of_contact():
     assert early.index(True) >= (RAISE_WINDOWS - 1) * WINDOW
 
 
-def test_a_pending_raise_does_not_survive_a_run_that_lowers():
+def test_a_pending_raise_does_not_survive_a_run_that_lowers() -> None:
     subject = Ages()
     for _ in range(RUN):
         subject.observe(350_000, may_raise=False)
@@ -115,7 +115,7 @@ def test_a_pending_raise_does_not_survive_a_run_that_lowers():
     assert not any(quick), "five whole windows after the lowering, untouched or not"
 
 
-def test_a_run_never_takes_a_stiffer_bin_than_a_window_has_just_asked_for():
+def test_a_run_never_takes_a_stiffer_bin_than_a_window_has_just_asked_for() -> None:
     subject = Ages()
     for k in range(WINDOW - RUN + 1):
         subject.observe(350_000 if k % 5 == 1 else 0, may_raise=False)
@@ -126,7 +126,7 @@ def test_a_run_never_takes_a_stiffer_bin_than_a_window_has_just_asked_for():
     assert subject.age_ns == 400_000
 
 
-def test_a_window_that_asks_for_the_bin_there_is_does_not_interrupt_a_run():
+def test_a_window_that_asks_for_the_bin_there_is_does_not_interrupt_a_run() -> None:
     subject = Ages()
     for k in range(WINDOW):
         subject.observe(350_000 if k >= WINDOW - RUN // 2 else 0, may_raise=False)
@@ -135,14 +135,14 @@ def test_a_window_that_asks_for_the_bin_there_is_does_not_interrupt_a_run():
     assert subject.observe(350_000, may_raise=False), "as many in a row as a run takes"
 
 
-def test_ages_beyond_the_schedule_take_its_last_bin():
+def test_ages_beyond_the_schedule_take_its_last_bin() -> None:
     subject = Ages()
     for _ in range(RUN):
         subject.observe(10**9, may_raise=False)
     assert subject.age_ns == AGES[-1]
 
 
-def test_the_real_bins_rise_and_are_fine_where_buses_are_quick():
+def test_the_real_bins_rise_and_are_fine_where_buses_are_quick() -> None:
     ages = age_bins_ns(1_000_000)
     assert ages == sorted(set(ages))
     assert ages[0] == 0
@@ -152,14 +152,14 @@ def test_the_real_bins_rise_and_are_fine_where_buses_are_quick():
 
 
 @pytest.mark.parametrize("period_ns", [500_000, 1_000_000, 10_000_000, 20_000_000])
-def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns):
+def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns) -> None:
     ages = age_bins_ns(period_ns)
     assert ages == sorted(set(ages))
     assert ages[-1] >= 3 * period_ns
     assert len(ages) < 130, "each costs the start some milliseconds"
 
 
-def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin():
+def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin() -> None:
     subject = Ages()
     for _ in range(RUN):
         subject.observe(350_000, may_raise=False)
@@ -170,7 +170,7 @@ def test_a_handful_of_ages_is_no_reason_for_a_stiffer_bin():
     assert subject.age_ns == 400_000
 
 
-def test_where_replies_take_several_periods_the_bins_reach_three_of_them():
+def test_where_replies_take_several_periods_the_bins_reach_three_of_them() -> None:
     ages = age_bins_ns(1_000_000, 16_000_000)
     assert ages[: len(age_bins_ns(1_000_000))] == age_bins_ns(1_000_000)
     assert ages == sorted(set(ages))
@@ -213,20 +213,20 @@ def shown(subject, pattern, periods, may_raise=True):
         ([1000.0], 60.0),
     ],
 )
-def test_the_interval_that_counts_is_weighted_by_its_time(pattern, counted):
+def test_the_interval_that_counts_is_weighted_by_its_time(pattern, counted) -> None:
     subject = intervals()
     shown(subject, pattern, 3000)
     assert subject.interval_ns == counted * PERIOD
 
 
-def test_a_longer_interval_lowers_within_two_blocks():
+def test_a_longer_interval_lowers_within_two_blocks() -> None:
     subject = intervals()
     assert shown(subject, [1.0], 2000) == []
     (changed,) = shown(subject, [1.5], 2000)
     assert changed <= 2 * 50 + 2 * 1.5
 
 
-def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest():
+def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest() -> None:
     subject = intervals()
     shown(subject, [2.0], 500)
     assert shown(subject, [1.0], 9000, may_raise=False) == []
@@ -236,13 +236,13 @@ def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest():
 
 
 @pytest.mark.parametrize("stall", [2.0, 8.0, 40.0, 400.0])
-def test_one_stall_a_second_changes_nothing(stall):
+def test_one_stall_a_second_changes_nothing(stall) -> None:
     subject = intervals()
     assert shown(subject, [1.0] * 1000 + [stall], 20_000) == []
 
 
 @pytest.mark.parametrize("before", [0, 45, 345])
-def test_one_stall_in_the_warm_up_changes_nothing(before):
+def test_one_stall_in_the_warm_up_changes_nothing(before) -> None:
     """It makes its block longer, so that the half second holds fewer than ten of them."""
     subject = intervals()
     shown(subject, [1.0] * before + [30.0] + [1.0] * (470 - before), 500)
@@ -250,13 +250,13 @@ def test_one_stall_in_the_warm_up_changes_nothing(before):
     assert subject.interval_ns == PERIOD
 
 
-def test_stalls_that_come_again_and_again_do():
+def test_stalls_that_come_again_and_again_do() -> None:
     subject = intervals()
     shown(subject, [1.0] * 100 + [8.0], 5000)
     assert subject.interval_ns >= 1.5 * PERIOD
 
 
-def test_both_bins_count_at_once():
+def test_both_bins_count_at_once() -> None:
     rows = [[Gains(10.0 * a / k, a) for a in (2, 1)] for k in (1, 2)]
     subject = GainSchedule(rows, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
     for _ in range(200):
@@ -267,7 +267,7 @@ def test_both_bins_count_at_once():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed):
+def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed) -> None:
     """Whatever mixture of intervals is served, as long as it is the same in each block."""
     random = np.random.default_rng(seed)
     kinds = random.choice([1.0, 1.2, 1.5, 2.0, 3.0, 5.0], 3, replace=False)
@@ -281,7 +281,7 @@ def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed):
     assert counted <= above[0], "and no further than the next bin"
 
 
-def test_a_high_percentile_covers_blocks_and_not_all_of_them():
+def test_a_high_percentile_covers_blocks_and_not_all_of_them() -> None:
     chosen = BinFilter(3, 90.0, 20, 2, 1)
     for k in range(20):
         chosen.observe(2 if k in (3, 9) else 0)
@@ -295,5 +295,7 @@ def test_a_high_percentile_covers_blocks_and_not_all_of_them():
     ("steps", "interval", "periods"),
     [(0, 3.0, 0.0), (1, 1.0, 1.0), (1, 1.5, 1.5), (2, 1.5, 3.0), (2, 2.0, 2.0), (3, 2.0, 4.0)],
 )
-def test_the_ring_gives_a_torque_out_in_the_first_tick_after_its_delay(steps, interval, periods):
+def test_the_ring_gives_a_torque_out_in_the_first_tick_after_its_delay(
+    steps, interval, periods
+) -> None:
     assert inserted_delay(steps, 1.0, interval) == pytest.approx(periods)

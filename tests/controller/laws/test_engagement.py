@@ -30,21 +30,21 @@ def ready_after(gate, stiffness, penetrations):
     ("penetration", "tick"),
     [(0.0, 50), (0.0099, 50), (-0.0099, 50), (0.0101, None), (-0.0101, None), (18.8, None)],
 )
-def test_the_wall_comes_on_after_fifty_unloaded_ticks(penetration, tick):
+def test_the_wall_comes_on_after_fifty_unloaded_ticks(penetration, tick) -> None:
     assert ready_after(Engagement(LIMITS), 10.0, [penetration] * 1000) == tick
 
 
-def test_one_loaded_tick_begins_the_rest_anew():
+def test_one_loaded_tick_begins_the_rest_anew() -> None:
     assert ready_after(Engagement(LIMITS), 10.0, [*[0.0] * 49, 0.02, *[0.0] * 60]) == 100
 
 
-def test_a_shaft_that_passes_quickly_is_not_at_rest():
+def test_a_shaft_that_passes_quickly_is_not_at_rest() -> None:
     """Through 20 mrad at 1 rad/s: unloaded for 20 ms."""
     passing = [-0.5 + 1e-3 * k for k in range(1000)]
     assert ready_after(Engagement(LIMITS), 10.0, passing) is None
 
 
-def test_two_counts_of_any_stiffness_are_no_load():
+def test_two_counts_of_any_stiffness_are_no_load() -> None:
     """Else a stiff wall could not come on at all: a reading may be a count off."""
     assert ready_after(Engagement(LIMITS), 1e6, [2.0 * COUNT] * 50) == 50
     assert ready_after(Engagement(LIMITS), 1e6, [2.01 * COUNT] * 50) is None
@@ -54,11 +54,11 @@ def test_two_counts_of_any_stiffness_are_no_load():
 
 
 @pytest.mark.parametrize("start_room", [0.0, 0.5])
-def test_an_unknown_position_is_no_rest(start_room):
+def test_an_unknown_position_is_no_rest(start_room) -> None:
     assert ready_after(Engagement(LIMITS, start_room=start_room), 10.0, [math.nan] * 100) is None
 
 
-def test_at_once_is_once():
+def test_at_once_is_once() -> None:
     gate = Engagement(LIMITS, start_room=math.inf)
     assert gate.ready
     gate.restart()
@@ -66,7 +66,7 @@ def test_at_once_is_once():
     assert ready_after(gate, 10.0, [0.0] * 100) == 50
 
 
-def test_a_kick_is_allowed_at_the_start_and_within_its_room_only():
+def test_a_kick_is_allowed_at_the_start_and_within_its_room_only() -> None:
     assert ready_after(Engagement(LIMITS, start_room=0.5), 10.0, [0.6] * 100) is None
     gate = Engagement(LIMITS, start_room=0.5)
     assert ready_after(gate, 10.0, [0.4] * 100) == 50
@@ -74,7 +74,7 @@ def test_a_kick_is_allowed_at_the_start_and_within_its_room_only():
     assert ready_after(gate, 10.0, [0.4] * 100) is None
 
 
-def test_only_the_rise_of_the_stiffness_counts():
+def test_only_the_rise_of_the_stiffness_counts() -> None:
     gate = Engagement(LIMITS)
     assert gate.may_rise(1.0, 0.1)
     assert not gate.may_rise(1.1, 0.1)
@@ -85,12 +85,12 @@ def test_only_the_rise_of_the_stiffness_counts():
 @pytest.mark.parametrize(
     ("stall", "torque"), [(4.1, 0.1), (0.52, 0.026), (math.inf, 0.1), (2.0, 0.1), (1.9, 0.095)]
 )
-def test_the_torque_is_small_beside_the_servos(stall, torque):
+def test_the_torque_is_small_beside_the_servos(stall, torque) -> None:
     assert engage_torque(None, stall) == pytest.approx(torque)
     assert engage_torque(0.3, stall) == 0.3
 
 
-def test_the_text_says_where_the_shaft_is_and_where_it_must_go():
+def test_the_text_says_where_the_shaft_is_and_where_it_must_go() -> None:
     two_sided = waiting_text(Wall(8.0, 0.0, 0.0, "both"), "both", 18.8, 8.0, 0.0125, 4.1)
     assert "would push it with 4.1 N·m" in two_sided
     assert "it is at 1077.2° (2.99 turns)" in two_sided
@@ -100,6 +100,6 @@ def test_the_text_says_where_the_shaft_is_and_where_it_must_go():
     assert "turned above -361.0° (-1.00 turns)" in below
 
 
-def test_turns_are_shown_and_a_zero_has_no_sign():
+def test_turns_are_shown_and_a_zero_has_no_sign() -> None:
     assert place_text(-6.0 * math.pi) == "-1080.0° (-3.00 turns)"
     assert place_text(-1e-9) == "0.0° (0.00 turns)"

@@ -11,25 +11,25 @@ from haptic_wall.controller.laws.velocity import (
 T = 0.001
 
 
-def test_the_first_value_is_zero_whatever_the_position():
+def test_the_first_value_is_zero_whatever_the_position() -> None:
     assert BackwardDifference(T).update(123.0, 1) == 0.0
     assert SampleDifference(T, 4).update(123.0, 1) == 0.0
 
 
-def test_backward_difference():
+def test_backward_difference() -> None:
     estimator = BackwardDifference(T)
     estimator.update(1.0, 1)
     assert estimator.update(1.002, 1) == pytest.approx(2.0)
 
 
-def test_after_losses_the_difference_is_divided_by_the_periods_that_passed():
+def test_after_losses_the_difference_is_divided_by_the_periods_that_passed() -> None:
     estimator = BackwardDifference(T)
     estimator.update(1.0, 1)
     assert estimator.update(1.006, 3) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("samples", [2, 3, 8])
-def test_sample_difference_spans_n_periods(samples):
+def test_sample_difference_spans_n_periods(samples) -> None:
     estimator = SampleDifference(T, samples)
     positions = [0.5 * (k * T) ** 2 * 100 for k in range(30)]
     for k, position in enumerate(positions):
@@ -39,7 +39,7 @@ def test_sample_difference_spans_n_periods(samples):
             assert velocity == pytest.approx(expected)
 
 
-def test_sample_difference_counts_lost_periods():
+def test_sample_difference_counts_lost_periods() -> None:
     estimator = SampleDifference(T, 3)
     x = 0.0
     for periods in (1, 1, 1, 2, 1, 4, 1, 1, 1):
@@ -48,7 +48,7 @@ def test_sample_difference_counts_lost_periods():
     assert velocity == pytest.approx(5.0)
 
 
-def test_one_sample_is_the_backward_difference():
+def test_one_sample_is_the_backward_difference() -> None:
     assert isinstance(velocity_estimator(T, 1), BackwardDifference)
     one, many = velocity_estimator(T, 1), SampleDifference(T, 1)
     for position in (0.1, 0.4, 0.3, 0.9):

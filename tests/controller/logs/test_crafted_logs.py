@@ -47,7 +47,7 @@ def log_of(path, *contents, metadata=METADATA):
 
 
 @pytest.fixture
-def log(tmp_path):
+def log(tmp_path: Path):
     return tmp_path / "a.hwlog"
 
 
@@ -83,7 +83,9 @@ def orders(*blocks):
         ((0, 3, 1), (0, 3), 50, 0, 50),
     ],
 )
-def test_blocks_out_of_order_or_twice_are_told(log, capsys, blocks, read, late, twice, missing):
+def test_blocks_out_of_order_or_twice_are_told(
+    log, capsys: pytest.CaptureFixture[str], blocks, read, late, twice, missing
+) -> None:
     """A summary counted -1687 s, and detect ended with a traceback."""
     log_of(log, *orders(*blocks))
     found = summary(capsys, log)
@@ -104,7 +106,7 @@ def test_blocks_out_of_order_or_twice_are_told(log, capsys, blocks, read, late, 
     )
 
 
-def test_a_block_that_is_new_in_part_gives_that_part(log):
+def test_a_block_that_is_new_in_part_gives_that_part(log) -> None:
     log_of(log, rows(0, 50), rows(30, 80))
     first, old, new = LogReader(log).pieces()
     assert (len(first), old, new["seq"].tolist()) == (50, Misplaced(20, 20), list(range(50, 80)))
@@ -125,7 +127,7 @@ def joined(log):
     return log
 
 
-def test_two_logs_in_one_file_are_two_parts(joined, capsys):
+def test_two_logs_in_one_file_are_two_parts(joined, capsys: pytest.CaptureFixture[str]) -> None:
     found = summary(capsys, joined)
     assert (found["rows"], found["unrecorded_rows"]) == (500, 1)
     assert found["duration_s"] == pytest.approx(0.199 + 0.299)
@@ -145,7 +147,9 @@ def test_two_logs_in_one_file_are_two_parts(joined, capsys):
         read_log(joined)
 
 
-def test_of_joined_logs_each_is_cut_and_drawn_by_itself(joined, tmp_path, capsys):
+def test_of_joined_logs_each_is_cut_and_drawn_by_itself(
+    joined, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     cut, csv = tmp_path / "cut.hwlog", tmp_path / "a.csv"
     for option in ("--cut", "--plot", "--mcap"):
         status, text = told(capsys, "log", joined, "--from", 0.1, option, cut.with_suffix(".png"))
@@ -160,7 +164,9 @@ def test_of_joined_logs_each_is_cut_and_drawn_by_itself(joined, tmp_path, capsys
     assert json.loads(told(capsys, "detect", csv, "--json")[1])["parts"] == 2
 
 
-def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(log, capsys):
+def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(
+    log, capsys: pytest.CaptureFixture[str]
+) -> None:
     log_of(log, rows(0, 100))
     today = log.read_bytes()
     old = {name: value for name, value in METADATA.items() if name != "checksum"}
@@ -171,7 +177,7 @@ def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(log, capsys):
         assert [part["rows"] for part in summary(capsys, log)["parts"]] == [100, 100]
 
 
-def test_a_hundred_logs_in_one_file_are_enough(log, capsys):
+def test_a_hundred_logs_in_one_file_are_enough(log, capsys: pytest.CaptureFixture[str]) -> None:
     log_of(log, rows(0, 10))
     log.write_bytes(log.read_bytes() * 101)
     assert "more than 100 logs joined in one file" in told(capsys, "log", log)[1]
@@ -183,7 +189,9 @@ def test_a_hundred_logs_in_one_file_are_enough(log, capsys):
 @pytest.mark.parametrize(
     "config", [None, [], "text", 5, {}, {"wall": None}, {"servo": [1], "wall": "x", "loop": 3}]
 )
-def test_whatever_stands_for_the_configuration_a_log_is_summarised(log, capsys, tmp_path, config):
+def test_whatever_stands_for_the_configuration_a_log_is_summarised(
+    log, capsys: pytest.CaptureFixture[str], tmp_path: Path, config
+) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "config": config})
     assert summary(capsys, log)["rows"] == 50
     status, text = told(capsys, "log", log)
@@ -205,7 +213,9 @@ def test_whatever_stands_for_the_configuration_a_log_is_summarised(log, capsys, 
         ({"message": {}}, "message is no text in it"),
     ],
 )
-def test_an_end_that_no_run_writes_is_told_as_damage(log, capsys, ended, why):
+def test_an_end_that_no_run_writes_is_told_as_damage(
+    log, capsys: pytest.CaptureFixture[str], ended, why
+) -> None:
     log_of(log, rows(0, 50), ended)
     found = summary(capsys, log)
     assert found["rows"] == 50
@@ -216,7 +226,7 @@ def test_an_end_that_no_run_writes_is_told_as_damage(log, capsys, ended, why):
 @pytest.mark.parametrize(
     "text", [b'{"rows": 1e400}', b'{"rows": NaN}', b"[" * 9000, b'{"a": ' * 99]
 )
-def test_what_is_no_json_is_damage(log, capsys, text):
+def test_what_is_no_json_is_damage(log, capsys: pytest.CaptureFixture[str], text) -> None:
     log_of(log, rows(0, 50), np.frombuffer(text, np.uint8))
     assert summary(capsys, log)["damaged"]["places"] == 1
 
@@ -236,7 +246,9 @@ def test_what_is_no_json_is_damage(log, capsys, text):
         ("torque", 1e300, "torque is 1e+300 in it, which is too large"),
     ],
 )
-def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(log, capsys, column, value, why):
+def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(
+    log, capsys: pytest.CaptureFixture[str], column, value, why
+) -> None:
     log_of(log, rows(0, 50), rows(50, 100, **{column: value}), rows(100, 150))
     found = summary(capsys, log)
     assert (found["rows"], found["damaged"]["rows"]) == (100, 50)
@@ -248,7 +260,9 @@ def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(log, capsys, colu
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_numbers_of_a_loop_that_went_wrong_are_read(log, capsys, value):
+def test_numbers_of_a_loop_that_went_wrong_are_read(
+    log, capsys: pytest.CaptureFixture[str], value
+) -> None:
     log_of(log, rows(0, 50), rows(50, 100, position=value, torque=value, velocity=value))
     found = summary(capsys, log)
     assert (found["rows"], found["damaged"]["places"]) == (100, 0)
@@ -273,7 +287,9 @@ OTHER = np.dtype([*((name, ROW[name]) for name in ROW.names), ("\x1b[31m", "<f8"
     ],
 )
 @pytest.mark.parametrize("size", [0, 20])
-def test_rows_of_other_columns_are_refused_in_a_sentence(log, capsys, dtype, said, size):
+def test_rows_of_other_columns_are_refused_in_a_sentence(
+    log, capsys: pytest.CaptureFixture[str], dtype, said, size
+) -> None:
     made = np.zeros(size, dtype)
     if dtype["seq"].kind == "i":
         made["seq"] = np.arange(size)
@@ -289,7 +305,9 @@ def test_rows_of_other_columns_are_refused_in_a_sentence(log, capsys, dtype, sai
 @pytest.mark.parametrize(
     "value", ["\x1b]0;x\x07\x9b31m\n\u202e\ud800", None, [], {"log": 5}, 10**400, {"from_s": "x"}]
 )
-def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(log, capsys, field, value):
+def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(
+    log, capsys: pytest.CaptureFixture[str], field, value
+) -> None:
     metadata = {**METADATA, field: value}
     log_of(log, rows(0, 50), {"stop_reason": "trip:\x1b[2J", "message": "\x07"}, metadata=metadata)
     for command in (["log", log], ["log", log, "--json"], ["detect", log]):
@@ -297,7 +315,9 @@ def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(log, capsys, field, 
         assert status == (2 if field == "version" else 0), text
 
 
-def test_what_was_cut_out_keeps_whatever_the_metadata_hold(log, tmp_path, capsys):
+def test_what_was_cut_out_keeps_whatever_the_metadata_hold(
+    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name in ("\ud800", r"$\frac{$", "\x00"):
         log_of(log, rows(0, 50), metadata={**METADATA, "name": name})
         paths = {option: tmp_path / f"a.{option}" for option in ("cut", "mcap")}
@@ -306,7 +326,7 @@ def test_what_was_cut_out_keeps_whatever_the_metadata_hold(log, tmp_path, capsys
         assert LogReader(paths["cut"]).metadata["name"] == name
 
 
-def test_a_name_is_no_formula(log, tmp_path, capsys):
+def test_a_name_is_no_formula(log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "name": r"$\frac{$ 中"})
     assert told(capsys, "log", log, "--plot", tmp_path / "a.png") == (
         0,
@@ -317,7 +337,9 @@ def test_a_name_is_no_formula(log, tmp_path, capsys):
 # Bounds
 
 
-def test_a_length_larger_than_any_block_is_not_read(log, capsys):
+def test_a_length_larger_than_any_block_is_not_read(
+    log, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A sparse file, whose first header names all of it."""
     head = bytes(encoded(np.zeros(0, np.uint8))[0])
     head = head.replace(b"(0,)", b"(1099511627776,)").replace(b"  # crc32", b"# was  ")
@@ -339,7 +361,9 @@ def test_a_length_larger_than_any_block_is_not_read(log, capsys):
     [MAGIC, MAGIC + b"\x10\x00{'descr': ", bytes(encoded(np.zeros(2**20, np.uint8))[0])],
     ids=["magic", "begin", "head"],
 )
-def test_what_only_looks_like_blocks_is_passed_over(log, capsys, piece):
+def test_what_only_looks_like_blocks_is_passed_over(
+    log, capsys: pytest.CaptureFixture[str], piece
+) -> None:
     """20 MB of magic behind an intact block took more than 100 s."""
     log_of(log, rows(0, 50))
     with log.open("ab") as file:
@@ -348,7 +372,7 @@ def test_what_only_looks_like_blocks_is_passed_over(log, capsys, piece):
     assert (found["rows"], found["damaged"]["cut_off"]) == (50, True)
 
 
-def test_more_rows_than_a_block_takes_are_written_in_several(log):
+def test_more_rows_than_a_block_takes_are_written_in_several(log) -> None:
     many = rows(0, MOST_BYTES // ROW.itemsize + 1)
     with LogWriter(log, METADATA, ROW) as writer:
         writer.append(many)
@@ -356,13 +380,15 @@ def test_more_rows_than_a_block_takes_are_written_in_several(log):
     assert sizes == [len(many) - 1, 1]
 
 
-def test_more_metadata_than_anyone_writes_are_damage(log, capsys):
+def test_more_metadata_than_anyone_writes_are_damage(
+    log, capsys: pytest.CaptureFixture[str]
+) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "wrong": "x" * (1 << 22)})
     found = summary(capsys, log)
     assert (found["rows"], found["name"]) == (50, None)
 
 
-def test_deadlines_of_one_moment_fill_no_memory(log):
+def test_deadlines_of_one_moment_fill_no_memory(log) -> None:
     """Windows take again what lies within ten seconds, which may be everything."""
     with LogWriter(log, METADATA, ROW) as writer:
         for start in range(0, 600_000, 100_000):
@@ -375,7 +401,13 @@ def test_deadlines_of_one_moment_fill_no_memory(log):
 
 @pytest.mark.parametrize("command", ["log", "detect"])
 @pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
-def test_what_may_never_end_is_refused_at_once(tmp_path, monkeypatch, capsys, command, kind):
+def test_what_may_never_end_is_refused_at_once(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command,
+    kind,
+) -> None:
     monkeypatch.chdir(tmp_path)
     with socket.socket(socket.AF_UNIX) as listening:
         if kind == "pipe":
@@ -394,7 +426,9 @@ def test_what_may_never_end_is_refused_at_once(tmp_path, monkeypatch, capsys, co
 # By content, not by name
 
 
-def test_a_log_is_known_whatever_its_name(log, tmp_path, capsys):
+def test_a_log_is_known_whatever_its_name(
+    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its bytes went to the terminal: found no column time_s, but these."""
     log_of(log, rows(0, 50))
     other = tmp_path / "run.csv"

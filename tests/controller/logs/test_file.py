@@ -6,6 +6,7 @@ import io
 import logging
 import os
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -36,18 +37,18 @@ def write(path, *blocks):
     return path
 
 
-def test_what_was_written_is_read(tmp_path):
+def test_what_was_written_is_read(tmp_path: Path) -> None:
     metadata, read = read_log(write(tmp_path / "a.hwlog", rows(3), rows(0), rows(4, 3)))
     assert {**METADATA, **metadata} == metadata
     np.testing.assert_array_equal(read, rows(7))
 
 
-def test_the_same_rows_give_the_same_bytes(tmp_path):
+def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
     first = write(tmp_path / "a.hwlog", rows(5), rows(6, 5)).read_bytes()
     assert write(tmp_path / "b.hwlog", rows(5), rows(6, 5)).read_bytes() == first
 
 
-def test_numpy_alone_can_read_it(tmp_path):
+def test_numpy_alone_can_read_it(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(3), rows(2, 3))
     with path.open("rb") as file:
         assert np.load(file).tobytes().startswith(b'{"format": "haptic-wall log"')
@@ -55,7 +56,7 @@ def test_numpy_alone_can_read_it(tmp_path):
         np.testing.assert_array_equal(np.load(file), rows(2, 3))
 
 
-def test_blocks_are_readable_before_the_log_is_closed(tmp_path):
+def test_blocks_are_readable_before_the_log_is_closed(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "a.hwlog", METADATA, ROW)
     log.append(rows(3))
     np.testing.assert_array_equal(read_log(tmp_path / "a.hwlog")[1], rows(3))
@@ -63,7 +64,7 @@ def test_blocks_are_readable_before_the_log_is_closed(tmp_path):
     log.close()
 
 
-def test_a_log_without_rows_is_empty(tmp_path):
+def test_a_log_without_rows_is_empty(tmp_path: Path) -> None:
     metadata, read = read_log(write(tmp_path / "a.hwlog"))
     assert metadata["name"] == "simulated"
     assert read.size == 0
@@ -71,7 +72,9 @@ def test_a_log_without_rows_is_empty(tmp_path):
 
 @settings(deadline=None)
 @given(st.data())
-def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(tmp_path_factory, data):
+def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(
+    tmp_path_factory: pytest.TempPathFactory, data
+) -> None:
     path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
     ends = [path.stat().st_size]
     blocks = [rows(3), rows(4, 3), rows(2, 7)]
@@ -83,7 +86,7 @@ def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(tmp_path_factory, data):
     assert len(read_log(path)[1]) == whole
 
 
-def test_a_cut_off_end_is_warned_about(tmp_path, caplog):
+def test_a_cut_off_end_is_warned_about(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
     path.write_bytes(path.read_bytes()[:-1])
     with caplog.at_level(logging.WARNING):
@@ -109,7 +112,7 @@ def pieces(path):
 
 
 @pytest.fixture(scope="module")
-def blocks(tmp_path_factory):
+def blocks(tmp_path_factory: pytest.TempPathFactory):
     """A log's bytes, and for each of its blocks the row numbers, the first byte and the end."""
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     table, start = [], 0
@@ -150,14 +153,16 @@ def touched(begin, end, content, now):
     return content[begin:end] != now[begin:end]
 
 
-def test_every_intact_block_is_given_back_and_nothing_false(blocks, tmp_path, thorough):
+def test_every_intact_block_is_given_back_and_nothing_false(
+    blocks, tmp_path: Path, thorough: bool
+) -> None:
     content, table = blocks
     path = tmp_path / "a.hwlog"
     metadata_end = table[0][1]
 
     @settings(deadline=None, max_examples=10_000 if thorough else 100)
     @given(st.data())
-    def check(data):
+    def check(data) -> None:
         now, hits = content, []
         for _ in range(data.draw(st.integers(1, 3))):
             if len(now) > 1:
@@ -185,7 +190,9 @@ def test_every_intact_block_is_given_back_and_nothing_false(blocks, tmp_path, th
 
 @settings(deadline=None)
 @given(order=st.lists(st.integers(0, 6), max_size=12))
-def test_blocks_in_any_order_give_each_row_at_most_once(blocks, tmp_path_factory, order):
+def test_blocks_in_any_order_give_each_row_at_most_once(
+    blocks, tmp_path_factory: pytest.TempPathFactory, order
+) -> None:
     content, table = blocks
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     places = [table[k] for k in order]
@@ -212,7 +219,9 @@ def test_blocks_in_any_order_give_each_row_at_most_once(blocks, tmp_path_factory
 
 @settings(deadline=None)
 @given(data=st.data())
-def test_joined_logs_are_read_one_after_the_other(blocks, tmp_path_factory, data):
+def test_joined_logs_are_read_one_after_the_other(
+    blocks, tmp_path_factory: pytest.TempPathFactory, data
+) -> None:
     content, table = blocks
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     ends = data.draw(st.lists(st.integers(0, len(table)), min_size=1, max_size=4))
@@ -227,7 +236,7 @@ def test_joined_logs_are_read_one_after_the_other(blocks, tmp_path_factory, data
     assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
 
 
-def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path):
+def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path: Path) -> None:
     content, _ = blocks
     path = tmp_path / "a.hwlog"
     path.write_bytes(bytes(4096) + content[4096:])
@@ -237,7 +246,7 @@ def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path)
     assert numbers[-1] == 706
 
 
-def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path):
+def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path: Path) -> None:
     path = tmp_path / "old.hwlog"
     head = b'{"format": "haptic-wall log", "version": 1, "name": "old"}'
     with path.open("wb") as file:
@@ -255,7 +264,7 @@ def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path):
     assert read_log(path)[0]["name"] == "old"
 
 
-def test_a_log_ends_with_how_the_run_ended(tmp_path):
+def test_a_log_ends_with_how_the_run_ended(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(3))
     append_end(path, {"stop_reason": "trip:overspeed"})
     assert pieces(path) == ([0, 1, 2], [], [{"stop_reason": "trip:overspeed"}])
@@ -264,7 +273,7 @@ def test_a_log_ends_with_how_the_run_ended(tmp_path):
     assert not (tmp_path / "none.hwlog").exists()
 
 
-def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path):
+def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
     path.write_bytes(path.read_bytes()[:-10])
     append_end(path, {"stop_reason": "duration"})
@@ -273,7 +282,9 @@ def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path):
     assert [piece.last for piece in damage] == [False]
 
 
-def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(tmp_path, monkeypatch):
+def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
     monkeypatch.setattr(os, "fdatasync", lambda _: asked.append("rows"))
     monkeypatch.setattr(os, "fsync", lambda _: asked.append("folder"))
@@ -287,7 +298,7 @@ def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(tmp_path
     assert asked == ["rows", "folder", "rows"]
 
 
-def test_a_log_is_synced_without_harm_to_a_device(tmp_path):
+def test_a_log_is_synced_without_harm_to_a_device(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
         log.append(rows(3))
         log.sync()
@@ -297,8 +308,10 @@ def test_a_log_is_synced_without_harm_to_a_device(tmp_path):
         log.sync()
 
 
-def test_what_the_disk_has_lost_is_an_error_once(tmp_path, monkeypatch):
-    def lose(_):
+def test_what_the_disk_has_lost_is_an_error_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lose(_) -> NoReturn:
         raise OSError(errno.EIO, "Input/output error")
 
     with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
@@ -312,7 +325,9 @@ def test_what_the_disk_has_lost_is_an_error_once(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("tell", [LogWriter.sync, LogWriter.close])
 @pytest.mark.parametrize("left", [0, 1000])
-def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(tmp_path, tell, left):
+def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(
+    tmp_path: Path, tell, left
+) -> None:
     path = tmp_path / "run.hwlog"
     log = LogWriter(path, METADATA, ROW)
     log.append(rows(1000))
@@ -325,11 +340,13 @@ def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(tmp_path,
     np.testing.assert_array_equal(read_log(path)[1], rows(100, 1000))
 
 
-def test_a_disk_that_cannot_be_asked_has_lost_nothing(tmp_path, monkeypatch):
-    def cannot(_):
+def test_a_disk_that_cannot_be_asked_has_lost_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cannot(_) -> NoReturn:
         raise OSError(errno.EINVAL, "Invalid argument")
 
-    def may_not(*_):
+    def may_not(*_) -> NoReturn:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
@@ -354,7 +371,7 @@ class _FullDisk(io.FileIO):
         return super().write(bytes(data[:taken]))
 
 
-def test_a_full_disk_costs_only_what_did_not_fit(tmp_path):
+def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     path = tmp_path / "a.hwlog"
     log = LogWriter(path, METADATA, ROW)
     log._file.close()
@@ -372,7 +389,7 @@ def test_a_full_disk_costs_only_what_did_not_fit(tmp_path):
     np.testing.assert_array_equal(read_log(path)[1], rows(110))
 
 
-def test_metadata_is_json(tmp_path):
+def test_metadata_is_json(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="JSON compliant"):
         LogWriter(tmp_path / "a.hwlog", {"delay": float("nan")}, ROW)
 
@@ -381,28 +398,28 @@ def test_metadata_is_json(tmp_path):
     "content",
     [b"", b"time_s,position_rad\n0,0\n", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + b"x" * 118],
 )
-def test_another_file_is_not_a_log(tmp_path, content):
+def test_another_file_is_not_a_log(tmp_path: Path, content) -> None:
     path = tmp_path / "other.hwlog"
     path.write_bytes(content)
     with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
         read_log(path)
 
 
-def test_a_plain_array_is_not_a_log(tmp_path):
+def test_a_plain_array_is_not_a_log(tmp_path: Path) -> None:
     path = tmp_path / "other.npy"
     np.save(path, np.arange(5))
     with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
         read_log(path)
 
 
-def test_pickled_objects_are_never_loaded(tmp_path):
+def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(2))
     with path.open("ab") as file:
         np.save(file, np.array([{}], dtype=object))
     assert len(read_log(path)[1]) == 2
 
 
-def test_a_log_of_a_later_version_is_refused(tmp_path):
+def test_a_log_of_a_later_version_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(2))
     content = np.frombuffer(b'{"format": "haptic-wall log", "version": 9}', np.uint8)
     with path.open("wb") as file:
@@ -413,7 +430,9 @@ def test_a_log_of_a_later_version_is_refused(tmp_path):
 
 @settings(deadline=None)
 @given(st.data())
-def test_another_writer_goes_on_where_one_was_killed(tmp_path_factory, data):
+def test_another_writer_goes_on_where_one_was_killed(
+    tmp_path_factory: pytest.TempPathFactory, data
+) -> None:
     path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
     begun = path.stat().st_size
     write(path, rows(3), rows(4, 3))
@@ -425,7 +444,7 @@ def test_another_writer_goes_on_where_one_was_killed(tmp_path_factory, data):
     np.testing.assert_array_equal(read_log(path)[1], rows(9))
 
 
-def test_a_log_of_days_is_gone_on_with_as_quickly_as_one_of_minutes(tmp_path):
+def test_a_log_of_days_is_gone_on_with_as_quickly_as_one_of_minutes(tmp_path: Path) -> None:
     # Rows of days: their beginning is a hole in the file, of which nothing may be read.
     path = write(tmp_path / "a.hwlog", rows(3))
     whole = path.read_bytes()
@@ -439,7 +458,9 @@ def test_a_log_of_days_is_gone_on_with_as_quickly_as_one_of_minutes(tmp_path):
     assert path.stat().st_size == (1 << 40) + len(whole) - last
 
 
-def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with(tmp_path):
+def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with(
+    tmp_path: Path,
+) -> None:
     path = write(tmp_path / "a.hwlog", rows(3))
     with pytest.raises(LogFormatError, match="other rows"):
         LogWriter.resume(path, np.dtype([("seq", "<i8")]))
@@ -449,7 +470,7 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
         LogWriter.resume(path, ROW)
 
 
-def test_a_device_that_logs_go_to_stays_everybodys():
+def test_a_device_that_logs_go_to_stays_everybodys() -> None:
     """/dev/null, say; a terminal here, that nobody else has."""
     ends = os.openpty()
     try:
@@ -461,14 +482,14 @@ def test_a_device_that_logs_go_to_stays_everybodys():
             os.close(end)
 
 
-def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path):
+def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path: Path) -> None:
     log = tmp_path / "run.hwlog"
     log.touch()
     append_end(log, {"stop_reason": "interrupted"})
     assert log.read_bytes() == b""
 
 
-def test_a_log_takes_its_place_with_its_first_rows(tmp_path):
+def test_a_log_takes_its_place_with_its_first_rows(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(9))
     before = path.read_bytes()
     with LogWriter(path, METADATA, ROW, Beside(path, LOG)):
@@ -483,7 +504,7 @@ def test_a_log_takes_its_place_with_its_first_rows(tmp_path):
     np.testing.assert_array_equal(read_log(path)[1], rows(5))
 
 
-def test_rows_that_could_not_take_their_place_are_written_when_they_can(tmp_path):
+def test_rows_that_could_not_take_their_place_are_written_when_they_can(tmp_path: Path) -> None:
     path = tmp_path / "a.hwlog"
     path.write_text("mine")
     with LogWriter(path, METADATA, ROW, Beside(path, LOG)) as log:

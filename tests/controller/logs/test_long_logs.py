@@ -2,6 +2,7 @@
 
 import math
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,14 +68,14 @@ def peak(work):
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory):
+def logs(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("logs")
     return [written(folder / f"{count}.hwlog", count) for count in (2_000, 10_000, 30_000)]
 
 
 @pytest.mark.parametrize("work", ["summary", "csv", "cut"])
-def test_memory_does_not_grow_with_the_log(logs, tmp_path, work):
-    def do(path):
+def test_memory_does_not_grow_with_the_log(logs, tmp_path: Path, work) -> None:
+    def do(path) -> None:
         log = LogRows.of(LogReader(path))
         match work:
             case "summary":
@@ -91,7 +92,7 @@ def test_memory_does_not_grow_with_the_log(logs, tmp_path, work):
     assert long < short + 0.3
 
 
-def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch):
+def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     count, block = 100_000, 2000
     monkeypatch.setattr(sketch, "SLICES", 200)
     monkeypatch.setattr(sketch, "WHOLE", 800)
@@ -117,14 +118,16 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch):
     assert drawn.medians_us["lateness_ns"] == pytest.approx(1.35, rel=0.02)
 
 
-def test_a_short_run_is_drawn_row_by_row():
+def test_a_short_run_is_drawn_row_by_row() -> None:
     whole = sketch.WHOLE
     drawn = sketched([rows(0, 3), rows(3, whole - 3)], whole, 7)
     np.testing.assert_array_equal(drawn.rows["seq"], np.arange(whole))
     assert drawn.mean_time.size == 0
 
 
-def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
+def test_detect_sees_the_same_in_windows_as_in_the_whole(
+    logs, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = logs[2]
     monkeypatch.setattr(seen, "_WHOLE", 2000)
     whole = seen.detect_all(log_recording.read_recordings(path), NOTHING)
@@ -145,7 +148,7 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(logs, monkeypatch):
     assert np.all(np.diff(times) > 0)
 
 
-def test_shade_stays_simple_and_where_it_was():
+def test_shade_stays_simple_and_where_it_was() -> None:
     time = np.arange(100_000) * 1e-3
     few = (time >= 20.0) & (time < 30.0)
     corners, heights = outline(time, few)

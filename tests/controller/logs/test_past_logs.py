@@ -26,7 +26,7 @@ def answer(capsys, *arguments):
 
 
 @pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
-def test_every_command_reads_it(log, tmp_path, capsys):
+def test_every_command_reads_it(log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     summary = json.loads(answer(capsys, "log", log, "--json"))
     assert (summary["rows"], summary["unrecorded_rows"], summary["phases"]) == (40, 0, 1)
     assert summary["damaged"]["places"] == summary["missed_ticks"] == 0
@@ -42,13 +42,15 @@ def test_every_command_reads_it(log, tmp_path, capsys):
     assert json.loads(answer(capsys, "detect", log, "--json"))["samples"] == 40
 
 
-def test_the_first_format_is_drawn(tmp_path, capsys):
+def test_the_first_format_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     answer(capsys, "log", PAST[0], "--plot", tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
-def test_its_rows_are_those_that_were_written(log, tmp_path, capsys):
+def test_its_rows_are_those_that_were_written(
+    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     metadata, raw = read_log(log)
     rows = np.concatenate(list(LogRows.of(LogReader(log)).blocks()))
     assert rows.dtype == ROW

@@ -36,7 +36,7 @@ def write(path, **columns):
     return path
 
 
-def test_an_even_record_is_taken_as_it_is(tmp_path):
+def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
     times = np.arange(2000) * 1e-3
     counted = np.round(swing(times) / STEP) * STEP
     path = write(tmp_path / "a.csv", time_s=times, position_rad=counted, torque_nm=-counted)
@@ -49,7 +49,7 @@ def test_an_even_record_is_taken_as_it_is(tmp_path):
     assert found.known.position_step == pytest.approx(STEP, rel=1e-9)
 
 
-def test_columns_may_come_in_any_order_with_others_beside(tmp_path):
+def test_columns_may_come_in_any_order_with_others_beside(tmp_path: Path) -> None:
     times = np.arange(100) * 1e-3
     path = write(tmp_path / "a.csv", extra=times, position_rad=swing(times), time_s=times)
     found = read_recording(path)
@@ -58,7 +58,7 @@ def test_columns_may_come_in_any_order_with_others_beside(tmp_path):
     assert found.known.position_step == 0.0
 
 
-def test_a_gap_parts_the_record_and_is_told(tmp_path):
+def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
     times = np.arange(3000) * 1e-3
     times = times[(times < 1.0) | (times >= 1.5)]
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
@@ -66,7 +66,7 @@ def test_a_gap_parts_the_record_and_is_told(tmp_path):
     assert any("from 0.999 to 1.5 s" in note for note in found.notes)
 
 
-def test_missing_positions_stay_missing(tmp_path):
+def test_missing_positions_stay_missing(tmp_path: Path) -> None:
     times = np.arange(1000) * 1e-3
     positions = swing(times)
     positions[[10, 500, 501]] = math.nan
@@ -76,7 +76,7 @@ def test_missing_positions_stay_missing(tmp_path):
     assert any("3 rows have no position, first at 0.01 s" in note for note in found.notes)
 
 
-def test_missing_torques_are_held_and_told(tmp_path):
+def test_missing_torques_are_held_and_told(tmp_path: Path) -> None:
     times = np.arange(100) * 1e-3
     torques = np.full(100, 2.0)
     torques[[0, 50]] = math.nan
@@ -87,7 +87,7 @@ def test_missing_torques_are_held_and_told(tmp_path):
     assert any("2 rows have no torque" in note for note in found.notes)
 
 
-def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path):
+def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path: Path) -> None:
     times = np.arange(3000) * 1e-3 + RNG.uniform(-4e-4, 4e-4, 3000)
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     (part,) = found.parts
@@ -100,14 +100,14 @@ def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path):
     assert any("uneven" in note for note in found.notes)
 
 
-def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path):
+def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path: Path) -> None:
     times = np.concatenate([[0.0], np.cumsum(np.tile([0.3e-3, 1.7e-3], 1500))])
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     assert found.period == pytest.approx(1e-3, rel=0.01)
     assert any("uneven" in note for note in found.notes)
 
 
-def test_times_that_go_back_are_left_out_and_told(tmp_path):
+def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
     times = np.arange(200) * 1e-3
     times[100] = 0.05
     times[150] = times[149]
@@ -123,7 +123,7 @@ def recording(start, samples, period=1e-3, jitter=0.0):
 
 @pytest.mark.parametrize("apart", [86_400.0, 30 * 86_400.0, 1000 * 86_400.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
-def test_recordings_days_apart_are_parts_of_their_own(tmp_path, apart, jitter):
+def test_recordings_days_apart_are_parts_of_their_own(tmp_path: Path, apart, jitter) -> None:
     """By the system's clock; one grid over all of a day took 4 GB."""
     first = recording(1.7e9, 900, jitter=jitter)
     second = recording(1.7e9 + apart, 700, jitter=jitter)
@@ -139,7 +139,7 @@ def test_recordings_days_apart_are_parts_of_their_own(tmp_path, apart, jitter):
 
 
 @pytest.mark.parametrize("rates", [(1000, 50), (50, 1000), (1000, 10, 200)])
-def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path, rates):
+def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path: Path, rates) -> None:
     times = np.concatenate([recording(1000.0 * k, 300, 1.0 / rate) for k, rate in enumerate(rates)])
     path = write(tmp_path / "a.csv", time_s=times, position_rad=swing(times))
     found = list(read_recordings(path))
@@ -150,7 +150,7 @@ def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path, rates):
         assert f"from {1000 * k} s on there is a sample each {1000 / rate:.4g} ms" in notes
 
 
-def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path):
+def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path: Path) -> None:
     once = recording(0.0, 500)
     times = np.concatenate([once, recording(0.0, 800), recording(0.2, 100)])
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
@@ -160,7 +160,7 @@ def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path)
     assert any("time goes back from 0.499 to 0 s" in note for note in found.notes)
 
 
-def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path):
+def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
     times = recording(0.0, WINDOW + 50_000)
     found = list(read_recordings(write(tmp_path / "a.csv", time_s=times, position_rad=times)))
     assert [each.samples for each in found] == [WINDOW, 60_000]
@@ -180,7 +180,7 @@ def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path):
         ("t\u202e,x\n".encode(), r"found t\u202e, x;"),
     ],
 )
-def test_what_is_no_text_is_refused_in_words(tmp_path, content, said):
+def test_what_is_no_text_is_refused_in_words(tmp_path: Path, content, said) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     with pytest.raises(UserError) as error:
@@ -189,7 +189,9 @@ def test_what_is_no_text_is_refused_in_words(tmp_path, content, said):
     assert str(error.value).isprintable()
 
 
-def test_a_csv_larger_than_what_fits_is_refused_at_once(tmp_path, monkeypatch):
+def test_a_csv_larger_than_what_fits_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.csv"
     with path.open("wb") as file:
         file.truncate(1 << 40)
@@ -202,7 +204,9 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
-def test_what_may_never_end_is_not_looked_into(tmp_path, monkeypatch, kind):
+def test_what_may_never_end_is_not_looked_into(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind
+) -> None:
     monkeypatch.chdir(tmp_path)
     path = Path("a.csv")
     with contextlib.ExitStack() as stack:
@@ -230,7 +234,7 @@ def test_what_may_never_end_is_not_looked_into(tmp_path, monkeypatch, kind):
         ('time_s,position_rad\n0,"' + 200_000 * "1", "is a quote left open?"),
     ],
 )
-def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, message):
+def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path: Path, text, message) -> None:
     path = tmp_path / "a.csv"
     path.write_text(text)
     with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
@@ -268,7 +272,9 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path, text, messa
     ),
     st.integers(0, 3),
 )
-def test_any_cells_are_refused_or_read(tmp_path_factory, cells, even):
+def test_any_cells_are_refused_or_read(
+    tmp_path_factory: pytest.TempPathFactory, cells, even
+) -> None:
     path = tmp_path_factory.mktemp("csv") / "a.csv"
     rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))
     path.write_text(f"time_s,position_rad\n{rows}{''.join(cells)}", newline="")
@@ -282,7 +288,7 @@ def test_any_cells_are_refused_or_read(tmp_path_factory, cells, even):
             assert part.times.size < 1000
 
 
-def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path):
+def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     for size in (1, 10, 1000):
         path.write_bytes(b"time_s,position_rad\n" + RNG.bytes(size))

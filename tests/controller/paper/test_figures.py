@@ -1,6 +1,7 @@
 """The figures' data hold what theory says of them, by closed-loop poles and by known values."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def one(data, kind, **settings):
     return curve
 
 
-def on_the_edge(inertia, damping, period, delay, curve):
+def on_the_edge(inertia, damping, period, delay, curve) -> None:
     """A few drawn points, not at the ends: stable a little below, unstable a little above."""
     for index in np.linspace(0.05, 0.95, 7) * (curve.x.size - 1):
         virtual, stiffness = curve.x[int(index)], curve.y[int(index)]
@@ -34,7 +35,7 @@ def on_the_edge(inertia, damping, period, delay, curve):
 
 
 @pytest.mark.parametrize("figure", [boundaries.figure_3, boundaries.figure_5])
-def test_peaks(figure):
+def test_peaks(figure) -> None:
     # delta = 1e-4, four digits; the paper states .686 and .144 for d = 0 and 1
     table = {0: 0.6864, 0.25: 0.3964, 0.5: 0.2670, 0.75: 0.1924, 1: 0.1445}
     table |= {1.5: 0.0908, 2: 0.0625, 3: 0.0348}
@@ -47,7 +48,7 @@ def test_peaks(figure):
         assert one(data, "exact", delay_periods=delay).y.max() == pytest.approx(height, rel=1e-4)
 
 
-def test_the_closed_forms_lie_on_the_boundaries():
+def test_the_closed_forms_lie_on_the_boundaries() -> None:
     # (1) and (13) cancel in double precision: 1e-15 / delta³ is 0.1 % here
     data = boundaries.figure_3()
     for delay in (0.0, 1.0):
@@ -56,7 +57,7 @@ def test_the_closed_forms_lie_on_the_boundaries():
         np.testing.assert_allclose(check.y, np.interp(check.x, curve.x, curve.y), rtol=3e-3)
 
 
-def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling():
+def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling() -> None:
     data = boundaries.figure_5()
     delays = [c.settings["delay_periods"] for c in data.of_kind("exact")]
     assert delays == [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3]
@@ -71,7 +72,7 @@ def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling():
 
 
 @pytest.mark.parametrize("figure", [boundaries.figure_4, boundaries.figure_6])
-def test_zoomed_boundaries_start_at_minus_delta_along_the_straight_lines(figure):
+def test_zoomed_boundaries_start_at_minus_delta_along_the_straight_lines(figure) -> None:
     data = figure()
     delta = boundaries.DELTA
     for curve in data.of_kind("exact"):
@@ -86,7 +87,7 @@ def test_zoomed_boundaries_start_at_minus_delta_along_the_straight_lines(figure)
         np.testing.assert_allclose(curve.y[near], line.y[near], rtol=2e-3)
 
 
-def test_figure_8_is_the_sum_of_damping_over_the_sum_of_delay():
+def test_figure_8_is_the_sum_of_damping_over_the_sum_of_delay() -> None:
     data = lwr3.figure_8()
     assert [c.settings["delay_s"] for c in data.curves] == [0.005, 0.006, 0.010]
     for curve in data.curves:
@@ -94,7 +95,7 @@ def test_figure_8_is_the_sum_of_damping_over_the_sum_of_delay():
         np.testing.assert_allclose(curve.y, expected, rtol=1e-12)
 
 
-def test_figure_9_is_the_edge_of_stability_of_the_axis():
+def test_figure_9_is_the_edge_of_stability_of_the_axis() -> None:
     data = lwr3.figure_9()
     assert [c.settings["delay_s"] for c in data.of_kind("exact")] == [0.010, 0.055]
     for curve in data.of_kind("exact"):
@@ -103,13 +104,13 @@ def test_figure_9_is_the_edge_of_stability_of_the_axis():
         assert one(data, "peak", delay_s=delay).y[0] == pytest.approx(curve.y.max(), rel=1e-4)
 
 
-def test_the_axis_is_that_of_the_preset():
+def test_the_axis_is_that_of_the_preset() -> None:
     servo = load_config("lwr3").config.servo
     assert (servo.inertia, servo.damping) == (lwr3.INERTIA, lwr3.DAMPING)
     assert servo.delay == lwr3.SHORT_DELAYS[0]
 
 
-def test_figure_10_marks_where_the_line_is_off(fig10):
+def test_figure_10_marks_where_the_line_is_off(fig10) -> None:
     points = fig10.of_kind("error point")
     for point in points:
         delta, delay = point.settings["delta"], point.settings["delay_periods"]
@@ -123,7 +124,7 @@ def test_figure_10_marks_where_the_line_is_off(fig10):
         assert below < 1 < above
 
 
-def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_device(fig10):
+def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_device(fig10) -> None:
     def found(delta, delay):
         points = fig10.of_kind("error point", delta=delta, delay_periods=delay)
         return {point.settings["error_percent"]: point.x[0] for point in points}
@@ -141,7 +142,7 @@ def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_de
     assert first > 1.02 * one(fig10, "linear", delta=0.01, delay_periods=3.0).y[1]
 
 
-def test_the_numbers_told_of_the_pictures_are_those_drawn():
+def test_the_numbers_told_of_the_pictures_are_those_drawn() -> None:
     told = {item.name: item.alternative for item in ITEMS}
     for point in boundaries.figure_3().of_kind("peak"):
         assert f"{point.y[0]:.4f}" in told["fig3"]
@@ -159,7 +160,7 @@ def test_the_numbers_told_of_the_pictures_are_those_drawn():
         assert f"{percent} % (d = {delay:g})" in told["fig6"]
 
 
-def test_csv_reads_back_what_is_drawn(tmp_path):
+def test_csv_reads_back_what_is_drawn(tmp_path: Path) -> None:
     curves = (
         Curve("exact", {"delta": 0.1}, np.array([1 / 3, 2.0]), np.array([1e-17, -0.5])),
         Curve("peak", {"delta": 0.1, "extra": 2.0}, np.array([1.0]), np.array([4.0])),

@@ -2,6 +2,7 @@
 
 import csv
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def simulated(virtual_damping, delay):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("paper")
     return folder, [make(item.name, folder, simulated) for item in ITEMS]
 
@@ -36,12 +37,12 @@ def page(made):
 class Page(HTMLParser):
     """What a reader gets: links, images, identifiers, and the tables of each section."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self.links, self.images, self.ids, self.open = [], {}, [], []
         self.tables, self.section, self.text = {}, None, []
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag, attrs) -> None:
         attrs = dict(attrs)
         if tag not in ("meta", "img", "link"):
             self.open.append(tag)
@@ -58,10 +59,10 @@ class Page(HTMLParser):
         elif tag == "tr":
             self.tables[self.section].append([])
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data) -> None:
         self.text.append(data)
         if self.open and self.open[-1] in ("td", "th"):
             self.tables[self.section][-1].append(data)
@@ -72,13 +73,13 @@ def rows_of(folder, name):
         return list(csv.DictReader(file))
 
 
-def test_the_items_are_those_of_the_paper():
+def test_the_items_are_those_of_the_paper() -> None:
     names = ["table2", "fig3", "fig4", "fig5", "fig6", "fig8", "fig9", "fig10"]
     assert [item.name for item in ITEMS] == names
 
 
 @pytest.mark.parametrize("name", [item.name for item in ITEMS])
-def test_pictures_are_large_enough_to_print_and_not_blank(made, name):
+def test_pictures_are_large_enough_to_print_and_not_blank(made, name) -> None:
     folder, _ = made
     pixels = imread(folder / f"{name}.png")[:, :, :3]
     assert pixels.shape[1] >= 1000  # 300 dots per inch over a journal's column
@@ -92,14 +93,14 @@ def test_pictures_are_large_enough_to_print_and_not_blank(made, name):
 
 
 @pytest.mark.parametrize("name", ["table2", "fig6"])
-def test_the_same_data_give_the_same_files(made, tmp_path, name):
+def test_the_same_data_give_the_same_files(made, tmp_path: Path, name) -> None:
     folder, _ = made
     again = make(name, tmp_path, simulated)
     for path in (again.csv, again.png):
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
 
-def test_the_page_shows_every_item_in_order(page):
+def test_the_page_shows_every_item_in_order(page) -> None:
     names = [item.name for item in ITEMS]
     assert page.ids == names
     assert list(page.images) == [f"{name}.png" for name in names]
@@ -112,7 +113,7 @@ def test_the_page_shows_every_item_in_order(page):
         assert len(item.alternative) > 60
 
 
-def test_every_link_leads_somewhere(made, page):
+def test_every_link_leads_somewhere(made, page) -> None:
     folder, _ = made
     for link in page.links:
         if link.startswith("#"):
@@ -123,7 +124,7 @@ def test_every_link_leads_somewhere(made, page):
         assert {f"#{item.name}", f"{item.name}.csv", f"{item.name}.png"} <= set(page.links)
 
 
-def test_the_numbers_of_table_ii_are_those_of_its_csv(made, page):
+def test_the_numbers_of_table_ii_are_those_of_its_csv(made, page) -> None:
     folder, _ = made
     _, *shown = page.tables["table2"]
     held = rows_of(folder, "table2")
@@ -137,7 +138,7 @@ def test_the_numbers_of_table_ii_are_those_of_its_csv(made, page):
 
 
 @pytest.mark.parametrize("name", ["fig3", "fig5", "fig9", "fig10"])
-def test_the_numbers_of_a_figure_are_those_of_its_csv(made, page, name):
+def test_the_numbers_of_a_figure_are_those_of_its_csv(made, page, name) -> None:
     folder, _ = made
     head, *shown = page.tables[name]
     held = [row for row in rows_of(folder, name) if row["kind"] in ("peak", "error point")]

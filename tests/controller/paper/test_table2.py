@@ -1,6 +1,7 @@
 """Table II: theory and simulation meet the printed value in every cell."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,22 +15,22 @@ def table():
     return table2.compare()
 
 
-def test_all_cells_are_there(table):
+def test_all_cells_are_there(table) -> None:
     assert table.delay_samples.tolist() == [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4]
     assert table.virtual_damping.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert table.printed.shape == table.theory.shape == table.simulation.shape == (9, 4)
     assert (table.printed[0, 0], table.printed[-1, -1]) == (399.89, 111.03)
 
 
-def test_theory_is_within_a_twentieth_of_a_percent_of_print(table):
+def test_theory_is_within_a_twentieth_of_a_percent_of_print(table) -> None:
     assert np.abs(table.error_percent("theory")).max() < 0.05
 
 
-def test_simulation_is_within_a_tenth_of_a_percent_of_print(table):
+def test_simulation_is_within_a_tenth_of_a_percent_of_print(table) -> None:
     assert np.abs(table.error_percent("simulation")).max() < 0.1
 
 
-def test_theory_and_simulation_agree_much_closer(table):
+def test_theory_and_simulation_agree_much_closer(table) -> None:
     np.testing.assert_allclose(table.simulation, table.theory, rtol=1e-5)
 
 
@@ -39,7 +40,7 @@ def off_by_a_percent(virtual_damping, delay):
     return stiffness * np.where((delay == 2e-3) & (virtual_damping == 0.3), 0.99, 1.0)
 
 
-def test_the_worst_cell_is_named():
+def test_the_worst_cell_is_named() -> None:
     table = table2.compare(off_by_a_percent)
     worst = table.worst("simulation")
     assert (worst.delay_samples, worst.virtual_damping) == (2.0, 0.3)
@@ -50,7 +51,7 @@ def test_the_worst_cell_is_named():
     assert len([line for line in text.splitlines() if "399.89" in line]) == 3
 
 
-def test_csv_holds_every_cell_with_its_errors(tmp_path):
+def test_csv_holds_every_cell_with_its_errors(tmp_path: Path) -> None:
     table = table2.compare(off_by_a_percent)
     table2.write_csv(table, tmp_path / "table2.csv")
     with (tmp_path / "table2.csv").open(newline="") as file:

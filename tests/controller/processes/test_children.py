@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -13,7 +14,9 @@ from haptic_wall.controller.system.signals import on_signals
 
 
 @pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
-def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch, path):
+def test_a_folder_named_as_the_program_is_not_taken_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path
+) -> None:
     monkeypatch.setenv("PYTHONPATH", path.format(tmp_path, tmp_path))
     (tmp_path / "controller").mkdir()
     (tmp_path / "controller" / "__init__.py").write_text("raise SystemExit('not ours')")
@@ -27,7 +30,9 @@ def test_a_folder_named_as_the_program_is_not_taken_for_it(tmp_path, monkeypatch
         child.dismiss(2.0)
 
 
-def test_who_asks_to_stop_does_not_wait_for_a_first_line_that_never_comes(monkeypatch):
+def test_who_asks_to_stop_does_not_wait_for_a_first_line_that_never_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(Child, "ended", lambda _: False)
     child = Child("main", ["haptic_wall.controller.cli.main", "--version"], None)
     try:
@@ -39,7 +44,9 @@ def test_who_asks_to_stop_does_not_wait_for_a_first_line_that_never_comes(monkey
         child.dismiss(2.0)
 
 
-def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch):
+def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The child is in the terminal's group for a moment yet, and would die of it."""
     heard = []
     started = subprocess.Popen
@@ -62,7 +69,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(monkeypatch)
 
 @pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
 @pytest.mark.parametrize("told", ["", '{"par'])
-def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told):
+def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told) -> None:
     done = subprocess.run(
         [sys.executable, "-m", f"haptic_wall.controller.processes.{module}"],
         input=told,

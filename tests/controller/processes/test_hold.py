@@ -33,7 +33,7 @@ def event(code, value, kind=1):
 class Stream:
     """A device's stream of events, without the device."""
 
-    def __init__(self, key=None):
+    def __init__(self, key=None) -> None:
         self.out, self.end = os.pipe()
         self.source = KeySource(self.out, key)
 
@@ -47,11 +47,11 @@ class Stream:
         return until > 0
 
 
-def test_the_events_are_as_long_as_the_kernels():
+def test_the_events_are_as_long_as_the_kernels() -> None:
     assert EVENT.size == 24 or os.uname().machine not in ("x86_64", "aarch64")
 
 
-def test_a_key_is_held_from_its_press_to_its_release():
+def test_a_key_is_held_from_its_press_to_its_release() -> None:
     stream = Stream()
     assert not stream.held()
     assert stream.send(event(SPACE, 1), event(0, 0, 0)).held()
@@ -60,7 +60,7 @@ def test_a_key_is_held_from_its_press_to_its_release():
     assert not stream.send(event(SPACE, 0)).held()
 
 
-def test_a_key_that_is_named_is_the_only_one_that_counts():
+def test_a_key_that_is_named_is_the_only_one_that_counts() -> None:
     stream = Stream(SPACE)
     assert not stream.send(event(ENTER, 1)).held()
     assert stream.send(event(SPACE, 1)).held()
@@ -68,44 +68,44 @@ def test_a_key_that_is_named_is_the_only_one_that_counts():
     assert not stream.send(event(SPACE, 0)).held()
 
 
-def test_of_several_keys_the_last_one_holds():
+def test_of_several_keys_the_last_one_holds() -> None:
     stream = Stream().send(event(SPACE, 1), event(ENTER, 1))
     assert stream.send(event(SPACE, 0)).held()
     assert not stream.send(event(ENTER, 0)).held()
 
 
-def test_other_events_are_no_keys():
+def test_other_events_are_no_keys() -> None:
     """Motion of a mouse (2), a switch (5): their codes and values are others."""
     assert not Stream().send(event(SPACE, 1, kind=2), event(SPACE, 1, kind=5)).held()
 
 
-def test_an_event_may_come_in_two_parts():
+def test_an_event_may_come_in_two_parts() -> None:
     whole = event(SPACE, 1)
     stream = Stream().send(whole[:10])
     assert not stream.held()
     assert stream.send(whole[10:]).held()
 
 
-def test_lost_events_release_what_the_kernel_does_not_call_held():
+def test_lost_events_release_what_the_kernel_does_not_call_held() -> None:
     stream = Stream().send(event(SPACE, 1))
     assert stream.held()
     assert not stream.send(event(3, 0, kind=0)).held(), "a pipe knows of no key"
 
 
-def test_a_device_that_is_gone_is_an_error():
+def test_a_device_that_is_gone_is_an_error() -> None:
     stream = Stream().send(event(SPACE, 1))
     os.close(stream.end)
     with pytest.raises(OSError, match="No such device"):
         stream.held()
 
 
-def renew(path, wall_ns):
+def renew(path, wall_ns) -> None:
     """Write to the file; its time stamp is ``wall_ns``."""
     path.write_text("x")
     os.utime(path, ns=(wall_ns, wall_ns))
 
 
-def test_a_file_that_exists_is_not_enough(tmp_path):
+def test_a_file_that_exists_is_not_enough(tmp_path: Path) -> None:
     path = tmp_path / "hold"
     renew(path, 500 * MS)
     source = FileSource(str(path), 0)
@@ -113,7 +113,7 @@ def test_a_file_that_exists_is_not_enough(tmp_path):
         assert source.until(10 * k * MS, 500 * MS + 10 * k * MS) == 0
 
 
-def test_a_renewal_holds_for_150_ms_from_its_stamp(tmp_path):
+def test_a_renewal_holds_for_150_ms_from_its_stamp(tmp_path: Path) -> None:
     path = tmp_path / "hold"
     path.touch()
     source = FileSource(str(path), 0)
@@ -125,7 +125,7 @@ def test_a_renewal_holds_for_150_ms_from_its_stamp(tmp_path):
 
 
 @pytest.mark.parametrize("stamp", [0, 5000], ids=["long ago", "in the future"])
-def test_a_stamp_that_cannot_be_true_counts_within_the_last_look(tmp_path, stamp):
+def test_a_stamp_that_cannot_be_true_counts_within_the_last_look(tmp_path: Path, stamp) -> None:
     path = tmp_path / "hold"
     path.touch()
     source = FileSource(str(path), 0)
@@ -134,7 +134,7 @@ def test_a_stamp_that_cannot_be_true_counts_within_the_last_look(tmp_path, stamp
     assert 90 * MS <= source.until(100 * MS, 1100 * MS) - SILENCE_NS <= 100 * MS
 
 
-def test_a_file_that_is_replaced_is_renewed_and_one_that_is_gone_is_not(tmp_path):
+def test_a_file_that_is_replaced_is_renewed_and_one_that_is_gone_is_not(tmp_path: Path) -> None:
     path, other = tmp_path / "hold", tmp_path / "other"
     renew(path, 1000 * MS)
     source = FileSource(str(path), 0)
@@ -145,7 +145,7 @@ def test_a_file_that_is_replaced_is_renewed_and_one_that_is_gone_is_not(tmp_path
     assert source.until(20 * MS, 1020 * MS) == SILENCE_NS
 
 
-def test_a_folder_in_the_place_of_the_file_renews_nothing(tmp_path):
+def test_a_folder_in_the_place_of_the_file_renews_nothing(tmp_path: Path) -> None:
     path = tmp_path / "hold"
     renew(path, 1000 * MS)
     source = FileSource(str(path), 0)
@@ -156,7 +156,7 @@ def test_a_folder_in_the_place_of_the_file_renews_nothing(tmp_path):
         assert source.until(10 * k * MS, (1000 + 10 * k) * MS) == 0
 
 
-def test_what_can_be_held_is_found_out_before_the_start(tmp_path):
+def test_what_can_be_held_is_found_out_before_the_start(tmp_path: Path) -> None:
     file = tmp_path / "a:b"
     file.touch()
     assert hold_by(str(file)) == Hold(str(file), "file")
@@ -176,7 +176,9 @@ def test_what_can_be_held_is_found_out_before_the_start(tmp_path):
         ("a\0b", "cannot be opened"),
     ],
 )
-def test_what_cannot_be_held_is_refused(text, told, tmp_path, monkeypatch):
+def test_what_cannot_be_held_is_refused(
+    text, told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     os.mkfifo("fifo")
@@ -187,7 +189,7 @@ def test_what_cannot_be_held_is_refused(text, told, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def kernel(monkeypatch):
+def kernel(monkeypatch: pytest.MonkeyPatch):
     """Answers of an input device by request: /dev/null, or a pipe, shall be one."""
     answers = {0x80044501: set(), 0x80604521: {SPACE, ENTER}, 0x80604518: {SPACE}}
 
@@ -201,7 +203,7 @@ def kernel(monkeypatch):
     return answers
 
 
-def test_an_input_device_is_known_by_its_answers(kernel):
+def test_an_input_device_is_known_by_its_answers(kernel) -> None:
     assert hold_by("/dev/null") == Hold("/dev/null", "key", None)
     assert hold_by("/dev/null:key_space") == Hold("/dev/null", "key", SPACE)
     assert hold_by("/dev/null:28") == Hold("/dev/null", "key", ENTER)
@@ -214,11 +216,11 @@ def test_an_input_device_is_known_by_its_answers(kernel):
 
 @pytest.mark.parametrize(("key", "held"), [(None, True), (SPACE, True), (ENTER, False)])
 @pytest.mark.usefixtures("kernel")
-def test_a_key_that_is_down_at_the_start_is_held(key, held):
+def test_a_key_that_is_down_at_the_start_is_held(key, held) -> None:
     assert Stream(key).held() is held
 
 
-def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel):
+def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel) -> None:
     kernel[0x80604518] = set()
     stream = Stream()
     assert not stream.held()
@@ -228,13 +230,13 @@ def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel):
     assert not stream.send(event(ENTER, 0)).held(), "the other is up, whatever was lost"
 
 
-def test_a_terminal_is_refused_by_name():
+def test_a_terminal_is_refused_by_name() -> None:
     _, terminal = pty.openpty()
     with pytest.raises(UserError, match="does not say when a key is let go"):
         hold_by(os.ttyname(terminal))
 
 
-def test_a_watcher_whose_source_is_gone_releases_for_good():
+def test_a_watcher_whose_source_is_gone_releases_for_good() -> None:
     stream = Stream().send(event(SPACE, 1))
     os.close(stream.end)
     words = Telemetry.create().words
@@ -243,7 +245,7 @@ def test_a_watcher_whose_source_is_gone_releases_for_good():
     assert words[Word.HELD_NS] == 0
 
 
-def wait_for(condition):
+def wait_for(condition) -> None:
     end = time.monotonic() + 30.0
     while time.monotonic() < end:
         if condition():
@@ -253,7 +255,7 @@ def wait_for(condition):
 
 
 @pytest.mark.realtime
-def test_the_watchers_process_holds_releases_and_is_silent_when_killed():
+def test_the_watchers_process_holds_releases_and_is_silent_when_killed() -> None:
     telemetry, (out, end) = Telemetry.create(), os.pipe()
     telemetry.words[Word.HELD_NS] = 0
     orders = {

@@ -24,13 +24,15 @@ def pause_ns(ended_ns, period_ns, wanted_ns):
     period_ns=st.integers(MS, 20 * MS),
     wanted_ns=st.integers(0, 300 * MS),
 )
-def test_a_pause_ends_just_behind_a_tick_and_at_most_a_period_later(since_ns, period_ns, wanted_ns):
+def test_a_pause_ends_just_behind_a_tick_and_at_most_a_period_later(
+    since_ns, period_ns, wanted_ns
+) -> None:
     ended_ns = NOW_NS - since_ns
     paused = pause_ns(ended_ns, period_ns, wanted_ns)
     assert wanted_ns <= paused < wanted_ns + period_ns
     assert 0 < (NOW_NS + paused - ended_ns) % period_ns <= 50_000
 
 
-def test_a_loop_that_is_silent_is_not_waited_for():
+def test_a_loop_that_is_silent_is_not_waited_for() -> None:
     for ended_ns in (0, NOW_NS - 11 * MS):
         assert pause_ns(ended_ns, MS, 20 * MS) == 20 * MS

@@ -1,6 +1,8 @@
 """A run in one process says how many rows its log lacks, and what the disk told last."""
 
 import errno
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -12,7 +14,7 @@ from haptic_wall.controller.settings.load import load_config
 
 
 @pytest.fixture
-def ended(tmp_path):
+def ended(tmp_path: Path):
     """Runs six seconds, and returns how it ended and how many rows there were."""
 
     def run(log=tmp_path / "run.hwlog"):
@@ -23,16 +25,18 @@ def ended(tmp_path):
     return run
 
 
-def test_a_whole_log_lacks_nothing(ended, tmp_path):
+def test_a_whole_log_lacks_nothing(ended, tmp_path: Path) -> None:
     whole, rows = ended()
     assert (whole.lacking, whole.warnings) == (0, [])
     assert len(read_log(tmp_path / "run.hwlog")[1]) == rows
 
 
-def test_a_full_disk_leaves_out_what_it_did_not_take(ended, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_out_what_it_did_not_take(
+    ended, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     append, blocks = LogWriter.append, []
 
-    def fill(log, rows):
+    def fill(log, rows) -> None:
         blocks.append(rows)
         if len(blocks) > 3:
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -45,16 +49,18 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(ended, tmp_path, monkeypatc
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
 
 
-def test_a_log_that_cannot_be_begun_lacks_all(ended, tmp_path):
+def test_a_log_that_cannot_be_begun_lacks_all(ended, tmp_path: Path) -> None:
     none, rows = ended(tmp_path / "nowhere" / "run.hwlog")
     assert none.lacking == rows >= 6000
     assert "No such file" in none.warnings[0]
 
 
-def test_a_loss_that_only_closing_tells_is_told(ended, tmp_path, monkeypatch):
+def test_a_loss_that_only_closing_tells_is_told(
+    ended, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     close = LogWriter.close
 
-    def lose(log):
+    def lose(log) -> NoReturn:
         close(log)
         raise OSError(errno.EIO, "Input/output error")
 

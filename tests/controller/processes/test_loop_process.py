@@ -19,7 +19,7 @@ loop_process.main()
 """
 
 
-def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect():
+def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
     telemetry = Telemetry.create()
     orders = {
         "config": load_config("simulated", []).config.model_dump_json(),

@@ -12,7 +12,7 @@ HEARTBEAT_S = 0.1
 class Loop:
     """A loop that beats until it is told not to, watched on a clock of its own."""
 
-    def __init__(self, state):
+    def __init__(self, state) -> None:
         self.words = Telemetry.create().words
         self.words[Word.STATE] = state
         self.now = 100.0
@@ -20,7 +20,7 @@ class Loop:
         self.beat()
         self.watch = LoopWatch(self.words, HEARTBEAT_S, self.now)
 
-    def beat(self):
+    def beat(self) -> None:
         if self.beats:
             self.words[Word.HEARTBEAT_NS] = round(self.now * 1e9)
 
@@ -35,7 +35,7 @@ class Loop:
         return None
 
 
-def test_a_silent_loop_is_overdue_after_its_heartbeat():
+def test_a_silent_loop_is_overdue_after_its_heartbeat() -> None:
     loop = Loop(State.RUNNING)
     assert loop.after(10.0) is None
     loop.beats = False
@@ -43,7 +43,7 @@ def test_a_silent_loop_is_overdue_after_its_heartbeat():
     assert "no sign of life for 0.1" in loop.after(2 * LOOK_S)
 
 
-def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time():
+def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None:
     loop = Loop(State.RUNNING)
     loop.now += 5.0  # both were stopped, and it looks before the loop could beat
     assert loop.watch.overdue(loop.now) is None
@@ -55,7 +55,7 @@ def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time():
 
 
 @pytest.mark.parametrize("ask", ["stop", "bus"])
-def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask):
+def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask) -> None:
     loop = Loop(State.RUNNING)
     loop.after(1.0)
     if ask == "stop":
@@ -66,7 +66,7 @@ def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask):
     assert "did not end within 2 s of being asked" in loop.after(3 * LOOK_S)
 
 
-def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more():
+def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> None:
     loop = Loop(State.STOPPING)
     loop.beats = False
     assert loop.after(END_S - LOOK_S) is None
@@ -74,7 +74,7 @@ def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more():
 
 
 @pytest.mark.parametrize("stop", [0, 1])
-def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop):
+def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop) -> None:
     """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
     loop = Loop(State.TORQUE_OFF)
     loop.words[Word.STOP] = stop
@@ -83,7 +83,7 @@ def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop):
     assert "did not end within 15 s" in loop.after(3 * LOOK_S)
 
 
-def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end():
+def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end() -> None:
     loop = Loop(State.STARTING)
     loop.beats = False
     assert loop.after(START_S - LOOK_S) is None

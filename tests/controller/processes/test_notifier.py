@@ -6,11 +6,11 @@ import threading
 from haptic_wall.controller.processes.notifier import Notifier
 
 
-def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():
+def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing() -> None:
     goes_on = threading.Event()
     heard = []
 
-    def tell(text):
+    def tell(text) -> None:
         assert goes_on.wait(30.0)
         heard.append(text)
 
@@ -22,10 +22,10 @@ def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing():
     assert heard == ["first", "second"]
 
 
-def test_a_terminal_that_is_gone_is_no_reason_to_end():
+def test_a_terminal_that_is_gone_is_no_reason_to_end() -> None:
     heard = []
 
-    def tell(text):
+    def tell(text) -> None:
         if text == "first":
             raise BrokenPipeError
         heard.append(text)
@@ -36,7 +36,7 @@ def test_a_terminal_that_is_gone_is_no_reason_to_end():
     assert heard == ["second"]
 
 
-def test_who_speaks_keeps_off_the_core_that_the_speaker_has_left():
+def test_who_speaks_keeps_off_the_core_that_the_speaker_has_left() -> None:
     cores = os.sched_getaffinity(0)
     others = {min(cores)}
     heard = []

@@ -10,7 +10,7 @@ SECOND_NS = 1_000_000_000
 
 
 class Users:
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = self.everywhere = ""
         self.brief = False
 
@@ -22,7 +22,7 @@ class Users:
 
 
 class Stage:
-    def __init__(self, real=True):
+    def __init__(self, real=True) -> None:
         self.clock = SimulatedClock(SECOND_NS)
         self.outside = Outside(self.clock, real)
         self.outside.users = self.users = Users()
@@ -33,14 +33,14 @@ def stage():
     return Stage()
 
 
-def test_while_nothing_happens_reasons_stay_as_they_are(stage):
+def test_while_nothing_happens_reasons_stay_as_they_are(stage) -> None:
     assert not stage.outside.look()
     for reason in ("duration", "interrupted", *Trip):
         assert stage.outside.verdict(reason) == (reason, "")
     assert stage.outside.notes() == []
 
 
-def test_a_suspended_computer_ends_the_run(stage):
+def test_a_suspended_computer_ends_the_run(stage) -> None:
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert stage.outside.look()
     words = "the computer was suspended for 3 s"
@@ -51,7 +51,7 @@ def test_a_suspended_computer_ends_the_run(stage):
 @pytest.mark.parametrize(
     "trip", ["torque_lost", "servo_lost", "loop_hung", "losses_in_row", "loss_rate", "overspeed"]
 )
-def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed):
+def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed) -> None:
     stage.users.now = stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     stage.clock.suspended_ns += 3 * SECOND_NS
     if noticed:
@@ -61,7 +61,7 @@ def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed):
     assert text == f"the computer was suspended for 3 s; the run had ended by {trip}"
 
 
-def test_another_program_ends_the_run_by_name(stage):
+def test_another_program_ends_the_run_by_name(stage) -> None:
     stage.users.now = "minicom (pid 7) has opened /dev/ttyUSB0"
     assert stage.outside.look()
     stage.users.now = ""  # gone by the time the run is over
@@ -71,7 +71,7 @@ def test_another_program_ends_the_run_by_name(stage):
     )
 
 
-def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage):
+def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     reason, text = stage.outside.verdict("trip:torque_lost")
     assert reason == "trip:port_shared"
@@ -80,18 +80,18 @@ def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage):
 
 
 @pytest.mark.parametrize("reason", ["trip:oscillation", "trip:not_a_number", "duration"])
-def test_what_it_cannot_have_caused_keeps_its_name(stage, reason):
+def test_what_it_cannot_have_caused_keeps_its_name(stage, reason) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     stage.clock.suspended_ns += SECOND_NS
     assert stage.outside.verdict(reason) == (reason, "")
 
 
-def test_a_start_that_is_refused_is_explained_too(stage):
+def test_a_start_that_is_refused_is_explained_too(stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     assert stage.outside.verdict("refused") == ("refused", stage.users.everywhere)
 
 
-def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells():
+def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:
     stage = Stage(real=False)
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert not stage.outside.look()
@@ -99,6 +99,6 @@ def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells():
     assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]
 
 
-def test_a_brief_opening_is_a_note(stage):
+def test_a_brief_opening_is_a_note(stage) -> None:
     stage.users.brief = True
     assert stage.outside.notes() == ["a program opened the port during the run and closed it again"]

@@ -5,6 +5,7 @@ import os
 import resource
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.realtime
 class Recording:
     """A ring that is written here, recorded by real processes."""
 
-    def __init__(self, path):
+    def __init__(self, path) -> None:
         self.path = path
         self.telemetry = Telemetry.create()
         self.told = []
@@ -55,7 +56,7 @@ class Recording:
         )
         return self.recorders[-1]
 
-    def until(self, condition, rows=7):
+    def until(self, condition, rows=7) -> None:
         """Write a few rows again and again until something has happened."""
         end = time.monotonic() + 30.0
         while not condition():
@@ -69,7 +70,7 @@ class Recording:
         return self.telemetry.words[Word.TAIL]
 
 
-def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path):
+def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "run.hwlog")
     recording.until(lambda: recording.recorded() > 0)
     room = recording.path.stat().st_size + 50  # the next block fits in part only
@@ -89,7 +90,7 @@ def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path):
     )
 
 
-def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path):
+def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "run.hwlog")
     (recorder,) = recording.recorders
     recording.until(lambda: recording.recorded() > 0)
@@ -102,7 +103,7 @@ def test_a_recorder_whose_supervisor_is_dead_writes_what_comes_and_ends(tmp_path
     recording.monitor.close()
 
 
-def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path):
+def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path: Path) -> None:
     (tmp_path / "run.hwlog").symlink_to("/dev/full")
     recording = Recording(tmp_path / "run.hwlog")
     recording.until(lambda: recording.told)
@@ -112,7 +113,7 @@ def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path):
     assert f"lacks {recording.telemetry.words[Word.HEAD]} of" in notes[0]
 
 
-def test_a_supervised_run_says_how_many_rows_its_log_lacks(tmp_path):
+def test_a_supervised_run_says_how_many_rows_its_log_lacks(tmp_path: Path) -> None:
     (tmp_path / "run.hwlog").symlink_to("/dev/full")
     config = load_config("simulated", ["loop.clock=monotonic"]).config
     told = []

@@ -4,6 +4,8 @@ import errno
 import itertools
 import json
 import os
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ def row():
 class Child:
     """A recorder without a process: it writes when it is let, and ends as it is told."""
 
-    def __init__(self, telemetry, path, resume):
+    def __init__(self, telemetry, path, resume) -> None:
         log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
         self._recorder = Recorder(telemetry, log)
         self._words = telemetry.words
@@ -34,19 +36,19 @@ class Child:
         self.mortal = True
         self.code = None
 
-    def turn(self):
+    def turn(self) -> None:
         if self.code is None and self.writes:
             self._recorder.drain()
             if self._words[Word.FINISHED]:
                 self.end(0)
 
-    def say(self, trouble):
+    def say(self, trouble) -> None:
         self._said.append(json.dumps({"trouble": trouble}))
 
-    def lose(self, lost):
+    def lose(self, lost) -> None:
         self._said.append(json.dumps({"lost": lost}))
 
-    def end(self, code):
+    def end(self, code) -> None:
         if self.code is None:
             self.code = code
             self._recorder.close()
@@ -69,25 +71,25 @@ class Child:
             self.turn()
         return self.ended()
 
-    def send(self, _number):
+    def send(self, _number) -> None:
         if self.mortal:
             self.end(-9)
 
-    def dismiss(self, _timeout_s):
+    def dismiss(self, _timeout_s) -> None:
         self.end(-9)
 
 
 class TalkingChild(Child):
     """What a recorder's process does and says, in this process."""
 
-    def __init__(self, telemetry, path, resume, capfd):
+    def __init__(self, telemetry, path, resume, capfd) -> None:
         self._attempts = _Attempts(telemetry, {"log": str(path), "metadata": {}, "resume": resume})
         self._words = telemetry.words
         self._capfd = capfd
         self.mortal = True
         self.code = None
 
-    def turn(self):
+    def turn(self) -> None:
         if self.code is None:
             self._attempts.write()
             if self._words[Word.FINISHED]:
@@ -96,7 +98,7 @@ class TalkingChild(Child):
     def lines(self):
         return self._capfd.readouterr().out.splitlines()
 
-    def end(self, code):
+    def end(self, code) -> None:
         if self.code is None:
             self.code = code
             self._attempts.close()
@@ -105,7 +107,7 @@ class TalkingChild(Child):
 class Run:
     """A loop that writes a row each millisecond, a monitor that looks, on one simulated time."""
 
-    def __init__(self, folder, child=Child):
+    def __init__(self, folder, child=Child) -> None:
         self._child = child
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
@@ -122,7 +124,7 @@ class Run:
         self.recorders.append(self._child(self.telemetry, self.path, resume))
         return self.recorders[-1]
 
-    def go(self, seconds, rows_per_s=1000, step=0.25):
+    def go(self, seconds, rows_per_s=1000, step=0.25) -> None:
         for _ in range(round(seconds / step)):
             self.now += step
             for _ in range(round(rows_per_s * step)):
@@ -138,13 +140,13 @@ class Run:
 
 
 @pytest.fixture
-def run(tmp_path):
+def run(tmp_path: Path):
     run = Run(tmp_path)
     yield run
     run.recorders[-1].end(-9)
 
 
-def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
+def test_nothing_is_said_of_a_recorder_that_does_its_work(run) -> None:
     run.go(5.0)
     notes, rows = run.end()
     assert notes == run.told == []
@@ -152,7 +154,7 @@ def test_nothing_is_said_of_a_recorder_that_does_its_work(run):
     np.testing.assert_array_equal(rows, np.arange(5000))
 
 
-def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run):
+def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
     run.go(0.25)
@@ -169,7 +171,7 @@ def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run):
     np.testing.assert_array_equal(rows, np.arange(4250))
 
 
-def test_a_recorder_that_never_lives_is_not_started_all_the_time(run):
+def test_a_recorder_that_never_lives_is_not_started_all_the_time(run) -> None:
     for _ in range(20):
         run.recorders[-1].end(-9)
         run.go(0.5)
@@ -179,7 +181,7 @@ def test_a_recorder_that_never_lives_is_not_started_all_the_time(run):
     np.testing.assert_array_equal(rows, np.arange(10_000))
 
 
-def test_a_recorder_that_cannot_be_started_is_tried_again(run):
+def test_a_recorder_that_cannot_be_started_is_tried_again(run) -> None:
     run.go(2.0)
     run.refused = OSError(errno.ENOMEM, "Cannot allocate memory")
     run.recorders[-1].end(-9)
@@ -191,7 +193,7 @@ def test_a_recorder_that_cannot_be_started_is_tried_again(run):
     np.testing.assert_array_equal(rows, np.arange(9000))
 
 
-def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run):
+def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run) -> None:
     run.go(2.0)
     run.recorders[-1].writes = False
     run.go(2.25, rows_per_s=CAPACITY // 4)
@@ -204,7 +206,7 @@ def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run):
     assert len(rows) == run.words[Word.HEAD]
 
 
-def test_nobody_writes_beside_a_recorder_that_does_not_die(run):
+def test_nobody_writes_beside_a_recorder_that_does_not_die(run) -> None:
     run.go(2.0)
     stuck = run.recorders[-1]
     stuck.writes = stuck.mortal = False  # it waits for a disk in the kernel
@@ -219,8 +221,8 @@ def test_nobody_writes_beside_a_recorder_that_does_not_die(run):
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
 
 
-def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run):
-    def crawl(self):
+def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run) -> None:
+    def crawl(self) -> None:
         """A block of a few rows, then the processor is somebody else's."""
         recorder = self._recorder
         block, _ = recorder._telemetry.read(recorder._tail, 9)
@@ -236,7 +238,7 @@ def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run):
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
 
 
-def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run):
+def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run) -> None:
     run.go(2.0)
     told = run.words[Word.TAIL]
     run.telemetry.write(row())
@@ -248,7 +250,7 @@ def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(
     np.testing.assert_array_equal(rows, np.arange(2001))
 
 
-def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run):
+def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run) -> None:
     run.go(2.0)
     run.recorders[-1].writes = False
     run.recorders[-1].say("run.hwlog: No space left on device")
@@ -272,20 +274,22 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
 
 
 @pytest.fixture
-def talking(tmp_path, monkeypatch, capfd):
+def talking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
     """A run whose recorder syncs at each turn."""
     monkeypatch.setattr(recorder, "SYNC_S", 0.0)
     return Run(tmp_path, lambda *of: TalkingChild(*of, capfd))
 
 
-def failing(*_):
+def failing(*_) -> NoReturn:
     raise OSError(errno.EIO, "Input/output error")
 
 
 LOST = "run.hwlog: Input/output error), and nobody knows which rows; the run was not disturbed"
 
 
-def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talking, monkeypatch):
+def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(
+    talking, monkeypatch: pytest.MonkeyPatch
+) -> None:
     talking.go(1.0)
     with monkeypatch.context() as once:
         once.setattr(os, "fdatasync", failing)
@@ -304,7 +308,9 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(talk
 
 
 @pytest.mark.parametrize("when", ["sync", "close"])
-def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when):
+def test_what_the_disk_says_at_the_very_end_is_noted(
+    talking, monkeypatch: pytest.MonkeyPatch, when
+) -> None:
     talking.go(1.0)
     if when == "sync":
         talking.telemetry.write(row())
@@ -317,7 +323,7 @@ def test_what_the_disk_says_at_the_very_end_is_noted(talking, monkeypatch, when)
     assert talking.monitor.lacking is None
 
 
-def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run):
+def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run) -> None:
     run.go(1.0)
     run.recorders[-1].lose("run.hwlog: Input/output error")
     run.recorders[-1].end(-9)
@@ -328,7 +334,7 @@ def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run):
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped"])
-def test_the_last_rows_are_written_by_another_recorder(run, how):
+def test_the_last_rows_are_written_by_another_recorder(run, how) -> None:
     run.go(2.0)
     if how == "killed":
         run.recorders[-1].end(-9)
@@ -341,7 +347,7 @@ def test_the_last_rows_are_written_by_another_recorder(run, how):
     np.testing.assert_array_equal(rows, np.arange(2001))
 
 
-def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run):
+def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
     run.telemetry.write(row())
@@ -353,7 +359,7 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run)
     assert len(run.recorders) == 1 <= recorder_monitor.LAST_ATTEMPTS
 
 
-def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
+def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run) -> None:
     run.go(5.0)
     assert may_stand_back(run.words)
     run.recorders[-1].writes = False  # it does not come to run
@@ -366,7 +372,7 @@ def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run):
     assert not may_stand_back(run.words)
 
 
-def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking):
+def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking) -> None:
     with LogWriter(talking.path, {}, ROW) as old:
         old.append(np.zeros(7, ROW))
     before = talking.path.read_bytes()
@@ -382,7 +388,7 @@ def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talk
     assert [path.name for path in talking.path.parent.iterdir()] == ["run.hwlog"]
 
 
-def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking):
+def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking) -> None:
     talking.go(1.0)
     moved = talking.path.rename(talking.path.with_name("moved"))
     talking.go(1.0)

@@ -1,6 +1,7 @@
 """What the report says of a trip, where the reason depends on what is at the port."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -19,7 +20,7 @@ def ended_by(trip, port, preset="emulated-port"):
     ("trip", "setting"),
     [("loss_rate", "safety.max_loss"), ("losses_in_row", "safety.max_silence_s")],
 )
-def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(tmp_path, trip, setting):
+def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(tmp_path: Path, trip, setting) -> None:
     leader, follower = os.openpty()
     link = tmp_path / "bus"
     link.symlink_to(os.ttyname(follower))

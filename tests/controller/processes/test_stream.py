@@ -5,6 +5,7 @@ import math
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def heard(plot):
         return datagrams
 
 
-def write(telemetry, count, start=0):
+def write(telemetry, count, start=0) -> None:
     """Rows a millisecond apart; the first without a position."""
     for k in range(start, start + count):
         row = np.zeros((), ROW)
@@ -54,7 +55,7 @@ def sender(listener):
     made.close()
 
 
-def test_rows_arrive_one_object_each_on_a_coarser_grid(listener, sender):
+def test_rows_arrive_one_object_each_on_a_coarser_grid(listener, sender) -> None:
     telemetry, made = sender
     write(telemetry, 15)
     assert made.send() == []
@@ -71,7 +72,7 @@ def test_rows_arrive_one_object_each_on_a_coarser_grid(listener, sender):
     assert max(map(len, datagrams)) < 1400, "fits a packet, and PlotJuggler's buffer of 2048"
 
 
-def test_every_row_is_sent_where_as_many_are_wanted(listener):
+def test_every_row_is_sent_where_as_many_are_wanted(listener) -> None:
     telemetry = Telemetry.create()
     made = Sender(telemetry, Stream("127.0.0.1", listener.getsockname()[1], 5000.0), 1000.0)
     write(telemetry, 30)
@@ -80,7 +81,7 @@ def test_every_row_is_sent_where_as_many_are_wanted(listener):
     assert len(heard(listener)) == 30
 
 
-def test_nobody_listening_is_said_once_and_sending_goes_on(listener, sender):
+def test_nobody_listening_is_said_once_and_sending_goes_on(listener, sender) -> None:
     telemetry, made = sender
     address = listener.getsockname()
     listener.close()
@@ -98,7 +99,7 @@ def test_nobody_listening_is_said_once_and_sending_goes_on(listener, sender):
         assert heard(later)
 
 
-def test_no_route_is_said_once():
+def test_no_route_is_said_once() -> None:
     telemetry = Telemetry.create()
     made = Sender(telemetry, Stream("255.255.255.255", 9870, 100.0), 1000.0)
     write(telemetry, 50)
@@ -119,12 +120,12 @@ def test_no_route_is_said_once():
         ("localhost:9870", math.nan, "--stream-rate: found nan"),
     ],
 )
-def test_a_place_that_is_none_is_refused(place, rate, said):
+def test_a_place_that_is_none_is_refused(place, rate, said) -> None:
     with pytest.raises(UserError, match=said):
         stream_to(place, rate, anywhere=True)
 
 
-def test_places():
+def test_places() -> None:
     assert stream_to("127.0.0.1:9870", 250.0, False) == Stream("127.0.0.1", 9870, 250.0)
     assert stream_to("[::1]:9870", 100.0, False).host == "::1"
     scope = socket.if_nametoindex("lo")
@@ -132,7 +133,7 @@ def test_places():
 
 
 @pytest.mark.parametrize("place", ["localhost", "127.8.8.8", "0.0.0.0", "[::]"])
-def test_this_machine_may_listen(place):
+def test_this_machine_may_listen(place) -> None:
     assert stream_to(f"{place}:9870", 100.0, anywhere=False).port == 9870
 
 
@@ -140,14 +141,14 @@ def test_this_machine_may_listen(place):
     "place",
     ["192.0.2.7", "239.1.2.3", "255.255.255.255", "[2001:db8::7]", "[ff02::1%lo]", "[fe80::7%lo]"],
 )
-def test_another_machine_is_asked_for(place):
+def test_another_machine_is_asked_for(place) -> None:
     """These are addresses of documentation, of groups, and of everybody."""
     with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere if"):
         stream_to(f"{place}:9870", 100.0, anywhere=False)
     assert stream_to(f"{place}:9870", 100.0, anywhere=True).port == 9870
 
 
-def test_an_own_address_on_the_network_is_this_machine():
+def test_an_own_address_on_the_network_is_this_machine() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.7", 9))
@@ -167,7 +168,7 @@ def test_an_own_address_on_the_network_is_this_machine():
         (["--stream", "9870"], "wanted HOST:PORT"),
     ],
 )
-def test_what_run_refuses(arguments, said, tmp_path, monkeypatch):
+def test_what_run_refuses(arguments, said, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     refused = CliRunner().invoke(command, arguments)
     assert isinstance(refused.exception, UserError)
@@ -176,7 +177,7 @@ def test_what_run_refuses(arguments, said, tmp_path, monkeypatch):
 
 
 @pytest.mark.realtime
-def test_a_run_is_watched_live(listener, tmp_path):
+def test_a_run_is_watched_live(listener, tmp_path: Path) -> None:
     words = ["run", "simulated", "--duration", "0.5", "--json", "--log", "a.hwlog"]
     words += ["--set", "realtime.profile=off", "--plot", "a.png"]
     words += ["--stream", f"127.0.0.1:{listener.getsockname()[1]}", "--stream-rate", "50"]

@@ -9,6 +9,8 @@ import signal
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -34,7 +36,7 @@ RESULT = {
 class Child:
     """A process that does as it is told by ``acts``; the recorder has nothing to do."""
 
-    def __init__(self, name, _arguments, _orders, _descriptors=(), _cores=None):
+    def __init__(self, name, _arguments, _orders, _descriptors=(), _cores=None) -> None:
         self.name = name
         self.pidfd, self._end = os.pipe()
         self.output, self._voice = os.pipe()
@@ -43,10 +45,10 @@ class Child:
         self.sent = []
         CHILDREN[name] = self
 
-    def say(self, event, **content):
+    def say(self, event, **content) -> None:
         os.write(self._voice, (json.dumps({"event": event, **content}) + "\n").encode())
 
-    def end(self, code):
+    def end(self, code) -> None:
         if self.code is None:
             self.code = code
             os.close(self._end)
@@ -74,12 +76,12 @@ class Child:
     def wait(self, _timeout_s):
         return self.ended()
 
-    def send(self, number):
+    def send(self, number) -> None:
         self.sent.append(number)
         if number == signal.SIGKILL:
             self.end(-9)
 
-    def dismiss(self, _timeout_s):
+    def dismiss(self, _timeout_s) -> None:
         self.end(-9)
         for descriptor in (self.pidfd, self.output, self._voice):
             os.close(descriptor)
@@ -91,7 +93,7 @@ CHILDREN = {}
 class Stage:
     """A supervisor with played children on a servo whose torque it can switch off, or not."""
 
-    def __init__(self, monkeypatch, folder):
+    def __init__(self, monkeypatch, folder) -> None:
         config = load_config("xm430-w350", ["servo.port=/dev/null", "model.delay=0"]).config
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
@@ -127,7 +129,7 @@ class Stage:
 
 
 @pytest.fixture
-def stage(monkeypatch, tmp_path):
+def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     return Stage(monkeypatch, tmp_path)
 
 
@@ -135,7 +137,7 @@ SILENT_AND_MARKED = [(True, 1)]
 """When the torque was cut the loop was dead, and the memory said that the bus is not its own"""
 
 
-def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage):
+def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage) -> None:
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
@@ -147,7 +149,7 @@ def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage):
     assert report["torque_off"] is True
 
 
-def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage):
+def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage) -> None:
     ended, _ = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
     assert ended.stop_reason == "trip:loop_hung"
@@ -155,7 +157,7 @@ def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage):
     assert "it was busy" in explanation(ended, stage.plan.config.servo)
 
 
-def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
+def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage) -> None:
     stage.confirmed = False
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
@@ -165,8 +167,8 @@ def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage):
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
-def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, confirmed):
-    def trip(loop):
+def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, confirmed) -> None:
+    def trip(loop) -> None:
         loop.say("ended", result={**RESULT, "torque_off": False})
         loop.end(0)
 
@@ -177,14 +179,16 @@ def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, con
     assert len(stage.cuts) == 1
 
 
-def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage):
+def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage) -> None:
     stage.loop_acts = lambda loop: loop.say("ended", result=RESULT)
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:overspeed"
     assert any("no sign of life" in note for note in ended.warnings)
 
 
-def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
+def test_a_loop_that_does_not_end_when_asked_is_ended(
+    stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: stage.words.__setitem__(
@@ -197,12 +201,12 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(stage, monkeypatch):
 
 @pytest.mark.parametrize("state", [State.STARTING, State.RUNNING, State.STOPPING])
 def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
-    stage, state, monkeypatch
-):
+    stage, state, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = 1
 
-    def start(_loop):
+    def start(_loop) -> None:
         stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns() + 10**10
         stage.words[Word.STATE] = state
 
@@ -215,18 +219,18 @@ def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
 
 
 @pytest.fixture
-def clock(monkeypatch):
+def clock(monkeypatch: pytest.MonkeyPatch):
     """The supervisor's, for all but its heartbeats: it can be suspended."""
     clock = SimulatedClock()
     monkeypatch.setattr(supervisor, "MonotonicClock", lambda: clock)
     return clock
 
 
-def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock):
+def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock) -> None:
     """The loop is asked to end, and does."""
 
-    def suspend(loop):
-        def end():
+    def suspend(loop) -> None:
+        def end() -> None:
             while not stage.words[Word.STOP]:
                 time.sleep(0.001)
                 stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
@@ -245,7 +249,7 @@ def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock):
     assert stage.cuts == []
 
 
-def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock):
+def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock) -> None:
     stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: setattr(clock, "suspended_ns", 3_000_000_000)
     ended, report = stage.run()
@@ -255,8 +259,10 @@ def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock):
     assert "the supervisor switched the torque off and read it back" in report["explanation"]
 
 
-def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
-    def broken(*_):
+def test_a_defect_of_the_supervisor_leaves_no_torque_on(
+    stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(Supervisor, "_hear", broken)
@@ -270,7 +276,7 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(stage, monkeypatch):
 def refused(stage, state):
     """What a person is told when the loop refuses the run in that state."""
 
-    def refuse(loop):
+    def refuse(loop) -> None:
         stage.words[Word.STATE] = state
         loop.say("refused", message="The servo answers no more: check the cable.")
         loop.end(0)
@@ -286,7 +292,9 @@ def refused(stage, state):
     ("confirmed", "words"),
     [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
 )
-def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(stage, state, confirmed, words):
+def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
+    stage, state, confirmed, words
+) -> None:
     stage.confirmed = confirmed
     message = refused(stage, state)
     assert [dead for dead, _ in stage.cuts] == [True]
@@ -295,12 +303,14 @@ def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(stage, state
 
 
 @pytest.mark.parametrize("state", [State.STARTING, State.TORQUE_OFF])
-def test_a_refused_start_without_torque_is_left_alone(stage, state):
+def test_a_refused_start_without_torque_is_left_alone(stage, state) -> None:
     assert refused(stage, state) == "The servo answers no more: check the cable."
     assert stage.cuts == []
 
 
-def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
+def test_a_start_refused_by_an_emulator_s_death_names_it(
+    stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = load_config("emulated-xm430", []).config
     stage.plan = replace(stage.plan, config=config)
     monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
@@ -317,15 +327,19 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(stage, monkeypatch):
     assert "the emulated bus ended with -9; start it again" in message
 
 
-def test_a_refused_start_tells_what_became_of_the_log(stage, monkeypatch):
+def test_a_refused_start_tells_what_became_of_the_log(
+    stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(supervisor.RecorderMonitor, "end", lambda _: ["the log is incomplete"])
     assert "the log is incomplete" in refused(stage, State.STARTING)
 
 
-def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monkeypatch):
+def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
+    stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
 
-    def refuse(loop):
+    def refuse(loop) -> None:
         stage.words[Word.STATE] = State.TORQUE_UNKNOWN
         loop.say("refused", message="The servo answers no more: check the cable.")
 
@@ -335,7 +349,7 @@ def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(stage, monk
     assert stage.cuts == SILENT_AND_MARKED
 
 
-def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(stage):
+def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(stage) -> None:
     """Ctrl-C; a bus that is stuck does not even heed a polite end."""
     stage.plan = replace(stage.plan, config=load_config("emulated-xm430", []).config)
     threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()

@@ -22,7 +22,7 @@ def pixels(draw):
 
 @pytest.mark.parametrize("at", [*range(PIECE - 3, PIECE + 3), 2 * PIECE])
 @pytest.mark.parametrize("drawstyle", ["default", "steps-post"])
-def test_a_steep_line_is_whole_at_the_joints(at, drawstyle):
+def test_a_steep_line_is_whole_at_the_joints(at, drawstyle) -> None:
     x = np.arange(2.5 * PIECE)
     y = (x >= at).astype(float)
     drawn = pixels(lambda ax: line(ax, x, y, color="k", linewidth=2, drawstyle=drawstyle))
@@ -31,7 +31,7 @@ def test_a_steep_line_is_whole_at_the_joints(at, drawstyle):
     assert np.count_nonzero((whole < 100) & (drawn > 200)) == 0
 
 
-def test_a_line_of_one_point_and_of_none_is_drawn_with_its_name():
+def test_a_line_of_one_point_and_of_none_is_drawn_with_its_name() -> None:
     for count in (0, 1, PIECE, PIECE + 1):
         ax = Figure().subplots()
         line(ax, np.arange(float(count)), np.zeros(count), label="position", color="k")

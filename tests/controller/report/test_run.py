@@ -1,5 +1,7 @@
 """The picture is drawn for every kind of run, and shows what is there."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,7 @@ def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True)
     figures = []
     save = Figure.savefig
 
-    def keep(figure, path, **how):
+    def keep(figure, path, **how) -> None:
         figures.append(figure)
         if saved:
             save(figure, path, **how)
@@ -66,14 +68,18 @@ def legend(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
-def test_a_wall_that_was_let_go_is_not_drawn_as_on(monkeypatch, tmp_path):
+def test_a_wall_that_was_let_go_is_not_drawn_as_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = run_rows()
     rows["flags"][400:] |= FLAG_OFF
     figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
     assert "the wall is off: let go, or loaded" in legend(figure.axes[0])
 
 
-def test_one_look_tells_wall_torque_and_timing(monkeypatch, tmp_path):
+def test_one_look_tells_wall_torque_and_timing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = run_rows()
     rows["missed"][300] = 2
     figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
@@ -96,7 +102,9 @@ def test_one_look_tells_wall_torque_and_timing(monkeypatch, tmp_path):
     assert timing.get_xlim() == (0.0, pytest.approx(0.599))
 
 
-def test_a_clamped_stiffness_is_in_the_title_and_drawn(monkeypatch, tmp_path):
+def test_a_clamped_stiffness_is_in_the_title_and_drawn(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = run_rows()
     rows["stiffness"][400:] = 5.0
     facts = metadata("simulated", "wall.stiffness=1e6")
@@ -105,7 +113,7 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(monkeypatch, tmp_path):
     assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
 
 
-def test_a_wall_below_is_drawn_below(monkeypatch, tmp_path):
+def test_a_wall_below_is_drawn_below(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     rows = run_rows(side=-1)
     rows["position"] += 0.2  # never touched: the wall must be in the picture all the same
     figure = draw(
@@ -115,7 +123,9 @@ def test_a_wall_below_is_drawn_below(monkeypatch, tmp_path):
     assert "wall (fills below)" in legend(figure.axes[0])
 
 
-def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
+def test_a_run_on_the_simulated_clock_has_no_lateness(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = run_rows()
     for field in ("lateness_ns", "work_ns", "bus_ns", "flags"):
         rows[field] = 0
@@ -128,7 +138,9 @@ def test_a_run_on_the_simulated_clock_has_no_lateness(monkeypatch, tmp_path):
     assert figure.get_suptitle().endswith("simulated clock")
 
 
-def test_the_title_tells_a_trip_and_a_guard_that_is_off(tmp_path, monkeypatch):
+def test_the_title_tells_a_trip_and_a_guard_that_is_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     facts = metadata("simulated", "guard.mode=off")
     figure = draw(monkeypatch, tmp_path, run_rows(), facts, "trip:overspeed", saved=False)
     first, second = figure.get_suptitle().splitlines()
@@ -136,7 +148,7 @@ def test_the_title_tells_a_trip_and_a_guard_that_is_off(tmp_path, monkeypatch):
     assert second.endswith("guard off")
 
 
-def test_saturation_shows_the_limit(monkeypatch, tmp_path):
+def test_saturation_shows_the_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     rows = run_rows()
     rows["torque"] = np.clip(rows["wall_torque"], -0.4, 0.4)
     rows["flags"][rows["torque"] != rows["wall_torque"]] |= FLAG_SATURATED
@@ -146,18 +158,22 @@ def test_saturation_shows_the_limit(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("count", [1, 2, 101])
-def test_the_shortest_runs_can_be_drawn(monkeypatch, tmp_path, count):
+def test_the_shortest_runs_can_be_drawn(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, count
+) -> None:
     draw(monkeypatch, tmp_path, run_rows(count), metadata())
 
 
-def test_failed_readings_leave_gaps(monkeypatch, tmp_path):
+def test_failed_readings_leave_gaps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     rows = run_rows()
     rows["position"][:50] = np.nan
     rows["velocity"][:50] = np.nan
     draw(monkeypatch, tmp_path, rows, metadata())
 
 
-def test_a_long_run_is_drawn_as_its_envelope(monkeypatch, tmp_path):
+def test_a_long_run_is_drawn_as_its_envelope(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = run_rows(50_000)
     rows["position"][31_234] = 0.7
     figure = draw(monkeypatch, tmp_path, rows, metadata(), saved=False)
@@ -168,7 +184,7 @@ def test_a_long_run_is_drawn_as_its_envelope(monkeypatch, tmp_path):
     assert max(drawn) == 0.7
 
 
-def test_a_log_of_another_program_is_refused(tmp_path):
+def test_a_log_of_another_program_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogFormatError, match="not one this program knows"):
         rows = run_rows()
         plot.plot_run(sketched([rows], 600, 0), {"config": {"wall": 3}}, tmp_path / "run.png")

@@ -1,5 +1,7 @@
 """The cache warm-up: it has no effect, and it has its time or is left out."""
 
+from typing import NoReturn
+
 import pytest
 
 from haptic_wall.controller.runtime import cache_warm_up, deadlines
@@ -38,13 +40,13 @@ RUNS = {
 class Rehearsed:
     """A servo before whose every request the caches are warmed up: in the midst of a real tick."""
 
-    def __init__(self, servo, warm_up):
+    def __init__(self, servo, warm_up) -> None:
         self._servo, self._warm_up = servo, warm_up
 
     def __getattr__(self, name):
         return getattr(self._servo, name)
 
-    def request(self):
+    def request(self) -> None:
         self._warm_up(PERIOD_NS)
         assert not self._warm_up.fault
         self._servo.request()
@@ -74,14 +76,14 @@ def rows_of(preset, *sets, warmed_up):
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS.keys())
-def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(run):
+def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(run) -> None:
     assert rows_of(*run, warmed_up=True) == rows_of(*run, warmed_up=False)
 
 
 class Machine:
     """Time that passes by being looked at and by sleeping, in place of the module ``time``."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = self.oversleeps_ns = 0
         self.naps = []
 
@@ -89,13 +91,13 @@ class Machine:
         self.now += 100
         return self.now
 
-    def sleep(self, seconds):
+    def sleep(self, seconds) -> None:
         self.naps.append(round(seconds * 1e9))
         self.now += self.naps[-1] + self.oversleeps_ns
 
 
 @pytest.fixture
-def machine(monkeypatch):
+def machine(monkeypatch: pytest.MonkeyPatch):
     machine = Machine()
     monkeypatch.setattr(deadlines, "time", machine)
     monkeypatch.setattr(cache_warm_up, "time", machine)
@@ -105,14 +107,14 @@ def machine(monkeypatch):
 def made(machine, cost_ns, began):
     """A cache warm-up with a tick that takes ``cost_ns``, or what ``cost_ns()`` says."""
 
-    def tick(deadline_ns, woke_ns, missed):  # noqa: ARG001
+    def tick(deadline_ns, woke_ns, missed) -> None:  # noqa: ARG001
         began.append(machine.now)
         machine.now += cost_ns() if callable(cost_ns) else cost_ns
 
     return CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
 
 
-def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine):
+def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine) -> None:
     began = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
@@ -129,7 +131,7 @@ def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine):
     assert needed < 50_000 + 1.2 * 60_000, "no more of the period is spent than that"
 
 
-def test_without_the_time_it_needs_there_is_none(machine):
+def test_without_the_time_it_needs_there_is_none(machine) -> None:
     began = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
@@ -148,7 +150,7 @@ def test_without_the_time_it_needs_there_is_none(machine):
     assert began == []
 
 
-def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine):
+def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine) -> None:
     costs = [40_000]
     warm_up = made(machine, lambda: costs[0], [])
     assert warm_up.practise(200_000)
@@ -163,7 +165,7 @@ def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine):
     assert warm_up.need_ns <= 200_000
 
 
-def test_a_single_long_one_does_not_end_them(machine):
+def test_a_single_long_one_does_not_end_them(machine) -> None:
     costs = [40_000]
     began = []
     warm_up = made(machine, lambda: costs[0], began)
@@ -174,7 +176,7 @@ def test_a_single_long_one_does_not_end_them(machine):
     assert warm_up.need_ns < 1.2 * before + 2000
 
 
-def test_short_periods_and_waits_without_spinning_have_none(machine):
+def test_short_periods_and_waits_without_spinning_have_none(machine) -> None:
     began = []
     clock = MonotonicClock()
     for spin_ns, period_ns, wanted in (
@@ -188,8 +190,8 @@ def test_short_periods_and_waits_without_spinning_have_none(machine):
         assert bool(began) == wanted
 
 
-def test_an_error_ends_the_warm_ups_and_nothing_else(machine):
-    def tick(*_):
+def test_an_error_ends_the_warm_ups_and_nothing_else(machine) -> None:
+    def tick(*_) -> NoReturn:
         raise ZeroDivisionError("by design")
 
     warm_up = CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
@@ -204,7 +206,7 @@ def test_an_error_ends_the_warm_ups_and_nothing_else(machine):
 class Mute:
     """A servo whose stand-in cannot be asked anything."""
 
-    def __init__(self, servo, able=True):
+    def __init__(self, servo, able=True) -> None:
         self._servo, self._able = servo, able
 
     def __getattr__(self, name):
@@ -213,13 +215,13 @@ class Mute:
     def stand_in(self, clock):
         return Mute(self._servo.stand_in(clock), able=False)
 
-    def request(self):
+    def request(self) -> None:
         if not self._able:
             raise LookupError("no stand-in today")
         self._servo.request()
 
 
-def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on():
+def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on() -> None:
     said = []
     config = load_config("simulated", ("loop.warm_up_s=0.01", "realtime.spin_us=50")).config
     result = run_session(

@@ -25,7 +25,7 @@ PERIOD = 1_000_000
 @given(period=st.integers(100_000, 20_000_000))
 @example(period=5_000_000)
 @example(period=20_000_000)
-def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period):
+def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period) -> None:
     before = time.monotonic_ns()
     first = first_deadline(MonotonicClock(), period)
     assert before + period <= first <= time.monotonic_ns() + 2 * period
@@ -33,31 +33,31 @@ def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(per
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 500, 1000, 2000])
-def test_no_deadline_of_a_usual_rate_is_near_a_whole_millisecond(rate_hz):
+def test_no_deadline_of_a_usual_rate_is_near_a_whole_millisecond(rate_hz) -> None:
     period = 1_000_000_000 // rate_hz
     first = first_deadline(MonotonicClock(), period)
     places = {(first + k * period) % 1_000_000 for k in range(20)}
     assert all(100_000 <= place <= 900_000 for place in places)
 
 
-def test_simulated_time_has_nothing_to_keep_away_from():
+def test_simulated_time_has_nothing_to_keep_away_from() -> None:
     assert first_deadline(SimulatedClock(7), PERIOD) == 7 + PERIOD
 
 
-def test_a_tick_in_time_is_followed_by_the_next_point():
+def test_a_tick_in_time_is_followed_by_the_next_point() -> None:
     assert next_deadline(5 * PERIOD, 5 * PERIOD + 300_000, PERIOD) == (6 * PERIOD, 0)
 
 
-def test_less_than_a_period_late_runs_at_once_and_keeps_its_place():
+def test_less_than_a_period_late_runs_at_once_and_keeps_its_place() -> None:
     assert next_deadline(5 * PERIOD, 6 * PERIOD + 900_000, PERIOD) == (6 * PERIOD, 0)
 
 
-def test_a_stall_skips_whole_periods_and_counts_them():
+def test_a_stall_skips_whole_periods_and_counts_them() -> None:
     assert next_deadline(5 * PERIOD, 9 * PERIOD + 100, PERIOD) == (9 * PERIOD, 3)
 
 
 @given(st.integers(0, 10**18), st.integers(0, 10**12), st.integers(500_000, 20_000_000))
-def test_grid_properties(deadline, late, period):
+def test_grid_properties(deadline, late, period) -> None:
     now = deadline + late
     following, missed = next_deadline(deadline, now, period)
     assert (following - deadline) % period == 0, "the grid never shifts"
@@ -66,13 +66,13 @@ def test_grid_properties(deadline, late, period):
     assert following > now - period, "no burst: at most one deadline is due"
 
 
-def test_a_simulated_clock_arrives_exactly():
+def test_a_simulated_clock_arrives_exactly() -> None:
     clock = SimulatedClock(7)
     assert ClockWaiter(clock).wait(10**9) == 10**9
     assert ClockWaiter(clock).wait(5) == 10**9, "time does not go back"
 
 
-def test_the_spinning_waiter_is_never_early():
+def test_the_spinning_waiter_is_never_early() -> None:
     waiter = SpinWaiter(200_000)
     for _ in range(20):
         deadline = time.monotonic_ns() + 1_000_000
@@ -81,18 +81,18 @@ def test_the_spinning_waiter_is_never_early():
     assert waiter.wait(past) > past
 
 
-def test_the_margin_is_measured_within_its_bounds():
+def test_the_margin_is_measured_within_its_bounds() -> None:
     assert SPIN_MIN_NS <= measured_spin_margin_ns(naps=20) <= SPIN_MAX_NS
 
 
-def test_the_waiter_suits_the_clock():
+def test_the_waiter_suits_the_clock() -> None:
     assert isinstance(waiter_for(SimulatedClock(), None, 1_000_000), ClockWaiter)
     waiter = waiter_for(MonotonicClock(), 70_000, 1_000_000)
     assert isinstance(waiter, SpinWaiter)
     assert waiter.margin_ns == 70_000
 
 
-def test_a_measured_margin_leaves_most_of_a_short_period_to_sleep():
+def test_a_measured_margin_leaves_most_of_a_short_period_to_sleep() -> None:
     waiter = waiter_for(MonotonicClock(), None, 50_000)
     assert isinstance(waiter, SpinWaiter)
     assert waiter.margin_ns == 30_000

@@ -31,7 +31,7 @@ def follow(made, ticks, age_ns=0, may_raise=True):
     return sum(made.follow(age_ns, PERIOD_NS, may_raise) for _ in range(ticks))
 
 
-def test_nothing_is_commanded_before_it_begins():
+def test_nothing_is_commanded_before_it_begins() -> None:
     made, wall = gains((40.0, 0.1))
     follow(made, 5)
     assert (wall.stiffness, wall.damping, made.in_force) == (0.0, 0.0, False)
@@ -40,7 +40,7 @@ def test_nothing_is_commanded_before_it_begins():
     assert (wall.stiffness, wall.damping) == (40.0, 0.1)
 
 
-def test_stiffness_and_damping_go_down_together_over_the_ramp():
+def test_stiffness_and_damping_go_down_together_over_the_ramp() -> None:
     made, wall = gains((40.0, 0.2), (20.0, 0.1))
     made.begin()
     ratios = []
@@ -51,7 +51,7 @@ def test_stiffness_and_damping_go_down_together_over_the_ramp():
     assert ratios == pytest.approx([0.005] * 60), "along the ray"
 
 
-def test_a_second_reason_makes_no_fall_slower_that_is_under_way():
+def test_a_second_reason_makes_no_fall_slower_that_is_under_way() -> None:
     made, wall = gains((40.0, 0.2), (10.0, 0.1), (8.0, 0.1))
     made.begin()
     while wall.stiffness == 40.0:
@@ -65,7 +65,7 @@ def test_a_second_reason_makes_no_fall_slower_that_is_under_way():
     assert min(steps) >= steps[0] * (1.0 - 1e-9)
 
 
-def test_stiffness_rises_at_once_but_only_where_it_may():
+def test_stiffness_rises_at_once_but_only_where_it_may() -> None:
     made, wall = gains((40.0, 0.2), (20.0, 0.1), window=20)
     made.begin()
     follow(made, 60, AGES[1])
@@ -76,7 +76,7 @@ def test_stiffness_rises_at_once_but_only_where_it_may():
     assert wall.stiffness == 40.0
 
 
-def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest():
+def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest() -> None:
     made, wall = gains((20.0, 0.2), (40.0, 0.1))
     made.begin()
     follow(made, 60, AGES[1], may_raise=False)
@@ -85,7 +85,7 @@ def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest():
     assert (wall.stiffness, wall.damping) == (40.0, 0.1)
 
 
-def test_a_scale_lowers_the_springs_largest_torque_too():
+def test_a_scale_lowers_the_springs_largest_torque_too() -> None:
     made, wall = gains((40.0, 0.2))
     made.begin()
     made.scale(0.25, 1.0)
@@ -94,13 +94,13 @@ def test_a_scale_lowers_the_springs_largest_torque_too():
     assert wall.stiffness == 40.0
 
 
-def test_the_largest_rise_is_to_the_stiffest_of_all_decisions():
+def test_the_largest_rise_is_to_the_stiffest_of_all_decisions() -> None:
     made, _ = gains((20.0, 0.2), (40.0, 0.1))
     made.begin()
     assert made.largest_rise == 20.0
 
 
-def test_a_law_of_its_own_gains_is_left_alone():
+def test_a_law_of_its_own_gains_is_left_alone() -> None:
     made, wall = gains((40.0, 0.2), (20.0, 0.1))
     wall.guarded = False
     made.begin()

@@ -34,25 +34,25 @@ def two_sided(stiffness=0.0, clip=math.inf):
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("period", [1e-3, 2e-3, 0.02, 1e-4])
-def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign, period):
+def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign, period) -> None:
     """No spring holds this energy."""
     speeds = [sign * 4.4] * round(0.2 / period)
     tripped = fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: sign * 2.0, two_sided(), period=period)
     assert tripped == pytest.approx(max(0.01, period), abs=0.002)
 
 
-def test_the_slack_is_two_counts_over_the_whole_window():
+def test_the_slack_is_two_counts_over_the_whole_window() -> None:
     for speed, trips in ((LIMIT, False), (LIMIT + 0.2, False), (LIMIT + 0.5, True)):
         tripped = fed(DrivenSpeed(SERVO), [speed] * 200, lambda _x, _v: 2.0, two_sided())
         assert (tripped is not None) is trips
 
 
 @pytest.mark.parametrize("torque", [0.0, -2.0])
-def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque):
+def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque) -> None:
     assert fed(DrivenSpeed(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
 
 
-def test_what_a_hand_did_before_is_not_part_of_the_window():
+def test_what_a_hand_did_before_is_not_part_of_the_window() -> None:
     """Driven slowly, then moved fast by a hand without torque, then driven slowly again."""
     wall = two_sided()
     wall.guarded = False  # an experiment's program: no spring is counted
@@ -61,7 +61,7 @@ def test_what_a_hand_did_before_is_not_part_of_the_window():
     assert fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: 2.0, wall) is not None
 
 
-def test_a_spring_may_give_back_what_it_has_taken():
+def test_a_spring_may_give_back_what_it_has_taken() -> None:
     """Pushed in slowly by a hand, then let go: all of the speed is the hand's energy."""
     wall = Wall(8.0, 0.0, 0.0, "above")
     way_in = [0.5] * 600
@@ -70,7 +70,7 @@ def test_a_spring_may_give_back_what_it_has_taken():
     assert fed(driven, way_in + way_out, lambda x, _v: -8.0 * max(x, 0.0), wall) is None
 
 
-def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken():
+def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken() -> None:
     """Unless it is a kick that was meant."""
     speeds = [-min(0.2 * k, 6.0) for k in range(120)]
     wall = two_sided(8.0)
@@ -81,7 +81,7 @@ def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken():
 
 
 @pytest.mark.parametrize(("start", "own"), [(0.4, 0.05), (1.2, 0.05)])
-def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own):
+def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own) -> None:
     """Up to the torque limit of 2 N·m at 0.25 rad it is K x²/2; beyond, each further rad adds 2 J.
 
     The shaft is driven by 2 N·m. It trips once it was given more than the spring held by ``own``.
@@ -93,14 +93,14 @@ def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own):
     assert tripped * LIMIT * 2.0 == pytest.approx(held + own, rel=0.03)
 
 
-def test_a_clip_lowers_what_a_spring_can_have_taken():
+def test_a_clip_lowers_what_a_spring_can_have_taken() -> None:
     speeds = [1.0] * 500 + [-min(0.4 * k, 6.0) for k in range(100)]
     for clip, trips in ((math.inf, False), (0.3, True)):
         tripped = fed(DrivenSpeed(SERVO), speeds, lambda x, _v: -8.0 * x, two_sided(8.0, clip))
         assert (tripped is not None) is trips
 
 
-def test_the_limits_come_from_the_no_load_speed_or_from_the_number():
+def test_the_limits_come_from_the_no_load_speed_or_from_the_number() -> None:
     xm430 = Facts("XM430", 4096, 4.1, 0.005, no_load_speed=4.817)
     assert speed_limits(None, xm430, real=True) == pytest.approx((14.45, 3.854), rel=1e-3)
     assert speed_limits(None, xm430, real=False) == pytest.approx((30.0, 3.854), rel=1e-3)

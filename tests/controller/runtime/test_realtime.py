@@ -17,12 +17,14 @@ from haptic_wall.controller.runtime.realtime import pick_cores
         ({4}, None, 4, {4}),
     ],
 )
-def test_everything_else_stays_off_the_loops_core(allowed, wanted, core, others, monkeypatch):
+def test_everything_else_stays_off_the_loops_core(
+    allowed, wanted, core, others, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(allowed))
     assert pick_cores(wanted) == (core, others)
 
 
-def test_a_core_that_may_not_be_used_is_refused(monkeypatch):
+def test_a_core_that_may_not_be_used_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     with pytest.raises(UserError, match=r"realtime\.core: found 99, wanted one of .*: 0, 1"):
         pick_cores(99)

@@ -19,32 +19,32 @@ def reading(position, at_ms, alert=False):
     return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
 
 
-def test_motion_within_the_speed_limit_passes():
+def test_motion_within_the_speed_limit_passes() -> None:
     safety = Safety(LIMITS)
     for k in range(100):
         assert safety.good(reading(0.0099 * k, k)) is None
 
 
-def test_a_jump_trips_and_the_first_reading_is_none():
+def test_a_jump_trips_and_the_first_reading_is_none() -> None:
     safety = Safety(LIMITS)
     assert safety.good(reading(500.0, 1)) is None
     assert safety.good(reading(500.02, 2)) is Trip.OVERSPEED
 
 
-def test_the_encoders_rounding_is_no_speed():
+def test_the_encoders_rounding_is_no_speed() -> None:
     safety = Safety(LIMITS)
     safety.good(reading(0.0, 1))
     assert safety.good(reading(0.0099 + 2 * 0.0015, 2)) is None
     assert safety.good(reading(0.0129 + 0.0132, 3)) is Trip.OVERSPEED
 
 
-def test_the_time_that_passed_counts():
+def test_the_time_that_passed_counts() -> None:
     safety = Safety(LIMITS)
     safety.good(reading(0.0, 1))
     assert safety.good(reading(0.04, 6)) is None
 
 
-def test_not_a_number_and_alert_trip():
+def test_not_a_number_and_alert_trip() -> None:
     assert Safety(LIMITS).good(reading(math.nan, 1)) is Trip.NOT_A_NUMBER
     assert Safety(LIMITS).good(reading(math.inf, 1)) is Trip.NOT_A_NUMBER
     assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
@@ -60,18 +60,18 @@ def silent(safety, period_ms, share=0.8):
     raise AssertionError("it never trips")
 
 
-def test_a_silence_is_a_time_not_a_count():
+def test_a_silence_is_a_time_not_a_count() -> None:
     assert silent(Safety(LIMITS), 1.0) == (pytest.approx(15.8), 15)
     assert silent(Safety(LIMITS), 0.5) == (pytest.approx(15.4), 30)
     assert silent(Safety(LIMITS), 4.0) == (pytest.approx(15.2), 3)
 
 
 @pytest.mark.parametrize("period_ms", [10.0, 20.0])
-def test_at_low_rates_three_readings_must_fail(period_ms):
+def test_at_low_rates_three_readings_must_fail(period_ms) -> None:
     assert silent(Safety(replace(LIMITS, max_loss=1.0)), period_ms)[1] == 3
 
 
-def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus():
+def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus() -> None:
     safety = Safety(LIMITS)
     safety.good(reading(0.0, 1000))
     assert safety.failed(1030 * MS) is None, "one reading was lost, whenever it was asked for"
@@ -79,20 +79,20 @@ def test_a_stall_of_the_loop_itself_is_no_silence_of_the_bus():
     assert safety.failed(1032 * MS) is Trip.LOSSES_IN_ROW
 
 
-def test_a_servo_that_was_never_heard_has_the_same_time():
+def test_a_servo_that_was_never_heard_has_the_same_time() -> None:
     safety = Safety(LIMITS)
     found = [safety.failed((1000 + k) * MS) for k in range(17)]
     assert found == [None] * 16 + [Trip.LOSSES_IN_ROW]
 
 
-def test_a_good_reading_begins_the_time_anew():
+def test_a_good_reading_begins_the_time_anew() -> None:
     safety = Safety(replace(LIMITS, max_loss=1.0))
     for start in range(1000, 2000, 15):
         safety.good(reading(0.0, start))
         assert {safety.failed((start + k) * MS) for k in (1, 2, 14)} == {None}
 
 
-def test_loss_rate_over_the_window():
+def test_loss_rate_over_the_window() -> None:
     safety = Safety(FEW)
     trips = []
     for k in range(200):  # one in ten is twice the allowed share
@@ -103,7 +103,7 @@ def test_loss_rate_over_the_window():
         assert (safety.failed(k * MS) if k % 25 == 0 else safety.good(reading(0.0, k))) is None
 
 
-def test_the_value_that_trips_and_its_limit_are_kept_for_the_report():
+def test_the_value_that_trips_and_its_limit_are_kept_for_the_report() -> None:
     safety = Safety(LIMITS)
     silent(safety, 1.0)
     assert safety.found == pytest.approx((0.0158, 0.015))
@@ -123,17 +123,17 @@ def test_the_value_that_trips_and_its_limit_are_kept_for_the_report():
     assert safety.found == (2.5, -1.0, 2.0)
 
 
-def test_the_ends_of_the_travel_may_be_reached():
+def test_the_ends_of_the_travel_may_be_reached() -> None:
     safety = Safety(replace(LIMITS, travel=(-1.0, 2.0), max_speed=1e6))
     assert safety.good(reading(2.0, 1)) is None
     assert safety.good(reading(-1.0, 2)) is None
 
 
-def test_every_trip_is_explained():
+def test_every_trip_is_explained() -> None:
     assert set(EXPLANATIONS) == set(Trip)
 
 
-def test_travel_counts_turns_and_trips_at_once_beyond_its_ends():
+def test_travel_counts_turns_and_trips_at_once_beyond_its_ends() -> None:
     for low, high, ends in ((-1.0, 20.0, True), (-1.0, 6.0, False)):
         safety = Safety(replace(LIMITS, travel=(low, high), max_speed=1e6))
         assert safety.good(reading(0.0, 1)) is None
@@ -143,7 +143,7 @@ def test_travel_counts_turns_and_trips_at_once_beyond_its_ends():
     assert safety.good(reading(-1.001, 1)) is Trip.TRAVEL, "at the first reading too"
 
 
-def test_travel_from_the_start_counts_from_the_first_good_reading():
+def test_travel_from_the_start_counts_from_the_first_good_reading() -> None:
     safety = Safety(replace(LIMITS, travel=(-0.1, 0.1), travel_from_start=True))
     safety.failed(0)
     assert safety.good(reading(50.0, 1)) is None

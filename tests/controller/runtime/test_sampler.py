@@ -14,12 +14,12 @@ PERIOD_NS = 1_000_000
 class Replies:
     """A servo that gives the replies it was told to, and notes what it was asked."""
 
-    def __init__(self, *replies):
+    def __init__(self, *replies) -> None:
         self.replies = list(replies)
         self.requests = 0
         self.deadlines = []
 
-    def request(self):
+    def request(self) -> None:
         self.requests += 1
 
     def collect(self, deadline_ns):
@@ -41,7 +41,7 @@ def sampler(*replies, pipelined=False):
     return made, servo
 
 
-def test_nothing_is_known_before_the_first_good_reading():
+def test_nothing_is_known_before_the_first_good_reading() -> None:
     made, _ = sampler(failed(Outcome.LOST), good(0.5, 1))
     made.sample(0)
     assert math.isnan(made.position)
@@ -54,7 +54,7 @@ def test_nothing_is_known_before_the_first_good_reading():
     ("passed", "counted"),
     [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
 )
-def test_the_velocity_is_over_the_time_that_really_passed(passed, counted):
+def test_the_velocity_is_over_the_time_that_really_passed(passed, counted) -> None:
     made, _ = sampler(good(0.0, 10), good(0.01, 10 + round(passed * PERIOD_NS)))
     made.sample(0)
     made.sample(PERIOD_NS)
@@ -62,14 +62,14 @@ def test_the_velocity_is_over_the_time_that_really_passed(passed, counted):
 
 
 @pytest.mark.parametrize("outcome", [Outcome.LOST, Outcome.CORRUPT, Outcome.REFUSED])
-def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome):
+def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome) -> None:
     made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(outcome))
     for k in range(3):
         made.sample(k * PERIOD_NS)
     assert (made.position, made.velocity, made.known) == (0.01, 0.0, False)
 
 
-def test_a_reply_that_is_not_due_yet_leaves_all_as_it_is():
+def test_a_reply_that_is_not_due_yet_leaves_all_as_it_is() -> None:
     made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(Outcome.WAITING))
     for k in range(3):
         made.sample(k * PERIOD_NS)
@@ -77,7 +77,7 @@ def test_a_reply_that_is_not_due_yet_leaves_all_as_it_is():
     assert made.velocity == pytest.approx(10.0)
 
 
-def test_requests_are_sent_in_their_own_period_or_in_the_one_before():
+def test_requests_are_sent_in_their_own_period_or_in_the_one_before() -> None:
     made, servo = sampler(good(0.0, 0))
     made.request_ahead()
     assert servo.requests == 0
@@ -89,7 +89,7 @@ def test_requests_are_sent_in_their_own_period_or_in_the_one_before():
     assert servo.requests == 1
 
 
-def test_a_lost_pipelined_reply_changes_how_long_the_next_one_is_waited_for():
+def test_a_lost_pipelined_reply_changes_how_long_the_next_one_is_waited_for() -> None:
     made, servo = sampler(*[failed(Outcome.LOST)] * 3, pipelined=True)
     for _ in range(3):
         made.sample(0)
@@ -97,7 +97,7 @@ def test_a_lost_pipelined_reply_changes_how_long_the_next_one_is_waited_for():
     assert shares == pytest.approx([COLLECT_SHARE, LONGER_SHARE, COLLECT_SHARE])
 
 
-def test_the_served_interval_goes_on_over_readings_that_failed():
+def test_the_served_interval_goes_on_over_readings_that_failed() -> None:
     made, _ = sampler(good(0.0, 0), failed(Outcome.LOST), good(0.0, 0))
     intervals = []
     for k in range(3):

@@ -4,6 +4,8 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -52,7 +54,7 @@ def run_command(folder, *arguments):
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path):
+def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path: Path) -> None:
     logs = []
     for name in ("a.hwlog", "b.hwlog"):
         arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
@@ -64,7 +66,7 @@ def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path):
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_report_of_a_simulated_run(tmp_path):
+def test_the_report_of_a_simulated_run(tmp_path: Path) -> None:
     done = run_command(
         tmp_path, "simulated", "--set", "loop.clock=simulated", "--duration", "3", "--json"
     )
@@ -82,7 +84,7 @@ def test_the_report_of_a_simulated_run(tmp_path):
     assert (tmp_path / report["plot"]).exists()
 
 
-def test_the_hand_feels_the_wall():
+def test_the_hand_feels_the_wall() -> None:
     result, rows = session("simulated", "loop.clock=simulated", duration=5.0)
     assert result.stop_reason == "duration"
     pressed = rows[rows["position"] > 0.05]
@@ -94,7 +96,7 @@ def test_the_hand_feels_the_wall():
 
 @pytest.mark.parametrize("steps", [0, 3])
 @pytest.mark.parametrize("lag", [0.0, 0.0004])
-def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag):
+def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag) -> None:
     inertia, damping, virtual = 0.011951, 0.011692, 0.03
     limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
     for factor, grows in ((0.97, False), (1.03, True)):
@@ -114,7 +116,7 @@ def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag):
         assert bool(last > first) is grows, f"{factor} of the limit"
 
 
-def test_the_guard_keeps_an_absurd_wall_stable():
+def test_the_guard_keeps_an_absurd_wall_stable() -> None:
     result, rows = session(
         "simulated", *LINEAR, "wall.stiffness=1e9", "wall.damping=0.03", "servo.kick=0.01"
     )
@@ -125,7 +127,7 @@ def test_the_guard_keeps_an_absurd_wall_stable():
     assert last < 0.75 * first, "0.8 of the limit leaves a fifth of the damping: 0.35 1/s"
 
 
-def test_the_guard_can_be_wrong_when_the_belief_is():
+def test_the_guard_can_be_wrong_when_the_belief_is() -> None:
     """Truth and belief are apart: believing too much damping commands what is unstable."""
     settings = (*LINEAR, "wall.stiffness=1e9", "servo.damping=0.001", "servo.kick=0.001")
     alone = ("safety.max_speed=1e6", "safety.on_oscillation=report")
@@ -134,7 +136,7 @@ def test_the_guard_can_be_wrong_when_the_belief_is():
     assert last > 3.0 * first
 
 
-def test_the_driver_on_a_bus_in_memory_renders_the_same_wall():
+def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
     _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
     result, bus = session("emulated-xm430", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
     assert result.bus["lost"] == result.bus["late"] == result.bus["corrupt"] == 0
@@ -145,7 +147,7 @@ def test_the_driver_on_a_bus_in_memory_renders_the_same_wall():
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
-def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
+def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule) -> None:
     result, rows = session(
         "emulated-xm430",
         "loop.clock=simulated",
@@ -162,10 +164,12 @@ def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule):
         assert np.all(ages < 0.5)
 
 
-def test_a_stop_before_the_start_never_switches_the_torque_on(monkeypatch):
+def test_a_stop_before_the_start_never_switches_the_torque_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
-    def start(_):
+    def start(_) -> NoReturn:
         raise AssertionError("started")
 
     monkeypatch.setattr(DynamixelServo, "start", start)
@@ -176,10 +180,10 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(monkeypatch):
     assert result.torque_off, "and read back"
 
 
-def test_an_end_in_the_warm_up_counts_no_ticks():
+def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     telemetry = Telemetry.create()
 
-    def stop(_):
+    def stop(_) -> None:
         telemetry.words[Word.STOP] = 1
 
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
@@ -191,7 +195,7 @@ def test_an_end_in_the_warm_up_counts_no_ticks():
 
 
 @pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
-def test_every_period_is_a_tick_or_missed(stalled, monkeypatch):
+def test_every_period_is_a_tick_or_missed(stalled, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
     from haptic_wall.controller.runtime import tick
 
@@ -212,7 +216,7 @@ def test_every_period_is_a_tick_or_missed(stalled, monkeypatch):
     assert (result.missed > 0) is (stalled >= 500)
 
 
-def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
+def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1
     result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
@@ -221,12 +225,12 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off():
     assert result.ticks == 0
 
 
-def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
+def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
     told = []
 
-    def tell(text):
+    def tell(text) -> None:
         told.append(text)
         if "inside the wall" in text:
             telemetry.words[Word.STOP] = 1
@@ -246,7 +250,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it():
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("turns", [3, -3])
-def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns) -> None:
     told = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
     config = load_config(preset, [*sets, "servo.hand=none"]).config
@@ -263,7 +267,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns):
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset) -> None:
     told = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
     config = load_config(preset, sets).config
@@ -281,7 +285,7 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset):
 
 
 @pytest.mark.parametrize("reference", ["absolute", "start"])
-def test_travel_trips(reference):
+def test_travel_trips(reference) -> None:
     position = 0.0 if reference == "absolute" else 0.1
     sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
     result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
@@ -301,7 +305,7 @@ OSCILLATES = (
 )
 
 
-def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it():
+def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it() -> None:
     _, rows = session("simulated", *OSCILLATES)
     (begins, *_) = np.flatnonzero(np.diff(rows["stiffness"]) < 0.0)
     result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
@@ -312,7 +316,7 @@ def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it
     assert f"{rows['stiffness'][0]:.4g} is commanded" in guard["reasons"][0]
 
 
-def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed():
+def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -> None:
     result, rows = session("simulated", *OSCILLATES, duration=3.0)
     guard = result.guard
     left = result.oscillation["reduced_to"]["stiffness"]
@@ -323,7 +327,7 @@ def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed():
     assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
 
 
-def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks():
+def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> None:
     result, _ = session(
         "emulated-xm430",
         *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
@@ -336,7 +340,7 @@ def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks():
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset) -> None:
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
     assert result.wall_came_on
@@ -347,7 +351,7 @@ def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset):
     assert result.wall_came_on
 
 
-def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it():
+def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
     sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
     result, rows = session("emulated-xm430", *sets, "safety.engage_torque=0.2", duration=6.0)
@@ -357,7 +361,9 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.09])
-def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(friction):
+def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(
+    friction,
+) -> None:
     """The push that proves the torque's sign moves it by some counts."""
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
     result, rows = session("emulated-xm430", *sets, f"servo.coulomb={friction}", duration=0.5)
@@ -365,7 +371,9 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
     assert 0.001 < abs(rows["position"][0]) < 0.0175
 
 
-def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkeypatch):
+def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     plain, seen = DynamixelServo.collect, []
@@ -386,13 +394,13 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(monkey
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
-def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
+def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
     from haptic_wall.controller.runtime.tick import Tick
 
     plain, telemetry = Tick.run, Telemetry.create()
 
-    def run(self, deadline_ns, woke_ns, missed):
+    def run(self, deadline_ns, woke_ns, missed) -> None:
         depth = self.position
         if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
             let_go.append(self.ticks)
@@ -423,7 +431,9 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch):
     ("side", "kick", "where"),
     [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
 )
-def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path, side, kick, where):
+def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
+    tmp_path: Path, side, kick, where
+) -> None:
     arguments = ["emulated-xm430", "--set", f"wall.side={side}", "--set", f"servo.kick={kick}"]
     arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
     done = run_command(tmp_path, *arguments)
@@ -435,7 +445,7 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(tmp_path, sid
     assert json.loads(done.stdout)["wall_came_on"] is False
 
 
-def test_a_configured_sample_age_counts_where_it_is_the_larger():
+def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
     settings = ("loop.clock=simulated", "delay.steps=2")
     result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.0015")
     assert result.delay["measured"] == 0.0015
@@ -444,10 +454,12 @@ def test_a_configured_sample_age_counts_where_it_is_the_larger():
     assert result.delay["measured"] > 0.00001
 
 
-def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
+def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from haptic_wall.controller.runtime import tick
 
-    def broken(*_, **__):
+    def broken(*_, **__) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
@@ -457,7 +469,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(monkeypatch):
     assert result.torque_off
 
 
-def test_a_position_that_is_not_a_number_trips(monkeypatch):
+def test_a_position_that_is_not_a_number_trips(monkeypatch: pytest.MonkeyPatch) -> None:
     from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
     plain = DynamixelServo.collect
@@ -478,7 +490,7 @@ def test_a_position_that_is_not_a_number_trips(monkeypatch):
 FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
 
 
-def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness():
+def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
     result, rows = session("emulated-xm430", *FIRST, "wall.torque_clip=0.2", duration=4.0)
     assert result.stop_reason == "duration"
@@ -491,13 +503,13 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness():
     assert result.guard["binding"] == "quantisation"
 
 
-def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo():
+def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
     result, rows = session("emulated-xm430", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
     assert result.stop_reason == "duration"
     assert np.abs(np.diff(rows["position"][::10])).max() > 0.01 * 4.82
 
 
-def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
+def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
     sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
     sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
@@ -513,7 +525,7 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed():
     assert unlimited.stop_reason == "duration"
 
 
-def test_an_encoder_that_jumps_trips_without_a_number():
+def test_an_encoder_that_jumps_trips_without_a_number() -> None:
     sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
     result, rows = session("emulated-xm430", *sets)
     assert result.stop_reason == "trip:overspeed"

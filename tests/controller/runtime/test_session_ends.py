@@ -1,6 +1,8 @@
 """However a session fails, it is known whether torque is off; a run that was is reported."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -28,7 +30,7 @@ CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=
 class Scene:
     """A session on a bus in memory whose host can be made deaf."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.sent = 0
@@ -41,11 +43,11 @@ class Scene:
         (self.truth,) = self.line.bus.servos
         return servo
 
-    def write(self, data):
+    def write(self, data) -> None:
         self.sent += 1
         self._write(data)
 
-    def go_deaf(self):
+    def go_deaf(self) -> None:
         """No reply comes through any more."""
         self.line.read = lambda: self._read()[:0]
 
@@ -66,11 +68,11 @@ def scene():
 
 @pytest.mark.parametrize("deaf", [True, False])
 def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
-    scene, deaf, monkeypatch
-):
+    scene, deaf, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The pipelined schedule sends its first request while the tick is made."""
 
-    def lost(_):
+    def lost(_) -> NoReturn:
         if deaf:
             scene.go_deaf()
         raise ServoLostError("The serial port has sent nothing.")
@@ -85,9 +87,9 @@ def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
 
 @pytest.mark.parametrize("error", [ServoLostError("Gone."), KeyboardInterrupt()])
 def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
-    scene, error, monkeypatch
-):
-    def push(*_, **__):
+    scene, error, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def push(*_, **__) -> NoReturn:
         assert scene.truth.memory["torque_enable"] == 1
         scene.go_deaf()
         raise error
@@ -98,7 +100,7 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
     assert scene.words[Word.STATE] == State.TORQUE_UNKNOWN
 
 
-def test_a_check_that_fails_leaves_torque_known_to_be_off(scene):
+def test_a_check_that_fails_leaves_torque_known_to_be_off(scene) -> None:
     opener = scene.opener
 
     def weak(*arguments):
@@ -112,7 +114,7 @@ def test_a_check_that_fails_leaves_torque_known_to_be_off(scene):
     assert scene.words[Word.STATE] == State.TORQUE_OFF
 
 
-def test_what_never_answered_was_never_driven(scene):
+def test_what_never_answered_was_never_driven(scene) -> None:
     opener = scene.opener
 
     def unplugged(*arguments):
@@ -126,7 +128,7 @@ def test_what_never_answered_was_never_driven(scene):
     assert scene.words[Word.STATE] == State.STARTING, "nothing to be cut"
 
 
-def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene):
+def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene) -> None:
     opener = scene.opener
 
     def exchanged(*arguments):
@@ -140,8 +142,8 @@ def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene):
     assert scene.words[Word.STATE] == State.STARTING, "the supervisor writes nothing either"
 
 
-def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch):
-    def broken(*_):
+def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(session, "guard_schedule", broken)
@@ -151,12 +153,14 @@ def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch):
     assert scene.sent == 0
 
 
-def broken_report(*_):
+def broken_report(*_) -> NoReturn:
     raise ZeroDivisionError("boom")
 
 
 @pytest.mark.parametrize("part", ["guard_report", "oscillation_report", "delay_report"])
-def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(scene, part, monkeypatch):
+def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
+    scene, part, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(session, part, broken_report)
     result = scene.run()
     assert result.stop_reason == Trip.INTERNAL_ERROR
@@ -167,8 +171,10 @@ def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(scene, pa
     assert scene.words[Word.STATE] == State.TORQUE_OFF
 
 
-def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
-    def gone(*_, **__):
+def test_a_defect_after_a_trip_does_not_hide_the_trip(
+    scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(*_, **__) -> NoReturn:
         raise ServoLostError("The serial port is gone.")
 
     monkeypatch.setattr("haptic_wall.controller.runtime.tick.Tick._follow_guard", gone)
@@ -179,7 +185,9 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(scene, monkeypatch):
     assert "ZeroDivisionError" in result.message
 
 
-def test_a_log_tells_of_a_defect_after_the_run(tmp_path, monkeypatch):
+def test_a_log_tells_of_a_defect_after_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(session, "guard_report", broken_report)
     ended = run(Plan(CONFIG, 0.1, tmp_path / "a.hwlog", {}, None), lambda _text: None)
     assert ended.stop_reason == Trip.INTERNAL_ERROR

@@ -35,7 +35,7 @@ TWO_SIDED = (
 class SlowServo:
     """A simulated servo after whose ``write`` the tick goes on for some time."""
 
-    def __init__(self, servo, clock, costs):
+    def __init__(self, servo, clock, costs) -> None:
         self._servo, self._clock, self._costs = servo, clock, costs
 
     def __getattr__(self, name):
@@ -86,7 +86,7 @@ def true_limit(interval):
 
 
 @pytest.mark.parametrize("cost", [1.5, 2.0, 2.6])
-def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost):
+def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost) -> None:
     result, rows = run(always(cost))
     guard = result.guard
     served = np.diff(rows["sampled_ns"]).mean() * 1e-9 / PERIOD
@@ -99,14 +99,14 @@ def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ticks_of_random_cost_keep_the_wall_stable(seed):
+def test_ticks_of_random_cost_keep_the_wall_stable(seed) -> None:
     result, rows = run(drawn([0.3, 1.3, 2.2], [0.5, 0.3, 0.2], seed))
     assert result.guard["interval_s"] > PERIOD
     first, last = heights(rows)
     assert last < 0.75 * first
 
 
-def test_one_stall_does_not_soften_the_wall():
+def test_one_stall_does_not_soften_the_wall() -> None:
     costs = iter([0.1] * 1000 + [20.0] + [0.1] * 4000)
     result, rows = run(costs)
     assert rows["missed"].max() == 19
@@ -114,7 +114,7 @@ def test_one_stall_does_not_soften_the_wall():
     assert rows["stiffness"].min() == rows["stiffness"].max()
 
 
-def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_surface():
+def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_surface() -> None:
     costs = iter([0.1] * 500 + [1.5] * 500 + [0.1] * 9000)
     result, rows = run(costs, "servo.kick=0.0005", duration=9.0)
     assert rows["stiffness"].min() < 0.8 * rows["stiffness"].max()
@@ -122,7 +122,7 @@ def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_
     assert result.guard["interval_s"] == pytest.approx(PERIOD)
 
 
-def test_the_report_says_what_interval_was_counted_and_why():
+def test_the_report_says_what_interval_was_counted_and_why() -> None:
     result, _ = run(always(1.5), duration=1.0)
     assert result.guard["interval_s"] == pytest.approx(1.5 * PERIOD)
     assert any("every 1.5 ms instead of every 1 ms" in why for why in result.guard["reasons"])
@@ -130,14 +130,14 @@ def test_the_report_says_what_interval_was_counted_and_why():
     assert math.isclose(result.delay["total"], result.delay["inserted"])
 
 
-def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick():
+def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick() -> None:
     result, rows = run(always(1.5), "delay.steps=1")
     assert result.delay["inserted"] == pytest.approx(1.5 * PERIOD)
     first, last = heights(rows)
     assert last < first
 
 
-def test_strict_ends_the_run_where_too_many_periods_are_missed():
+def test_strict_ends_the_run_where_too_many_periods_are_missed() -> None:
     result, rows = run(always(1.5), "realtime.profile=strict")
     assert result.stop_reason == "trip:missed_periods"
     assert result.message == "20.2% of the periods of 0.5 s; at most 20% is allowed"
@@ -145,7 +145,7 @@ def test_strict_ends_the_run_where_too_many_periods_are_missed():
     assert len(rows) < 350, "within half a second"
 
 
-def test_strict_goes_on_below_the_fraction_that_may_be_missed():
+def test_strict_goes_on_below_the_fraction_that_may_be_missed() -> None:
     costs = iter(([0.1] * 9 + [2.5]) * 1000)  # two of twelve periods have no tick
     result, _ = run(costs, "realtime.profile=strict", duration=3.0)
     assert result.missed > 0.07 * result.ticks
@@ -154,20 +154,20 @@ def test_strict_goes_on_below_the_fraction_that_may_be_missed():
 
 
 @pytest.mark.parametrize("profile", ["off", "best-effort"])
-def test_the_other_profiles_derate_and_warn(profile):
+def test_the_other_profiles_derate_and_warn(profile) -> None:
     result, _ = run(always(1.5), f"realtime.profile={profile}", duration=2.0)
     assert result.stop_reason == "duration"
     assert "safety.max_missed (20%)" in result.warnings[0]
 
 
-def test_a_fraction_is_counted_over_half_a_second():
+def test_a_fraction_is_counted_over_half_a_second() -> None:
     missed = MissedPeriods(1_000_000, 0.2)
     assert not any(missed.count(k * 10_000_000, 2) for k in range(1000)), "a fifth, and no more"
     assert any(missed.count(10**10 + k * 10_000_000, 3) for k in range(50))
     assert missed.exceeded
 
 
-def test_missed_periods_are_forgotten_after_half_a_second():
+def test_missed_periods_are_forgotten_after_half_a_second() -> None:
     missed = MissedPeriods(1_000_000, 0.2)
     assert not missed.count(10**9, 99)
     assert not missed.count(10**9 + 500_000_000, 99)
@@ -175,7 +175,7 @@ def test_missed_periods_are_forgotten_after_half_a_second():
     assert missed.worst == pytest.approx(198 / 500)
 
 
-def test_at_low_rates_the_window_has_ten_periods_at_least():
+def test_at_low_rates_the_window_has_ten_periods_at_least() -> None:
     missed = MissedPeriods(100_000_000, 0.2)
     assert not missed.count(10**10, 2)
     assert missed.count(10**10 + 300_000_000, 1)

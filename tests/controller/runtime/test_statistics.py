@@ -7,7 +7,7 @@ from haptic_wall.controller.runtime.statistics import RunStatistics, TimeStatist
 from haptic_wall.controller.runtime.telemetry import FLAG_SATURATED, FLAG_WARM_UP, ROW
 
 
-def test_percentiles_agree_with_numpy():
+def test_percentiles_agree_with_numpy() -> None:
     random = np.random.default_rng(1)
     times = (10 ** random.uniform(2, 7, 20_000)).astype(np.int64)
     statistics = TimeStatistics()
@@ -21,17 +21,17 @@ def test_percentiles_agree_with_numpy():
     assert report["max"] == times.max() / 1000
 
 
-def test_nothing_counted_is_null():
+def test_nothing_counted_is_null() -> None:
     assert TimeStatistics().as_report(50) == {"p50": None, "max": None}
 
 
-def test_zero_is_zero():
+def test_zero_is_zero() -> None:
     statistics = TimeStatistics()
     statistics.add(np.zeros(5, dtype=np.int64))
     assert statistics.as_report(50) == {"p50": 0.0, "max": 0.0}
 
 
-def test_a_run():
+def test_a_run() -> None:
     rows = np.zeros(10, dtype=ROW)
     rows["seq"] = np.arange(10)
     rows["flags"][:3] = FLAG_WARM_UP

@@ -20,12 +20,12 @@ from haptic_wall.controller.runtime.telemetry import (
 VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
 
 
-def test_a_row_has_the_fields_of_the_memory_in_order():
+def test_a_row_has_the_fields_of_the_memory_in_order() -> None:
     """Rows are packed by place."""
     assert tuple(field.name for field in fields(Row)) == ROW.names[1:]
 
 
-def test_what_is_written_is_read():
+def test_what_is_written_is_read() -> None:
     telemetry = Telemetry.create()
     telemetry.write(Row(*VALUES))
     rows, tail = telemetry.read(0)
@@ -36,7 +36,7 @@ def test_what_is_written_is_read():
     assert tail == 1
 
 
-def test_another_process_side_sees_the_same_memory():
+def test_another_process_side_sees_the_same_memory() -> None:
     ours = Telemetry.create()
     theirs = Telemetry(ours.descriptor)
     ours.write(Row(*VALUES))
@@ -45,7 +45,7 @@ def test_another_process_side_sees_the_same_memory():
     assert theirs.words[Word.STOP] == 1
 
 
-def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap():
+def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap() -> None:
     telemetry = Telemetry.create()
     total = CAPACITY + 500
     for k in range(total):
@@ -57,7 +57,7 @@ def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap():
     np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
 
 
-def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
+def test_rows_that_are_overwritten_while_they_are_read_are_left_out() -> None:
     telemetry = Telemetry.create()
     for k in range(CAPACITY):
         telemetry.write(Row(k, *VALUES[1:]))
@@ -82,7 +82,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out():
     assert rows.size == CAPACITY - 11
 
 
-def test_the_descriptor_is_let_go_and_what_was_written_stays_readable():
+def test_the_descriptor_is_let_go_and_what_was_written_stays_readable() -> None:
     with closing(Telemetry.create()) as telemetry:
         telemetry.write(Row(*VALUES))
     with pytest.raises(OSError, match="Bad file descriptor"):

@@ -37,7 +37,7 @@ WAITING = object()
 
 
 class Rung:
-    def __init__(self, stiffness, damping, delay):
+    def __init__(self, stiffness, damping, delay) -> None:
         self.stiffness, self.damping, self.delay = stiffness, damping, delay
 
 
@@ -46,14 +46,14 @@ class ScriptedServo:
 
     facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)
 
-    def __init__(self, clock, positions, age_ns=0):
+    def __init__(self, clock, positions, age_ns=0) -> None:
         self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
         self.bus = Bus()
         self.sent = []
         self.calls = []
         self.deadlines = []
 
-    def request(self):
+    def request(self) -> None:
         self.calls.append("request")
         self.asked_ns = self.clock.now_ns()
 
@@ -82,13 +82,13 @@ class ScaledWatch(Watch):
     scale = damping_scale = 1.0
     asked = 0
 
-    def raise_again(self):
+    def raise_again(self) -> None:
         self.asked += 1
         super().raise_again()
 
 
 class Rig:
-    def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall):
+    def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall) -> None:
         self.clock = SimulatedClock(10**9)
         self.servo = ScriptedServo(self.clock, positions, age_ns)
         self.telemetry = Telemetry.create()
@@ -144,12 +144,12 @@ def on(rig):
     return rig
 
 
-def test_the_torque_is_the_walls():
+def test_the_torque_is_the_walls() -> None:
     rig = on(Rig([0.1, 0.11, 0.11], stiffness=10.0, damping=0.02)).run(3)
     assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
 
 
-def test_jitter_of_the_samples_does_not_reach_the_velocity():
+def test_jitter_of_the_samples_does_not_reach_the_velocity() -> None:
     """Up to a tenth of a period; what is further from whole periods is counted as it is."""
     rig = on(Rig([0.0, 0.001, 0.002, 0.003, 0.004], stiffness=0.0, damping=0.1))
     for late_us in (0, 90, 0, 300, 390):
@@ -159,36 +159,38 @@ def test_jitter_of_the_samples_does_not_reach_the_velocity():
     assert rig.rows["velocity"].tolist() == [0.0, 1.0, 1.0, pytest.approx(1 / 1.3), 1.0]
 
 
-def test_order_of_a_cycle_in_both_schedules():
+def test_order_of_a_cycle_in_both_schedules() -> None:
     assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
     piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
     assert piped.servo.calls == ["request", *["collect", "write", "request"] * 2]
 
 
 @pytest.mark.parametrize("pipelined", [True, False])
-def test_after_a_lost_reply_a_pipelined_one_is_waited_for_longer_until_the_next_is_lost(pipelined):
+def test_after_a_lost_reply_a_pipelined_one_is_waited_for_longer_until_the_next_is_lost(
+    pipelined,
+) -> None:
     rig = on(Rig([0.0, LOST, 0.0, LOST, 0.0], pipelined=pipelined)).run(5)
     short, long = int(COLLECT_SHARE * PERIOD_NS), int(LONGER_SHARE * PERIOD_NS)
     other = long if pipelined else short
     assert rig.servo.deadlines == [short, short, other, other, short]
 
 
-def test_warm_up_sends_zero():
+def test_warm_up_sends_zero() -> None:
     rig = Rig([0.5, 0.5])
     assert rig.run(2).servo.sent == [0.0, 0.0]
 
 
-def test_delay_counts_periods():
+def test_delay_counts_periods() -> None:
     rig = on(Rig([0.1, 0.2, 0.3, 0.4], steps=2, stiffness=10.0)).run(4)
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0, -2.0])
 
 
-def test_skipped_periods_shift_the_delay():
+def test_skipped_periods_shift_the_delay() -> None:
     rig = on(Rig([0.1, 0.2, 0.3], steps=2, stiffness=10.0)).run(2).run(1, missed=1)
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -2.0]), "what was rendered two periods ago"
 
 
-def test_skipped_periods_divide_the_difference():
+def test_skipped_periods_divide_the_difference() -> None:
     rig = on(Rig([0.1, 0.13], stiffness=0.0, damping=0.1)).run(1).run(1, missed=2)
     row = rig.rows[-1]
     assert row["velocity"] == pytest.approx(10.0)
@@ -196,7 +198,7 @@ def test_skipped_periods_divide_the_difference():
     assert rig.telemetry.words[Word.MISSED] == 2
 
 
-def test_a_lost_reading_is_no_position_and_costs_one_period():
+def test_a_lost_reading_is_no_position_and_costs_one_period() -> None:
     rig = on(Rig([0.1, LOST, 0.104, 0.106], stiffness=10.0, damping=0.1)).run(4)
     positions = rig.rows["position"]
     velocities = rig.rows["velocity"]
@@ -206,11 +208,11 @@ def test_a_lost_reading_is_no_position_and_costs_one_period():
 
 
 @pytest.mark.parametrize("pipelined", [False, True])
-def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined):
+def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined) -> None:
     """A shaft at 10 rad/s, sampled when its request is sent; one tick is served 5 ms late."""
     rig = Rig([0.0] * 20, pipelined=pipelined)
 
-    def at_request():
+    def at_request() -> None:
         rig.servo.asked_ns = rig.clock.now_ns()
         rig.servo.positions[0] = 10.0 * (rig.clock.now_ns() - 10**9) * 1e-9
 
@@ -228,27 +230,27 @@ def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined):
     assert velocity[-2:] == pytest.approx(10.0), "and undisturbed soon after"
 
 
-def test_before_the_first_reading_nothing_acts():
+def test_before_the_first_reading_nothing_acts() -> None:
     rig = on(Rig([LOST, LOST, 0.1], stiffness=10.0))
     for _ in range(3):
         assert rig.run(1).tick.trip is None
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
 
 
-def test_losses_trip_with_torque_off():
+def test_losses_trip_with_torque_off() -> None:
     rig = on(Rig([0.1] + [LOST] * 4, stiffness=10.0)).run(5)
     assert rig.tick.trip is Trip.LOSSES_IN_ROW
     assert rig.servo.sent[-1] == 0.0
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
-def test_a_broken_position_trips_with_torque_off(broken):
+def test_a_broken_position_trips_with_torque_off(broken) -> None:
     rig = on(Rig([0.1, broken], stiffness=10.0)).run(2)
     assert rig.tick.trip is Trip.NOT_A_NUMBER
     assert rig.servo.sent[-1] == 0.0
 
 
-def test_a_broken_torque_trips_with_torque_off():
+def test_a_broken_torque_trips_with_torque_off() -> None:
     rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
     rig.wall.stiffness = math.nan
     rig.run(1)
@@ -256,38 +258,38 @@ def test_a_broken_torque_trips_with_torque_off():
     assert rig.servo.sent[-1] == 0.0
 
 
-def test_a_jump_trips():
+def test_a_jump_trips() -> None:
     rig = on(Rig([0.1, 3.0], stiffness=10.0)).run(2)
     assert rig.tick.trip is Trip.OVERSPEED
     assert rig.servo.sent[-1] == 0.0
 
 
-def test_the_cut_flag_stops_every_write():
+def test_the_cut_flag_stops_every_write() -> None:
     rig = on(Rig([0.1, 0.1], stiffness=10.0)).run(1)
     rig.telemetry.words[Word.CUT] = 1
     rig.run(1)
     assert len(rig.servo.sent) == 1
 
 
-def test_saturation_and_contact_are_told():
+def test_saturation_and_contact_are_told() -> None:
     rig = on(Rig([0.4, 0.6], stiffness=10.0)).run(2)
     assert [bool(f & FLAG_SATURATED) for f in rig.rows["flags"]] == [False, True]
     assert all(rig.rows["flags"] & FLAG_CONTACT)
     assert rig.rows["torque"][-1] == -5.0
 
 
-def test_waiting_for_the_bus_is_no_work():
+def test_waiting_for_the_bus_is_no_work() -> None:
     rig = on(Rig([0.0, 0.0], age_ns=300_000)).run(2)
     assert rig.rows["bus_ns"][-1] == 300_000
     assert rig.rows["work_ns"][-1] == 0, "a simulated clock stands still while the tick computes"
 
 
-def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick():
+def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick() -> None:
     rig = on(Rig([0.0], rungs=[Rung(10.0, 0.0, 0.7e-3)])).run(1)
     assert rig.rows["delay_s"][0] == 0.7e-3
 
 
-def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
+def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks() -> None:
     rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
     rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
     rig.run(5)
@@ -315,7 +317,7 @@ def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks():
 )
 def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_small_torque(
     side, position, raised
-):
+) -> None:
     """10 N·m/rad more, and 0.1 N·m is small."""
     rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
     rig = on(Rig([position] * 900, rungs=rungs, ages=(0, 500_000), side=side))
@@ -329,7 +331,7 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
 
 
 @pytest.mark.parametrize("side", ["above", "both"])
-def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side):
+def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side) -> None:
     """The longer delay allows less damping, and so more stiffness where counts are coarse."""
     rungs = [Rung(1.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
     positions = [0.1] * 205 + [-0.001] + [0.1] * 20
@@ -351,7 +353,7 @@ def reduced(rig, scale, damping_scale):
     return rig
 
 
-def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_so():
+def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_so() -> None:
     rig = on(Rig([0.1, 0.11, 0.1, 0.11], stiffness=10.0, damping=0.02)).run(2)
     reduced(rig, 0.25, 0.5).run(2)
     assert rig.servo.sent == pytest.approx([-1.0, -1.3, -0.25 + 0.1, -0.275 - 0.1])
@@ -360,7 +362,7 @@ def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_s
     assert rig.tick.commanded == (2.5, 0.01)
 
 
-def test_the_watch_scales_the_limit_of_the_elastic_torque_too():
+def test_the_watch_scales_the_limit_of_the_elastic_torque_too() -> None:
     """Else a wall that saturates would be as stiff as before."""
     rig = on(Rig([1.0] * 4, stiffness=100.0)).run(2)
     reduced(rig, 0.25, 0.25).run(2)
@@ -370,7 +372,7 @@ def test_the_watch_scales_the_limit_of_the_elastic_torque_too():
     assert rig.servo.sent == pytest.approx([-2.0, -2.0, -0.5, -0.5])
 
 
-def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows():
+def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows() -> None:
     rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
     rig = on(Rig([0.0] * 300, rungs=rungs, ages=(0, 500_000)))
     reduced(rig, 0.25, 0.5).run(5)
@@ -385,7 +387,7 @@ def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows():
     assert rig.rows["stiffness"][-1] == 10.0, "given back: all that the guard allows, and no more"
 
 
-def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact():
+def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact() -> None:
     rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
@@ -396,7 +398,9 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
 
 
 @pytest.mark.parametrize("scale", [0.25, 0.0625])
-def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(scale):
+def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(
+    scale,
+) -> None:
     rungs = [Rung(2.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
     positions = [0.1] * 205 + [-0.001] * 20
     rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side="above"))
@@ -409,7 +413,7 @@ def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_st
     assert rig.rows["stiffness"][-1] == 10.0 * scale, "outside; what the watch took stays taken"
 
 
-def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way():
+def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way() -> None:
     rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3), Rung(9.9, 0.01, 2e-3)]
     rig = on(Rig([0.0] * 120, rungs=rungs, ages=(0, 500_000, 700_000)))
     rig.servo.age_ns = 400_000
@@ -425,7 +429,7 @@ def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way():
     assert falls[-1] <= first + 51
 
 
-def test_before_the_first_sample_no_age_is_counted():
+def test_before_the_first_sample_no_age_is_counted() -> None:
     rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
     rig = Rig([*[WAITING] * 185, *[0.0] * 5], rungs=rungs, ages=(0, 500_000))
     rig.servo.age_ns = 400_000
@@ -433,7 +437,7 @@ def test_before_the_first_sample_no_age_is_counted():
     assert rig.tick.commanded[0] == 10.0
 
 
-def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost():
+def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost() -> None:
     """Held with its damping: else that would act in one tick of several."""
     rig = on(Rig([0.1, 0.12, *[WAITING] * 4, 0.12], stiffness=10.0, damping=0.02)).run(7)
     held = -1.2 - 0.02 * 20.0
@@ -443,12 +447,12 @@ def test_while_no_reply_is_due_the_torque_is_held_and_nothing_is_lost():
     assert list(rig.rows["age_ns"][1:6]) == [k * PERIOD_NS for k in range(5)]
 
 
-def test_a_loss_after_waiting_has_no_velocity():
+def test_a_loss_after_waiting_has_no_velocity() -> None:
     rig = on(Rig([0.1, 0.12, WAITING, LOST, WAITING], stiffness=10.0, damping=0.02)).run(5)
     assert rig.servo.sent == pytest.approx([-1.0, -1.6, -1.6, -1.2, -1.2])
 
 
-def test_waiting_before_the_first_reading_makes_no_torque():
+def test_waiting_before_the_first_reading_makes_no_torque() -> None:
     rig = on(Rig([WAITING, WAITING, 0.1], stiffness=10.0)).run(3)
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
 
@@ -464,7 +468,7 @@ def holds(rig):
     return rig
 
 
-def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before():
+def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before() -> None:
     positions = [0.5, 0.5, 0.5, 0.005, 0.5, 0.005, 0.005, 0.005, 0.1]
     rig = on(Rig(positions, stiffness=10.0, start_room=0.0)).run(9)
     assert rig.servo.sent == pytest.approx([0.0] * 7 + [-0.05, -1.0])
@@ -472,25 +476,25 @@ def test_the_wall_comes_on_in_the_third_unloaded_tick_and_not_before():
     assert rig.tick.came_on
 
 
-def test_a_tick_without_a_reading_is_no_rest():
+def test_a_tick_without_a_reading_is_no_rest() -> None:
     rig = on(Rig([0.0, LOST, LOST, 0.0, 0.0, 0.1], stiffness=10.0, start_room=0.0)).run(6)
     assert rig.servo.sent == pytest.approx([0.0] * 5 + [-1.0])
 
 
-def test_torque_is_out_in_the_tick_after_the_dead_man_is_let_go():
+def test_torque_is_out_in_the_tick_after_the_dead_man_is_let_go() -> None:
     rig = on(Rig([0.1] * 10, stiffness=10.0)).run(2)
     lets_go(rig).run(3)
     assert rig.servo.sent == pytest.approx([-1.0, -1.0, 0.0, 0.0, 0.0])
     assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 3
 
 
-def test_nothing_that_was_delayed_comes_out_after_the_dead_man_was_let_go():
+def test_nothing_that_was_delayed_comes_out_after_the_dead_man_was_let_go() -> None:
     rig = on(Rig([0.1] * 5 + [0.0] * 10, stiffness=10.0, steps=6)).run(5)
     holds(lets_go(rig).run(1)).run(9)
     assert not any(rig.servo.sent)
 
 
-def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_blow():
+def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_blow() -> None:
     positions = [0.1] * 3 + [0.1] * 5 + [0.009] * 4 + [0.1]
     rig = on(Rig(positions, stiffness=10.0)).run(1)
     lets_go(rig).run(1)
@@ -498,7 +502,7 @@ def test_a_dead_man_that_is_held_again_brings_the_wall_back_only_where_it_is_no_
     assert rig.servo.sent == pytest.approx([-1.0] + [0.0] * 9 + [-0.09, -0.09, -1.0])
 
 
-def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew():
+def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew() -> None:
     rig = on(Rig([0.0] * 20, stiffness=10.0)).run(1)
     lets_go(rig).run(10)
     assert all(rig.rows["flags"][1:] & FLAG_OFF), "at rest all the time, and not held"
@@ -506,7 +510,7 @@ def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew():
     assert not rig.rows["flags"][-1] & FLAG_OFF, "at rest for long: it comes on with the hold"
 
 
-def test_what_an_alarm_took_stays_taken_over_a_pause():
+def test_what_an_alarm_took_stays_taken_over_a_pause() -> None:
     rig = on(Rig([0.0] * 200, rungs=[Rung(20.0, 0.02, 0.0)]))
     reduced(rig, 0.25, 0.25).run(20)
     lets_go(rig).run(20)
@@ -515,14 +519,14 @@ def test_what_an_alarm_took_stays_taken_over_a_pause():
     assert not rig.rows["flags"][-1] & FLAG_OFF
 
 
-def test_a_wall_from_the_start_is_where_the_first_good_reading_says():
+def test_a_wall_from_the_start_is_where_the_first_good_reading_says() -> None:
     rig = Rig([LOST, 18.8, 18.8, 18.9], stiffness=10.0, from_start=True)
     rig.wall.position = 0.05
     assert on(rig).run(4).wall.position == pytest.approx(18.85)
     assert rig.servo.sent == pytest.approx([0.0, 0.5, 0.5, -0.5])
 
 
-def test_what_the_wall_drives_near_the_no_load_speed_trips():
+def test_what_the_wall_drives_near_the_no_load_speed_trips() -> None:
     """The spring came on around the shaft; 5 rad/s, where 4 are allowed."""
     positions = [0.5 - 0.005 * k for k in range(30)]
     rig = on(Rig(positions, stiffness=10.0, driven=4.0))
@@ -534,7 +538,7 @@ def test_what_the_wall_drives_near_the_no_load_speed_trips():
     assert not any(allowed.run(1).tick.trip for _ in range(30))
 
 
-def test_the_clip_limits_the_wall_and_is_told_as_saturation():
+def test_the_clip_limits_the_wall_and_is_told_as_saturation() -> None:
     rig = on(Rig([0.1, 0.5, -0.5], steps=1, stiffness=10.0, clip=2.0)).run(3)
     assert list(rig.rows["wall_torque"]) == pytest.approx([-1.0, -2.0, 2.0])
     assert rig.servo.sent == pytest.approx([0.0, -1.0, -2.0])

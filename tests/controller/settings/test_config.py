@@ -15,7 +15,7 @@ def loaded(preset, *sets):
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_a_child_process_gets_the_same_configuration_as_json(name):
+def test_a_child_process_gets_the_same_configuration_as_json(name) -> None:
     config = loaded(name)
     copy = Config.model_validate_json(config.model_dump_json())
     assert copy == config
@@ -23,7 +23,7 @@ def test_a_child_process_gets_the_same_configuration_as_json(name):
     assert copy.belief() == config.belief()
 
 
-def test_the_presets_of_the_manual_are_there():
+def test_the_presets_of_the_manual_are_there() -> None:
     assert preset_names() == [
         "emulated-port",
         "emulated-xm430",
@@ -35,14 +35,14 @@ def test_the_presets_of_the_manual_are_there():
     ]
 
 
-def test_simulated_belief_defaults_to_the_truth():
+def test_simulated_belief_defaults_to_the_truth() -> None:
     belief = loaded("lwr3").belief()
     assert belief.inertia == Bounded.exactly(0.8)
     assert belief.delay == Bounded.exactly(0.005)
     assert belief.torque_gain == Bounded.exactly(1.0)
 
 
-def test_belief_and_truth_can_differ():
+def test_belief_and_truth_can_differ() -> None:
     config = loaded(
         "simulated", "model.inertia={value: 0.02, low: 0.01, high: 0.03}", "model.delay=0.001"
     )
@@ -53,33 +53,33 @@ def test_belief_and_truth_can_differ():
 
 
 @pytest.mark.parametrize(("side", "expected"), [("above", 0.9), ("below", 1.1), ("both", 1.0)])
-def test_a_simulated_servo_starts_outside_a_one_sided_wall(side, expected):
+def test_a_simulated_servo_starts_outside_a_one_sided_wall(side, expected) -> None:
     config = loaded("simulated", f"wall.side={side}", "wall.position=1")
     assert config.true_servo().position == pytest.approx(expected)
 
 
-def test_a_kick_is_a_displacement_from_the_wall():
+def test_a_kick_is_a_displacement_from_the_wall() -> None:
     config = loaded("simulated", "wall.position=1", "servo.kick=-0.3")
     assert config.true_servo().position == pytest.approx(0.7)
 
 
-def test_the_scripted_hand_finds_the_wall():
+def test_the_scripted_hand_finds_the_wall() -> None:
     true = loaded("simulated", "wall.side=below", "wall.position=2").true_servo()
     assert (true.hand, true.hand_origin, true.hand_direction) == ("push", 2.0, -1)
 
 
-def test_an_emulated_bus_on_the_simulated_clock_is_in_memory():
+def test_an_emulated_bus_on_the_simulated_clock_is_in_memory() -> None:
     settings = loaded("emulated-xm430", "loop.clock=simulated").servo_settings()
     assert settings.port == ""
     assert settings.true is not None
     assert settings.true.inertia == 0.011951
 
 
-def test_an_emulated_bus_on_the_monotonic_clock_is_like_a_real_one():
+def test_an_emulated_bus_on_the_monotonic_clock_is_like_a_real_one() -> None:
     assert loaded("emulated-xm430").servo_settings().port == "emulated"
 
 
-def test_the_driver_does_not_know_the_emulated_torque_constant():
+def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     config = loaded("emulated-xm430", "servo.torque_constant=2.2", "model.torque_gain=1.2")
     settings = config.servo_settings()
     assert settings.torque_constant == 0.0
@@ -90,45 +90,45 @@ def test_the_driver_does_not_know_the_emulated_torque_constant():
     ("side", "away"),
     [("above", -1), ("below", 1), ("both", -1)],
 )
-def test_a_real_servo_is_probed_away_from_the_wall(side, away):
+def test_a_real_servo_is_probed_away_from_the_wall(side, away) -> None:
     settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
     assert settings.probe_direction == away
 
 
-def test_calibration_of_a_real_servo_reaches_the_driver():
+def test_calibration_of_a_real_servo_reaches_the_driver() -> None:
     config = loaded("xm430-w350", "servo.torque_constant=1.5", "servo.torque_limit=0.5")
     settings = config.servo_settings()
     assert (settings.torque_constant, settings.torque_limit) == (1.5, 0.5)
 
 
-def test_nobody_knows_the_truth_of_a_real_servo():
+def test_nobody_knows_the_truth_of_a_real_servo() -> None:
     with pytest.raises(ValueError, match="/dev/ttyUSB0 is real"):
         loaded("xm430-w350").true_servo()
 
 
-def test_the_grid_period_is_whole_nanoseconds():
+def test_the_grid_period_is_whole_nanoseconds() -> None:
     assert loaded("simulated", "loop.rate_hz=300").period_ns == 3_333_333
 
 
-def test_simulated_servo_settings_carry_the_truth():
+def test_simulated_servo_settings_carry_the_truth() -> None:
     config = loaded("paper-table2")
     settings = config.servo_settings()
     assert (settings.backend, settings.true) == ("simulated", config.true_servo())
 
 
-def test_the_guard_gets_the_wall_that_is_asked_for():
+def test_the_guard_gets_the_wall_that_is_asked_for() -> None:
     config = loaded("simulated", "wall.stiffness=1e6", "guard.margin=0.5", "wall.side=below")
     request, guard = config.request(), config.guard_settings()
     assert (request.stiffness, request.side, request.velocity_samples) == (1e6, "below", 1)
     assert (guard.mode, guard.margin, guard.damping_cap) == ("stable", 0.5, 0.7)
 
 
-def test_the_configuration_cannot_be_changed():
+def test_the_configuration_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="frozen"):
         loaded("simulated").wall.stiffness = 3.0
 
 
-def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does():
+def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:
     with pytest.raises(ConfigError, match=r"servo\.model.*did you mean XM430-W350\?"):
         loaded("xm430-w350", "servo.model=xm430-w305")
     with pytest.raises(ConfigError, match=r"servo\.torque_constant.*XD540-T270"):
@@ -136,12 +136,12 @@ def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does():
     loaded("xm430-w350", "servo.model=XD540-T270", "servo.torque_constant=2.0")
 
 
-def test_the_driver_knows_the_loops_period_and_the_speed_limit():
+def test_the_driver_knows_the_loops_period_and_the_speed_limit() -> None:
     settings = loaded("xm430-w350", "loop.rate_hz=500", "safety.max_speed=7").servo_settings()
     assert (settings.period_s, settings.max_speed) == (0.002, 7.0)
 
 
-def test_travel_survives_the_way_to_the_loops_process():
+def test_travel_survives_the_way_to_the_loops_process() -> None:
     config = loaded("simulated", "safety.travel=[-1, 2]")
     assert config.safety.travel == (-1.0, 2.0)
     assert type(config).model_validate_json(config.model_dump_json()) == config
@@ -165,5 +165,5 @@ def test_travel_survives_the_way_to_the_loops_process():
         ("simulated", ["wall.reference=start", "loop.clock=simulated"], 0.0),
     ],
 )
-def test_around_what_the_wall_comes_on_at_once(preset, sets, room):
+def test_around_what_the_wall_comes_on_at_once(preset, sets, room) -> None:
     assert loaded(preset, *sets).start_room == room

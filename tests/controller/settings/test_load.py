@@ -38,20 +38,20 @@ def only(source, *sets):
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_every_preset_loads_and_says_what_it_is_for(name):
+def test_every_preset_loads_and_says_what_it_is_for(name) -> None:
     assert load_config(name).config.loop.rate_hz == 1000.0
     assert 20 < len(preset_summary(name)) < 100
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_hardware_presets_are_strict_and_the_others_are_not(name):
+def test_hardware_presets_are_strict_and_the_others_are_not(name) -> None:
     """emulated-port drives an emulated bus through a port, which hurts nobody."""
     config = load_config(name).config
     strict = config.servo.kind == "hardware" and name != "emulated-port"
     assert (config.realtime.profile == "strict") == strict
 
 
-def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path):
+def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path: Path) -> None:
     text = "\n".join(
         [
             "servo: {backend: dynamixel, port: /dev/ttyACM0, baud: 1e6, model: XM430-W350}",
@@ -71,7 +71,7 @@ def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path)
 
 @settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_set_reads_every_way_a_number_is_written(number):
+def test_set_reads_every_way_a_number_is_written(number) -> None:
     for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
         data = {}
         apply_set(data, f"a.b={text}")
@@ -81,7 +81,7 @@ def test_set_reads_every_way_a_number_is_written(number):
 
 @settings(deadline=None)
 @given(st.integers())
-def test_set_reads_whole_numbers_as_such(number):
+def test_set_reads_whole_numbers_as_such(number) -> None:
     data = {}
     apply_set(data, f"a.b={number}")
     assert data["a"]["b"] == number
@@ -90,7 +90,7 @@ def test_set_reads_whole_numbers_as_such(number):
 
 @settings(deadline=None)
 @given(st.text(max_size=40))
-def test_set_never_fails_but_with_a_message(text):
+def test_set_never_fails_but_with_a_message(text) -> None:
     try:
         load_config("simulated", [text, f"wall.stiffness={text}"])
     except UserError as error:
@@ -115,13 +115,13 @@ def test_set_never_fails_but_with_a_message(text):
         ("'1e6'", "1e6"),
     ],
 )
-def test_words_and_numbers_mean_what_they_look_like(text, value):
+def test_words_and_numbers_mean_what_they_look_like(text, value) -> None:
     data = {"a": {}}
     assert apply_set(data, f"a.b={text}") == "a.b"
     assert data == {"a": {"b": value}}
 
 
-def test_off_is_a_word():
+def test_off_is_a_word() -> None:
     config = load_config("simulated", ["guard.mode=off", "realtime.profile=off"]).config
     assert (config.guard.mode, config.realtime.profile) == ("off", "off")
 
@@ -129,13 +129,13 @@ def test_off_is_a_word():
 @pytest.mark.parametrize(
     "change", ["wall.stiffness=" + "[" * 20_000, "x" * 20_000, "wall.side.x=" + "x" * 20_000]
 )
-def test_a_long_set_is_not_said_whole(change):
+def test_a_long_set_is_not_said_whole(change) -> None:
     with pytest.raises(ConfigError) as error:
         load_config("simulated", [change])
     assert len(str(error.value)) < 500
 
 
-def test_the_last_set_wins_and_bounds_can_be_set_one_by_one():
+def test_the_last_set_wins_and_bounds_can_be_set_one_by_one() -> None:
     config = load_config(
         HARDWARE, ["wall.stiffness=1", "wall.stiffness=2", "model.damping.low=0.001"]
     ).config
@@ -144,7 +144,7 @@ def test_the_last_set_wins_and_bounds_can_be_set_one_by_one():
     assert (config.model.damping.low, config.model.damping.value) == (0.001, 0.011692)
 
 
-def test_where_each_value_comes_from():
+def test_where_each_value_comes_from() -> None:
     origins = load_config("simulated", ["wall.damping=0.1"]).origins
     assert origins["wall.damping"] == "--set"
     assert origins["wall.stiffness"] == "preset simulated"
@@ -154,7 +154,7 @@ def test_where_each_value_comes_from():
 # What is wrong
 
 
-def test_all_problems_are_told_at_once_in_the_order_of_the_fields():
+def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
     found = problems(
         HARDWARE,
         "wall.stifness=1",
@@ -187,7 +187,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields():
         assert line.startswith(start)
 
 
-def test_a_bus_too_slow_for_the_rate_is_refused():
+def test_a_bus_too_slow_for_the_rate_is_refused() -> None:
     assert only(HARDWARE, "servo.baud=57600") == (
         "servo.baud (from --set): found 57600, at which a cycle takes 10.1 ms on the wire, more "
         "than 0.8 of a period of 1 ms; wanted a faster bus (set the servo to it first) or "
@@ -204,13 +204,13 @@ def _outside(field):
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_is_bounded(field):
+def test_every_field_is_bounded(field) -> None:
     found = problems("simulated", f"{field.path}={_outside(field)}")
     assert any(line.startswith(f"{field.path} (from --set): found") for line in found)
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_refuses_what_is_not_a_number_or_a_name(field):
+def test_every_field_refuses_what_is_not_a_number_or_a_name(field) -> None:
     for value in ("true", "[1]", ".nan", "{a: 1}"):
         if value == field.wanted.partition(" ")[0]:
             continue
@@ -227,12 +227,12 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name(field):
         (["safety.max_losses_in_row=8", "safety.max_silence_s=0.01"], 0.01),
     ],
 )
-def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s):
+def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s) -> None:
     """At most half of the Bus Watchdog, so that no log becomes unreadable."""
     assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
 
 
-def test_the_origin_of_a_field_with_an_older_name_is_where_that_was_given():
+def test_the_origin_of_a_field_with_an_older_name_is_where_that_was_given() -> None:
     origins = load_config("simulated", ["safety.max_losses_in_row=8"]).origins
     assert origins["safety.max_silence_s"] == "--set, as safety.max_losses_in_row"
     assert "safety.max_losses_in_row" not in origins
@@ -241,12 +241,12 @@ def test_the_origin_of_a_field_with_an_older_name_is_where_that_was_given():
 
 
 @pytest.mark.parametrize("value", ["many", "-3", "0", "nan"])
-def test_losses_that_are_no_number_above_0_are_refused_by_name(value):
+def test_losses_that_are_no_number_above_0_are_refused_by_name(value) -> None:
     assert "safety.max_losses_in_row" in only("simulated", f"safety.max_losses_in_row={value}")
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_says_what_it_means(field):
+def test_every_field_says_what_it_means(field) -> None:
     assert field.meaning
     assert field.wanted
     numeric = "number" in field.wanted or "multiple" in field.wanted
@@ -280,7 +280,7 @@ def test_every_field_says_what_it_means(field):
         ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
     ],
 )
-def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
+def test_an_unknown_name_comes_with_a_suggestion(change, suggestion) -> None:
     assert suggestion in only("simulated", change)
 
 
@@ -312,7 +312,7 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion):
         ("simulated", ["loop.rate_hz=2000", "realtime.spin_us=301"], "realtime.spin_us"),
     ],
 )
-def test_fields_that_do_not_go_together(preset, changes, blamed):
+def test_fields_that_do_not_go_together(preset, changes, blamed) -> None:
     assert only(preset, *changes).startswith(blamed)
 
 
@@ -333,30 +333,30 @@ def test_fields_that_do_not_go_together(preset, changes, blamed):
         (HARDWARE, ["realtime.profile=best-effort"]),
     ],
 )
-def test_fields_that_do(preset, changes):
+def test_fields_that_do(preset, changes) -> None:
     load_config(preset, changes)
 
 
-def test_a_broken_field_is_not_blamed_twice():
+def test_a_broken_field_is_not_blamed_twice() -> None:
     """The rules between fields stay silent about a field that is itself wrong."""
     assert only(HARDWARE, "model.inertia=heavy").startswith("model.inertia (from --set): found 'h")
     assert only(HARDWARE, "model=5").startswith("model (from --set): found 5, wanted a section")
 
 
 @pytest.mark.parametrize("port", ["Emulated", '" emulated "', '"a\\0b"'])
-def test_a_port_that_cannot_be_one_is_the_only_thing_told(port):
+def test_a_port_that_cannot_be_one_is_the_only_thing_told(port) -> None:
     problem = only("emulated-xm430", f"servo.port={port}")
     assert problem.startswith("servo.port (from --set): found")
     assert problem.endswith("wanted a serial device such as /dev/ttyUSB0, or emulated")
 
 
-def test_an_unknown_key_is_told_as_it_is_written():
+def test_an_unknown_key_is_told_as_it_is_written() -> None:
     assert only("simulated", "wall={true: 1}").startswith("wall.true: unknown")
     data = parse("a: &a {true: 1, 2: x}\nb: {<<: *a, null: 3}", "text")
     assert data == {"a": {"true": 1, "2": "x"}, "b": {"true": 1, "2": "x", "null": 3}}
 
 
-def test_a_duplicate_key_is_refused(tmp_path):
+def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "twice.yaml"
     file.write_text("wall:\n  stiffness: 1\n  damping: 0\n  stiffness: 2\n")
     with pytest.raises(UserError, match="stiffness stands twice, in lines 2 and 4"):
@@ -376,7 +376,7 @@ def test_a_duplicate_key_is_refused(tmp_path):
         ("wall: \x00\n", "not readable as YAML"),
     ],
 )
-def test_a_file_that_is_not_a_configuration(tmp_path, text, message):
+def test_a_file_that_is_not_a_configuration(tmp_path: Path, text, message) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
     with pytest.raises(UserError, match=r"bad\.yaml") as refused:
@@ -384,19 +384,19 @@ def test_a_file_that_is_not_a_configuration(tmp_path, text, message):
     assert message in str(refused.value)
 
 
-def test_a_file_that_is_not_text(tmp_path):
+def test_a_file_that_is_not_text(tmp_path: Path) -> None:
     file = tmp_path / "bad.yaml"
     file.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="not UTF-8 text"):
         load_config(str(file))
 
 
-def test_an_unknown_preset_comes_with_a_suggestion_and_the_list():
+def test_an_unknown_preset_comes_with_a_suggestion_and_the_list() -> None:
     with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-port,"):
         load_config("simulatd")
 
 
-def test_a_device_that_never_ends_is_not_a_configuration():
+def test_a_device_that_never_ends_is_not_a_configuration() -> None:
     with pytest.raises(UserError, match=r"CONFIG /dev/zero: .* wanted a YAML file"):
         load_config("/dev/zero")
 
@@ -406,7 +406,7 @@ def test_a_device_that_never_ends_is_not_a_configuration():
     ["!!bool abc", "!!timestamp abc", '!!float ""', '!!int ""', "!!float 1:x", "!!binary é",
      "!!set abc", "!!python/name:os.system", "!!null x", "!!omap abc", "!!pairs [1]", "!!map x"],
 )  # fmt: skip
-def test_a_tag_is_read_or_refused_in_words(tmp_path, text):
+def test_a_tag_is_read_or_refused_in_words(tmp_path: Path, text) -> None:
     file = tmp_path / "tagged.yaml"
     file.write_text(f"wall: {{stiffness: {text}}}\n")
     with pytest.raises(UserError):
@@ -416,7 +416,9 @@ def test_a_tag_is_read_or_refused_in_words(tmp_path, text):
 
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a device"])
-def test_what_may_never_end_is_not_a_configuration(tmp_path, monkeypatch, kind):
+def test_what_may_never_end_is_not_a_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind
+) -> None:
     monkeypatch.chdir(tmp_path)  # the name of a socket must be short
     path = Path("a.yaml")
     with contextlib.ExitStack() as stack:
@@ -442,7 +444,7 @@ NESTED = [
 
 
 @pytest.mark.parametrize("text", NESTED, ids=["aliases", "merges", "keys"])
-def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text):
+def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path: Path, text) -> None:
     """What 329 bytes stand for took 19 s and 372 MB to look at."""
     path = tmp_path / "a.yaml"
     path.write_text(text)
@@ -450,7 +452,7 @@ def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path, text):
         load_config(str(path))
 
 
-def test_a_file_that_is_too_long_is_refused(tmp_path):
+def test_a_file_that_is_too_long_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("#" * MOST_BYTES)
     only(path)
@@ -459,7 +461,7 @@ def test_a_file_that_is_too_long_is_refused(tmp_path):
         load_config(str(path))
 
 
-def test_many_problems_are_counted_and_some_are_told(tmp_path):
+def test_many_problems_are_counted_and_some_are_told(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("wall:\n" + "".join(f"  k{number}: 1\n" for number in range(2000)))
     with pytest.raises(ConfigError) as refused:
@@ -471,33 +473,33 @@ def test_many_problems_are_counted_and_some_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["a: &a [*a]", "a: &a {<<: *a}", "a: &a {b: {c: *a}}"])
-def test_an_alias_of_what_holds_it_is_refused(text):
+def test_an_alias_of_what_holds_it_is_refused(text) -> None:
     with pytest.raises(UserError, match="an alias stands for what it is a part of"):
         parse(text, "text")
 
 
-def test_what_a_merge_brings_in_may_be_overruled_wherever_it_stands():
+def test_what_a_merge_brings_in_may_be_overruled_wherever_it_stands() -> None:
     data = parse("b: &b {k: 1}\np: {q: &x {<<: *b, k: 2}}\ny: {<<: *x}", "text")
     assert data["y"] == data["p"]["q"] == {"k": 2}
 
 
-def test_a_number_too_large_for_a_computer_is_refused_by_name():
+def test_a_number_too_large_for_a_computer_is_refused_by_name() -> None:
     for field in ("wall.stiffness", "servo.id", "safety.max_losses_in_row", "model.delay"):
         assert field in only("simulated", f"{field}={'9' * 400}")
 
 
-def test_a_name_is_told_without_what_a_terminal_would_obey(tmp_path):
+def test_a_name_is_told_without_what_a_terminal_would_obey(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text('"\\x1b[31mwall\\n\\u202e": 1\nservo: {inertia: 1}\n')
     assert only(path).startswith(r"\x1b[31mwall\n\u202e: unknown")
 
 
-def test_a_folder_is_not_a_configuration(tmp_path):
+def test_a_folder_is_not_a_configuration(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="Is a directory"):
         load_config(str(tmp_path))
 
 
-def test_an_empty_file_lacks_only_what_has_no_default(tmp_path):
+def test_an_empty_file_lacks_only_what_has_no_default(tmp_path: Path) -> None:
     file = tmp_path / "empty.yaml"
     file.write_text("# nothing\n")
     assert only(file).startswith("servo.inertia: found nothing")
@@ -511,7 +513,7 @@ def test_an_empty_file_lacks_only_what_has_no_default(tmp_path):
         max_leaves=5,
     )
 )
-def test_any_yaml_is_read_or_refused_in_words(value):
+def test_any_yaml_is_read_or_refused_in_words(value) -> None:
     import yaml
 
     try:
@@ -522,14 +524,14 @@ def test_any_yaml_is_read_or_refused_in_words(value):
 
 @settings(deadline=None)
 @given(st.text(st.sampled_from("[]{}&*ab:,\n -<!|>'\"#?%@`~1.\x1b\x00\ud800\u202e"), max_size=60))
-def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text):
+def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text) -> None:
     try:
         parse(text, "text")
     except UserError as error:
         assert str(error).startswith("text: ")
 
 
-def test_the_manual_shows_the_messages_as_they_are():
+def test_the_manual_shows_the_messages_as_they_are() -> None:
     changes = ["wall.stifness=20", "guard.margin=1.2", "wall.side=abov"]
     manual = Path(__file__).parents[3] / "docs" / "configuration.md"
     with pytest.raises(ConfigError) as refused:

@@ -11,7 +11,7 @@ from haptic_wall.controller.system.printable import in_line, printable
 HOSTILE = "a\x1b[31m\x07\r\x9b\x7f\u202e\udcffb"
 
 
-def test_no_control_character_is_left_and_all_else_is():
+def test_no_control_character_is_left_and_all_else_is() -> None:
     for number in range(0x3000):
         character = chr(number)
         shown = printable(character)
@@ -22,12 +22,12 @@ def test_no_control_character_is_left_and_all_else_is():
     assert printable(HOSTILE) == r"a\x1b[31m\x07\r\x9b\x7f\u202e\udcffb"
 
 
-def test_a_name_is_a_part_of_one_line_and_not_a_long_one():
+def test_a_name_is_a_part_of_one_line_and_not_a_long_one() -> None:
     assert in_line("a\nended as planned") == r"a\nended as planned"
     assert in_line("x" * 300) == "x" * 200 + "..."
 
 
-def test_all_that_is_said_or_answered_is_printable(capsys):
+def test_all_that_is_said_or_answered_is_printable(capsys: pytest.CaptureFixture[str]) -> None:
     say(HOSTILE)
     answer(HOSTILE)
     answer(as_json({"name": HOSTILE}))
@@ -48,7 +48,9 @@ def test_all_that_is_said_or_answered_is_printable(capsys):
         ["log", "--" + HOSTILE],
     ],
 )
-def test_a_name_on_the_command_line_is_told_as_escapes(arguments, capsys):
+def test_a_name_on_the_command_line_is_told_as_escapes(
+    arguments, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(arguments) == 2
     told = capsys.readouterr().err
     assert told == printable(told)

@@ -28,31 +28,31 @@ def begun(ignores):
     return done.stdout.split()
 
 
-def test_the_closed_terminal_ends_a_run_but_not_one_that_nohup_began():
+def test_the_closed_terminal_ends_a_run_but_not_one_that_nohup_began() -> None:
     assert begun(ignores=False) == ["SIGINT", "SIGTERM", "SIGHUP"]
     assert begun(ignores=True) == ["SIGINT", "SIGTERM"]
 
 
-def send(number=signal.SIGTERM):
+def send(number=signal.SIGTERM) -> None:
     os.kill(os.getpid(), number)
 
 
 @pytest.mark.parametrize("number", STOPPING)
-def test_who_puts_something_in_order_is_interrupted_by_each_of_them(number):
+def test_who_puts_something_in_order_is_interrupted_by_each_of_them(number) -> None:
     before = signal.getsignal(number)
     with pytest.raises(KeyboardInterrupt), interrupting():
         send(number)
     assert signal.getsignal(number) == before
 
 
-def swallowed():
+def swallowed() -> None:
     try:
         send()
     except KeyboardInterrupt:
         return
 
 
-def made_another_error():
+def made_another_error() -> None:
     try:
         send()
     except KeyboardInterrupt:
@@ -60,17 +60,17 @@ def made_another_error():
 
 
 @pytest.mark.parametrize("library", [swallowed, made_another_error])
-def test_an_interruption_is_not_lost_in_a_library(library):
+def test_an_interruption_is_not_lost_in_a_library(library) -> None:
     with pytest.raises(KeyboardInterrupt), interrupting():
         library()
 
 
-def test_another_error_stays_what_it_is():
+def test_another_error_stays_what_it_is() -> None:
     with pytest.raises(ImportError), interrupting():
         raise ImportError("not there")
 
 
-def test_what_is_ignored_stays_ignored():
+def test_what_is_ignored_stays_ignored() -> None:
     done = []
     with on_signals(signal.SIG_IGN), interrupting():
         send()
@@ -78,10 +78,10 @@ def test_what_is_ignored_stays_ignored():
     assert done == ["all"]
 
 
-def test_beside_the_main_thread_nothing_is_changed():
+def test_beside_the_main_thread_nothing_is_changed() -> None:
     before, during = signal.getsignal(signal.SIGTERM), []
 
-    def work():
+    def work() -> None:
         with interrupting():
             during.append(signal.getsignal(signal.SIGTERM))
 

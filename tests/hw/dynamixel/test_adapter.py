@@ -1,5 +1,7 @@
 """The adapter's timer and blocks, against a byte-by-byte account of the same rule."""
 
+from collections.abc import Sequence
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ WIRE_NS = (len(READ) + 27) * BYTE_NS
 """Of the request and of its reply"""
 
 
-def reply_at(client, deadline_ns):
+def reply_at(client: Client, deadline_ns: int) -> int | None:
     """When the last byte of a reply was handed over [ns]; None: not by the deadline."""
     parser = Parser()
     while client.line.wait(deadline_ns):
@@ -22,7 +24,9 @@ def reply_at(client, deadline_ns):
     return None
 
 
-def account(arrivals, timer_ns, block, start_ns, end_ns):
+def account(
+    arrivals: Sequence[int], timer_ns: int, block: int, start_ns: int, end_ns: int
+) -> list[tuple[int, int]]:
     """Every hand-over, by looking at each byte and each expiry one after the other."""
     handed, held, sent_ns = [], 0, start_ns
     waiting = sorted(arrivals)
@@ -50,7 +54,9 @@ def account(arrivals, timer_ns, block, start_ns, end_ns):
     st.sampled_from([1, 62, 510]),
     st.integers(0, 20 * MS),
 )
-def test_every_byte_is_handed_over_when_the_rule_says(stretches, timer_ns, block, phase_ns):
+def test_every_byte_is_handed_over_when_the_rule_says(
+    stretches: list[tuple[int, int, int]], timer_ns: int, block: int, phase_ns: int
+) -> None:
     adapter = Adapter(timer_ns, block, phase_ns)
     sent, arrivals, handed = b"", [], []
     free_ns = phase_ns
@@ -73,7 +79,7 @@ def test_every_byte_is_handed_over_when_the_rule_says(stretches, timer_ns, block
     assert handed == account(arrivals, timer_ns, block, phase_ns, free_ns + timer_ns)
 
 
-def test_taking_late_gives_the_same_bytes():
+def test_taking_late_gives_the_same_bytes() -> None:
     often, seldom = (Adapter(MS, 62, 0) for _ in range(2))
     for adapter in (often, seldom):
         adapter.put(bytes(range(200)), 100, BAUD)
@@ -82,7 +88,7 @@ def test_taking_late_gives_the_same_bytes():
 
 
 @pytest.mark.parametrize("phase_us", range(0, 1000, 37))
-def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us):
+def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us: int) -> None:
     """The expiries lie on a grid; where in it the request falls decides about the wait."""
     client = Client(fast=False, adapter=Adapter(MS, 62, 5 * MS - phase_us * US))
     client.servos[1].memory["return_delay_time"] = 0
@@ -93,7 +99,7 @@ def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us):
     assert (handed - (5 * MS - phase_us * US)) % MS == 0
 
 
-def test_a_frame_is_cut_where_the_timer_runs_out():
+def test_a_frame_is_cut_where_the_timer_runs_out() -> None:
     """The reply's first bytes are there at the expiry, its last ones a period later."""
     phase = len(READ) * BYTE_NS + 10 * BYTE_NS
     client = Client(fast=False, adapter=Adapter(MS, 62, 5 * MS + phase - MS))
@@ -107,7 +113,7 @@ def test_a_frame_is_cut_where_the_timer_runs_out():
     assert len(client.line.read()) == 17
 
 
-def test_a_full_block_does_not_wait_and_restarts_the_timer():
+def test_a_full_block_does_not_wait_and_restarts_the_timer() -> None:
     client = Client(fast=False, adapter=Adapter(16 * MS, 62, 5 * MS))
     client.servos[1].memory["return_delay_time"] = 0
     client.line.write(encode(1, Instruction.READ, bytes([0, 0, 80, 0])))  # a reply of 91 bytes
@@ -121,7 +127,9 @@ def test_a_full_block_does_not_wait_and_restarts_the_timer():
 
 
 @pytest.mark.parametrize(("timer_ms", "share"), [(1, 0.75), (2, 0.375)])
-def test_the_share_of_phases_in_which_a_pipelined_reply_makes_its_tick(timer_ms, share):
+def test_the_share_of_phases_in_which_a_pipelined_reply_makes_its_tick(
+    timer_ms: int, share: float
+) -> None:
     """Asked for at a tick, a reply that is through after 250 µs comes before the next tick if an
     expiry falls in the other 750 µs: 3/4 of the phases at 1 ms, half as many at 2 ms."""
     client = Client(fast=False, adapter=Adapter(timer_ms * MS, 510, 5 * MS))

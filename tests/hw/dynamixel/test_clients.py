@@ -3,15 +3,23 @@
 Neither is changed, but for the time they give a reply: a busy machine may need more than 34 ms.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import select
 import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import dynamixel_sdk as sdk
 import pytest
 
+from haptic_wall.controller.pytest_plugin import DynamixelBus
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode
+
+if TYPE_CHECKING:
+    from rustypot import Xl330PyController
 
 pytestmark = pytest.mark.realtime
 
@@ -24,7 +32,7 @@ three = pytest.mark.dynamixel_bus(servos=[f"{X}:1", f"{X}:2", f"{SMALL}:7"], tru
 
 
 class Sdk:
-    def __init__(self, bus):
+    def __init__(self, bus: DynamixelBus) -> None:
         self.port = sdk.PortHandler(bus.port)
         self.port.baudrate = bus.baud
         assert self.port.openPort()
@@ -36,28 +44,30 @@ class Sdk:
 
 
 @pytest.fixture
-def vendor(dynamixel_bus):
+def vendor(dynamixel_bus: DynamixelBus) -> Iterator[Sdk]:
     client = Sdk(dynamixel_bus)
     yield client
     client.port.closePort()
 
 
 @pytest.fixture
-def rusty(dynamixel_bus):
+def rusty(dynamixel_bus: DynamixelBus) -> Iterator[Xl330PyController]:
     rustypot = pytest.importorskip("rustypot")
     client = rustypot.Xl330PyController(dynamixel_bus.port, dynamixel_bus.baud, PATIENCE_S)
     yield client
     client.close()
 
 
-def wait_until(happened):
+def wait_until(happened: Callable[..., object]) -> None:
     end = time.monotonic() + 30
     while not happened():
         assert time.monotonic() < end
 
 
 @three
-def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(vendor, dynamixel_bus):
+def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(
+    vendor: Sdk, dynamixel_bus: DynamixelBus
+) -> None:
     write = sdk.GroupBulkWrite(vendor.port, vendor.handler)
     assert write.addParam(1, LED, 1, [1])
     assert write.addParam(7, GOAL_POSITION, 4, list((3000).to_bytes(4, "little")))
@@ -77,7 +87,7 @@ def test_the_vendors_bulk_and_fast_reads_and_writes_of_several_servos(vendor, dy
 
 
 @three
-def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor):
+def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor: Sdk) -> None:
     port, handler = vendor.port, vendor.handler
     done = (sdk.COMM_SUCCESS, 0)
     for i in (1, 2):
@@ -94,7 +104,9 @@ def test_the_vendors_set_up_registered_writes_reboot_and_factory_reset(vendor):
     assert handler.read1ByteTxRx(port, 1, LED) == (0, *done)
 
 
-def test_the_vendor_is_told_each_error_by_its_name(vendor, dynamixel_bus):
+def test_the_vendor_is_told_each_error_by_its_name(
+    vendor: Sdk, dynamixel_bus: DynamixelBus
+) -> None:
     port, handler = vendor.port, vendor.handler
     assert handler.write1ByteTxRx(port, 1, 64, 1) == (sdk.COMM_SUCCESS, 0)
     assert handler.write1ByteTxRx(port, 1, 11, 0)[1] == ErrorCode.ACCESS
@@ -115,7 +127,7 @@ def test_the_vendor_is_told_each_error_by_its_name(vendor, dynamixel_bus):
 
 
 @three
-def test_rustypot_finds_reads_and_writes(rusty):
+def test_rustypot_finds_reads_and_writes(rusty: Xl330PyController) -> None:
     assert rusty.ping(1)
     assert rusty.broadcast_scan() == {1: 1020, 2: 1020, 7: 1200}
     rusty.set_timeout(PATIENCE_S)
@@ -127,7 +139,9 @@ def test_rustypot_finds_reads_and_writes(rusty):
 
 
 @three
-def test_rustypot_reads_and_moves_several_servos_at_once(rusty, dynamixel_bus):
+def test_rustypot_reads_and_moves_several_servos_at_once(
+    rusty: Xl330PyController, dynamixel_bus: DynamixelBus
+) -> None:
     ids, goals = [1, 2, 7], [0.4, -0.3, 0.2]
     rusty.sync_write_operating_mode(ids, [3, 3, 3])
     rusty.sync_write_torque_enable(ids, [True] * 3)
@@ -153,7 +167,9 @@ def test_rustypot_reads_and_moves_several_servos_at_once(rusty, dynamixel_bus):
 
 
 @pytest.mark.dynamixel_bus(servos=[f"{X}:1", f"{X}:2", f"{X}:3:40"])
-def test_rustypot_is_told_what_is_wrong_and_never_hangs(rusty, dynamixel_bus):
+def test_rustypot_is_told_what_is_wrong_and_never_hangs(
+    rusty: Xl330PyController, dynamixel_bus: DynamixelBus
+) -> None:
     rusty.write_torque_enable(1, True)
     assert rusty.write_raw_data_with_error(1, 11, [0]) == ErrorCode.ACCESS
     assert rusty.write_raw_data_with_error(1, GOAL_CURRENT, [0xFF, 0x7F]) == ErrorCode.DATA_LIMIT
@@ -180,12 +196,14 @@ def test_rustypot_is_told_what_is_wrong_and_never_hangs(rusty, dynamixel_bus):
     assert rusty.read_raw_data(2, POSITION, 4) == [0, 8, 0, 0]
 
 
-def settle(rusty):
+def settle(rusty: Xl330PyController) -> None:
     """A reply that comes after it was given up is taken for the next: its own habit."""
     wait_until(lambda: rusty.ping(2))
 
 
-def test_rustypot_stuffs_a_header_in_its_data(rusty, dynamixel_bus):
+def test_rustypot_stuffs_a_header_in_its_data(
+    rusty: Xl330PyController, dynamixel_bus: DynamixelBus
+) -> None:
     """Goal current -1, goal velocity 0x..00FD: both ends must mean the same six bytes."""
     data = [0xFF, 0xFF, 0xFD, 0x00, 0x00, 0x00]
     rusty.write_raw_data(1, 44, [44, 1, 0, 0])  # Velocity Limit 300
@@ -196,7 +214,7 @@ def test_rustypot_stuffs_a_header_in_its_data(rusty, dynamixel_bus):
     assert bytes(data) in frames
 
 
-def test_a_client_that_shouts_nonsense_is_survived(dynamixel_bus):
+def test_a_client_that_shouts_nonsense_is_survived(dynamixel_bus: DynamixelBus) -> None:
     """As much noise as goes in for a second, then the vendor's client as if nothing had been."""
     terminal = os.open(dynamixel_bus.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     noise = os.urandom(4096)

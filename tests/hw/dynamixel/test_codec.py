@@ -1,9 +1,10 @@
 """The codec against published frames, its own inverse, and damaged streams."""
 
 import random
+from collections.abc import Sequence
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, strategies
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import (
@@ -23,7 +24,7 @@ from haptic_wall.hw.dynamixel.codec import (
 )
 
 
-def decode_fast_bulk_status(frame, sizes):
+def decode_fast_bulk_status(frame: Frame, sizes: Sequence[int]) -> list[FastReply]:
     """Each servo's share of a fast bulk read reply; empty where the sizes are not those."""
     shares = bytes((frame.error,)) + frame.params
     # The last share's CRC is the frame's own, which is not among its parameters.
@@ -125,20 +126,20 @@ FAST_BULK_SHARES = [
 
 
 @pytest.mark.parametrize(("id_", "instruction", "params", "wire"), PUBLISHED_INSTRUCTIONS)
-def test_published_instruction(id_, instruction, params, wire):
+def test_published_instruction(id_: int, instruction: Instruction, params: str, wire: str) -> None:
     assert encode(id_, instruction, bytes.fromhex(params)) == bytes.fromhex(wire)
     assert Parser().feed(bytes.fromhex(wire)) == [Frame(id_, instruction, 0, bytes.fromhex(params))]
 
 
 @pytest.mark.parametrize(("id_", "error", "params", "wire"), PUBLISHED_REPLIES)
-def test_published_reply(id_, error, params, wire):
+def test_published_reply(id_: int, error: int, params: str, wire: str) -> None:
     assert encode_status(id_, error, bytes.fromhex(params)) == bytes.fromhex(wire)
     assert Parser().feed(bytes.fromhex(wire)) == [
         Frame(id_, Instruction.STATUS, error, bytes.fromhex(params))
     ]
 
 
-def test_published_fast_sync_reply():
+def test_published_fast_sync_reply() -> None:
     assert encode_fast_status(FAST_SHARES) == FAST_REPLY
     (frame,) = Parser().feed(FAST_REPLY)
     assert decode_fast_status(frame, 4) == FAST_SHARES
@@ -147,7 +148,7 @@ def test_published_fast_sync_reply():
         assert crc16(FAST_REPLY[:end]) == int.from_bytes(FAST_REPLY[end : end + 2], "little")
 
 
-def test_published_fast_bulk_reply():
+def test_published_fast_bulk_reply() -> None:
     assert encode_fast_status(FAST_BULK_SHARES) == FAST_BULK_REPLY
     (frame,) = Parser().feed(FAST_BULK_REPLY)
     assert decode_fast_bulk_status(frame, [4, 2, 1]) == FAST_BULK_SHARES
@@ -156,7 +157,7 @@ def test_published_fast_bulk_reply():
         assert crc16(FAST_BULK_REPLY[:end]) == crc
 
 
-def test_crc_is_that_of_its_definition_bit_by_bit():
+def test_crc_is_that_of_its_definition_bit_by_bit() -> None:
     """For any length, odd or even, and from any start: polynomial x^16 + x^15 + x^2 + 1."""
     source = random.Random(3)
     for size in (*range(301), 2047):
@@ -167,25 +168,25 @@ def test_crc_is_that_of_its_definition_bit_by_bit():
         assert crc16(data, start) == crc16(memoryview(bytearray(data)), start) == crc
 
 
-def test_crc_continues_where_it_stopped():
+def test_crc_continues_where_it_stopped() -> None:
     data = bytes(range(200))
     assert crc16(data[70:], crc16(data[:70])) == crc16(data)
 
 
 @given(ids, st.sampled_from(list(Instruction)), payloads)
-def test_instruction_round_trip(id_, instruction, params):
+def test_instruction_round_trip(id_: int, instruction: Instruction, params: bytes) -> None:
     if instruction == Instruction.STATUS:
         return
     assert Parser().feed(encode(id_, instruction, params)) == [Frame(id_, instruction, 0, params)]
 
 
 @given(st.integers(0, 252), st.integers(0, 255), payloads)
-def test_reply_round_trip(id_, error, params):
+def test_reply_round_trip(id_: int, error: int, params: bytes) -> None:
     parsed = Parser().feed(encode_status(id_, error, params))
     assert parsed == [Frame(id_, Instruction.STATUS, error, params)]
 
 
-def test_every_short_payload_of_the_stuffing_alphabet_survives():
+def test_every_short_payload_of_the_stuffing_alphabet_survives() -> None:
     """All strings of up to 8 bytes over FF, FD and 00: the cases where naive stuffing loses one."""
     alphabet = (b"\xff", b"\xfd", b"\x00")
     strings = [b""]
@@ -199,7 +200,9 @@ def test_every_short_payload_of_the_stuffing_alphabet_survives():
 
 
 @given(ids, payloads)
-def test_length_and_crc_count_stuffed_bytes_and_no_header_is_inside(id_, params):
+def test_length_and_crc_count_stuffed_bytes_and_no_header_is_inside(
+    id_: int, params: bytes
+) -> None:
     wire = encode(id_, Instruction.WRITE, params)
     assert int.from_bytes(wire[5:7], "little") == len(wire) - 7
     assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
@@ -211,7 +214,9 @@ def test_length_and_crc_count_stuffed_bytes_and_no_header_is_inside(id_, params)
     st.lists(st.tuples(st.integers(0, 252), payloads), max_size=6),
     st.lists(st.integers(1, 9), min_size=1, max_size=20),
 )
-def test_any_cutting_of_the_stream_gives_the_same_frames(messages, cuts):
+def test_any_cutting_of_the_stream_gives_the_same_frames(
+    messages: list[tuple[int, bytes]], cuts: list[int]
+) -> None:
     stream = b"".join(encode_status(i, 0, p) for i, p in messages)
     parser = Parser()
     found = []
@@ -226,7 +231,7 @@ def test_any_cutting_of_the_stream_gives_the_same_frames(messages, cuts):
 
 
 @given(st.binary(max_size=80), st.integers(1, 20))
-def test_garbage_never_costs_the_good_frames_behind_it(garbage, cut):
+def test_garbage_never_costs_the_good_frames_behind_it(garbage: bytes, cut: int) -> None:
     """A believable broken length may make the parser wait: two frames of its size end that."""
     good = encode_status(5, 0, b"\x01\x02\x03\x04")
     parser = Parser()
@@ -241,7 +246,7 @@ def test_garbage_never_costs_the_good_frames_behind_it(garbage, cut):
 
 
 @given(st.data())
-def test_frame_behind_a_damaged_one_is_found_at_once(data):
+def test_frame_behind_a_damaged_one_is_found_at_once(data: strategies.DataObject) -> None:
     """One byte of a reply is altered or the reply is cut; the next one still comes through."""
     params = data.draw(payloads)
     first = bytearray(encode_status(9, 0, params))
@@ -262,7 +267,7 @@ def test_frame_behind_a_damaged_one_is_found_at_once(data):
 
 
 @given(st.lists(st.binary(max_size=50), max_size=40))
-def test_no_bytes_make_it_raise_and_its_memory_is_bounded(chunks):
+def test_no_bytes_make_it_raise_and_its_memory_is_bounded(chunks: list[bytes]) -> None:
     parser = Parser(report_crc=True)
     for chunk in chunks:
         for frame in parser.feed(b"\xff\xff\xfd\x00" + chunk):
@@ -270,7 +275,7 @@ def test_no_bytes_make_it_raise_and_its_memory_is_bounded(chunks):
         assert len(parser._buffer) <= MAX_LENGTH + 7
 
 
-def test_corrupt_counts_each_broken_frame_and_each_run_of_garbage_once():
+def test_corrupt_counts_each_broken_frame_and_each_run_of_garbage_once() -> None:
     good = encode_status(1, 0, b"xy")
     bad = bytearray(good)
     bad[-1] ^= 1
@@ -279,7 +284,7 @@ def test_corrupt_counts_each_broken_frame_and_each_run_of_garbage_once():
     assert parser.corrupt == 3
 
 
-def test_reset_forgets_half_a_frame():
+def test_reset_forgets_half_a_frame() -> None:
     good = encode_status(1, 0, b"xy")
     parser = Parser()
     assert parser.feed(good[:6]) == []
@@ -288,7 +293,7 @@ def test_reset_forgets_half_a_frame():
     assert parser.corrupt == 0
 
 
-def test_wrong_crc_is_reported_where_asked_for():
+def test_wrong_crc_is_reported_where_asked_for() -> None:
     bad = bytearray(encode(7, Instruction.PING))
     bad[-1] ^= 0x40
     assert Parser().feed(bytes(bad)) == []
@@ -298,7 +303,7 @@ def test_wrong_crc_is_reported_where_asked_for():
 
 
 @given(st.lists(st.tuples(st.integers(0, 252), tricky), min_size=1, max_size=5))
-def test_fast_sync_reply_is_not_stuffed(items):
+def test_fast_sync_reply_is_not_stuffed(items: list[tuple[int, bytes]]) -> None:
     size = max(len(p) for _, p in items)
     shares = [FastReply(i, 0, p.ljust(size, b"\xff")) for i, p in items]
     wire = encode_fast_status(shares)
@@ -307,7 +312,7 @@ def test_fast_sync_reply_is_not_stuffed(items):
     assert decode_fast_status(frame, size) == shares
 
 
-def test_fast_sync_reply_of_another_size_is_refused():
+def test_fast_sync_reply_of_another_size_is_refused() -> None:
     (frame,) = Parser().feed(FAST_REPLY)
     assert decode_fast_status(frame, 5) == []
     (other,) = Parser().feed(encode_status(1, 0, b"\x00" * 5))
@@ -315,7 +320,7 @@ def test_fast_sync_reply_of_another_size_is_refused():
 
 
 @pytest.mark.parametrize("id_", [-1, 253, 255])
-def test_impossible_id_is_refused(id_):
+def test_impossible_id_is_refused(id_: int) -> None:
     with pytest.raises(ValueError, match=str(id_)):
         encode(id_, Instruction.PING)
 
@@ -370,7 +375,9 @@ def test_a_fast_reply_that_holds_a_header_arrives_in_pieces() -> None:
     ),
     st.integers(1, 40),
 )
-def test_fast_bulk_reply_round_trip_however_it_is_cut(items, cut):
+def test_fast_bulk_reply_round_trip_however_it_is_cut(
+    items: list[tuple[int, int, bytes]], cut: int
+) -> None:
     shares = [FastReply(id_, error, data) for id_, error, data in items]
     wire = encode_fast_status(shares)
     parser = Parser()
@@ -382,7 +389,7 @@ def test_fast_bulk_reply_round_trip_however_it_is_cut(items, cut):
 
 
 @given(st.integers(0, 255), st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=6).map(bytes))
-def test_what_is_stuffed_across_the_error_byte_survives(error, params):
+def test_what_is_stuffed_across_the_error_byte_survives(error: int, params: bytes) -> None:
     (frame,) = Parser().feed(encode_status(1, error, params))
     assert frame == Frame(1, Instruction.STATUS, error, params)
 
@@ -404,7 +411,9 @@ header_rich = st.lists(
     st.lists(st.tuples(st.integers(0, 252), header_rich), min_size=1, max_size=4),
     st.integers(1, 30),
 )
-def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(messages, cut):
+def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(
+    messages: list[tuple[int, bytes]], cut: int
+) -> None:
     stream = b"".join(raw_instruction(id_, params) for id_, params in messages)
     parser = Parser(report_crc=True, unstuffed=True)
     found = [f for at in range(0, len(stream), cut) for f in parser.feed(stream[at : at + cut])]
@@ -413,7 +422,9 @@ def test_headers_that_are_not_stuffed_are_data_where_that_is_allowed(messages, c
 
 
 @given(payloads, st.data(), st.integers(1, 30))
-def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(params, data, cut):
+def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(
+    params: bytes, data: strategies.DataObject, cut: int
+) -> None:
     first = encode(9, Instruction.WRITE, params)
     first = first[: data.draw(st.integers(7, len(first) - 1))]
     second = encode(5, Instruction.WRITE, b"abcd")
@@ -428,7 +439,9 @@ def test_a_frame_that_is_cut_short_does_not_cost_the_next_one_there_either(param
 @pytest.mark.parametrize(
     ("id_", "count", "whole"), [(5, 252, True), (254, 4, True), (255, 4, False)]
 )
-def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(id_, count, whole):
+def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(
+    id_: int, count: int, whole: bool
+) -> None:
     """252 bytes make a length of 255, which no id may be."""
     cut_short = encode(9, Instruction.WRITE, bytes(600))[:20]
     params = bytes(count)

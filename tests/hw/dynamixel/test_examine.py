@@ -6,15 +6,18 @@ import os
 import struct
 import termios
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel import latency
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.dynamixel.examine import adapter as adapters
-from haptic_wall.hw.dynamixel.examine.cycles import run_series
-from haptic_wall.hw.dynamixel.examine.judgement import in_order_of_repair, judge
+from haptic_wall.hw.dynamixel.examine.cycles import Series, run_series
+from haptic_wall.hw.dynamixel.examine.finding import Finding
+from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
 from haptic_wall.hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
 from haptic_wall.hw.dynamixel.examine.replies import time_replies
 from haptic_wall.hw.dynamixel.examine.search import search
@@ -37,7 +40,14 @@ WRITING = {Instruction.WRITE, Instruction.REG_WRITE, Instruction.SYNC_WRITE}
 class Bus:
     """Servos in memory, (model, id) each, and every frame that was sent to them."""
 
-    def __init__(self, *servos, baud=BAUD, timer_ns=0, phase_ns=0, return_delay=None):
+    def __init__(
+        self,
+        *servos: tuple[str, int],
+        baud: int = BAUD,
+        timer_ns: int = 0,
+        phase_ns: int = 0,
+        return_delay: int | None = None,
+    ) -> None:
         self.clock = SimulatedClock(7 * MS)
         now = self.clock.now_ns()
         self.servos = {
@@ -51,41 +61,41 @@ class Bus:
         if return_delay is not None:
             self.set(return_delay_time=return_delay)
 
-    def write(self, data):
+    def write(self, data: bytes) -> None:
         self.sent += Parser().feed(data)
         self._line.write(data)
 
-    def read(self):
+    def read(self) -> bytes:
         return self._line.read()
 
-    def wait(self, deadline_ns):
+    def wait(self, deadline_ns: int) -> bool:
         return self._line.wait(deadline_ns)
 
-    def close(self):
+    def close(self) -> None:
         pass
 
-    def contact(self):
+    def contact(self) -> Contact:
         return Contact.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
 
-    def set(self, **values):
+    def set(self, **values: int) -> None:
         """Set registers as a client would have, by the vendor's SDK."""
         table = self.contact().table
         for name, value in values.items():
             table.write(name, value)
         self.sent.clear()
 
-    def judged(self, torque_limit=4.0):
+    def judged(self, torque_limit: float = 4.0) -> list[Judgement]:
         examined = read_all(self.contact(), MODELS["XM430-W350"], 48)
         return judge(examined, torque_limit, 4.1 / 2.3)
 
-    def finding(self, name):
+    def finding(self, name: str) -> Finding:
         return next(j.finding for j in self.judged() if j.finding.name == name)
 
-    def wrote(self):
+    def wrote(self) -> list[Frame]:
         return [f for f in self.sent if f.instruction in WRITING]
 
 
-def test_everybody_on_the_bus_is_found_with_model_and_firmware():
+def test_everybody_on_the_bus_is_found_with_model_and_firmware() -> None:
     bus = Bus(("XM430-W350", 3), ("XL330-M288", 1), ("XL430-W250", 17))
     found = search(bus, BAUD)
     assert [(s.id, s.model, s.firmware) for s in found.servos] == [
@@ -96,7 +106,7 @@ def test_everybody_on_the_bus_is_found_with_model_and_firmware():
     assert found.garbled == 0
 
 
-def test_a_high_id_is_found_when_it_is_asked_for_or_another_one_answers():
+def test_a_high_id_is_found_when_it_is_asked_for_or_another_one_answers() -> None:
     assert search(Bus(("XM430-W350", 200)), BAUD).servos == []
     assert [s.id for s in search(Bus(("XM430-W350", 200)), BAUD, {200}).servos] == [200]
     assert [s.id for s in search(Bus(("XM430-W350", 2), ("XM430-W350", 200)), BAUD).servos] == [
@@ -105,7 +115,7 @@ def test_a_high_id_is_found_when_it_is_asked_for_or_another_one_answers():
     ]
 
 
-def test_a_servo_at_another_rate_is_silence_and_costs_little_time():
+def test_a_servo_at_another_rate_is_silence_and_costs_little_time() -> None:
     bus = Bus(baud=57600)
     begun = bus.clock.now_ns()
     found = search(bus, BAUD)
@@ -115,11 +125,11 @@ def test_a_servo_at_another_rate_is_silence_and_costs_little_time():
     assert bus.clock.now_ns() - begun < 200 * MS
 
 
-def test_a_slow_adapter_hides_nobody():
+def test_a_slow_adapter_hides_nobody() -> None:
     assert [s.id for s in search(Bus(timer_ns=16 * MS), BAUD).servos] == [1]
 
 
-def test_searching_writes_no_register():
+def test_searching_writes_no_register() -> None:
     bus = Bus()
     search(bus, BAUD)
     assert {frame.instruction for frame in bus.sent} == {Instruction.PING}
@@ -147,7 +157,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.name}-{fault.value}")
-def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault):
+def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault: Fault) -> None:
     bus = Bus(return_delay=0)
     bus.set(**{fault.register: fault.value})
     wrong = [j for j in bus.judged() if not j.finding.ok]
@@ -164,7 +174,7 @@ def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault):
     assert all(j.finding.ok for j in bus.judged())
 
 
-def test_mending_one_bit_of_drive_mode_leaves_the_others():
+def test_mending_one_bit_of_drive_mode_leaves_the_others() -> None:
     bus = Bus()
     bus.set(drive_mode=1 + 4 + 8)
     for judgement in bus.judged():
@@ -172,7 +182,7 @@ def test_mending_one_bit_of_drive_mode_leaves_the_others():
             assert mend(bus.contact(), "direction", judgement.repair).after == str(4 + 8)
 
 
-def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more():
+def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more() -> None:
     bus = Bus()
     bus.set(max_voltage_limit=110)  # the emulated supply gives 12 V
     bus.wait(bus.clock.now_ns() + 10 * MS)
@@ -186,7 +196,9 @@ def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more
 
 
 @pytest.mark.parametrize("startup", [1, 2])
-def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended(startup):
+def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended(
+    startup: int,
+) -> None:
     bus = Bus(return_delay=0)
     bus.set(startup_configuration=startup)
     bus.servos[1].latch_errors(0x20, bus.clock.now_ns())
@@ -202,7 +214,7 @@ def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended
     assert bus.finding("torque").ok
 
 
-def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended():
+def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
     bus = Bus(return_delay=250)
     bus.set(torque_enable=1)
     delay = next(j for j in bus.judged() if j.finding.name == "return delay")
@@ -212,7 +224,7 @@ def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended():
     assert bus.finding("return delay").found == "250 (500 µs)"
 
 
-def test_a_servo_that_answers_no_reads_is_made_to():
+def test_a_servo_that_answers_no_reads_is_made_to() -> None:
     bus = Bus()
     table = bus.contact().table
     table.sdk.write_unanswered(table.registers["status_return_level"], 0)
@@ -220,7 +232,7 @@ def test_a_servo_that_answers_no_reads_is_made_to():
     assert change == ("status return level", "no replies to reads", "2", True)
 
 
-def test_torque_is_never_enabled_by_any_repair():
+def test_torque_is_never_enabled_by_any_repair() -> None:
     bus = Bus()
     bus.set(drive_mode=9, startup_configuration=3, secondary_id=4, shutdown=0, torque_enable=1)
     for finding, repair in bus.judged():
@@ -236,26 +248,26 @@ class DoublingBus(Bus):
 
     _copy = _late = b""
 
-    def write(self, data):
+    def write(self, data: bytes) -> None:
         super().write(data)
         self._late, self._copy = self._copy, b""
 
-    def read(self):
+    def read(self) -> bytes:
         fresh = super().read()
         self._copy = fresh or self._copy
         late, self._late = self._late, b""
         return late + fresh
 
-    def wait(self, deadline_ns):
+    def wait(self, deadline_ns: int) -> bool:
         return bool(self._late) or super().wait(deadline_ns)
 
 
-def test_a_doubled_reply_is_not_taken_for_another_register():
+def test_a_doubled_reply_is_not_taken_for_another_register() -> None:
     bus = DoublingBus(return_delay=0)
     assert all(judgement.finding.ok for judgement in bus.judged())
 
 
-def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
+def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong() -> None:
     bus = Bus()
     bus.set(current_limit=100)
     low = bus.finding("current limit")
@@ -266,7 +278,7 @@ def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong():
     assert not bus.finding("current limit").ok
 
 
-def test_a_current_limit_that_the_model_cannot_have_is_wrong():
+def test_a_current_limit_that_the_model_cannot_have_is_wrong() -> None:
     bus = Bus()
     bus.servos[1].memory["current_limit"] = 1194
     found = bus.finding("current limit")
@@ -278,10 +290,10 @@ def test_a_current_limit_that_the_model_cannot_have_is_wrong():
 # Time
 
 
-def series(bus, schedule, period_ns=MS, stall_ns=0, phases=10):
+def series(bus: Bus, schedule: str, period_ns=MS, stall_ns: int = 0, phases: int = 10) -> Series:
     wakes = 0
 
-    def wait(instant_ns):
+    def wait(instant_ns: int) -> int:
         nonlocal wakes
         wakes += 1
         bus.clock.wait_until(instant_ns + (stall_ns if wakes % 15 == 5 else 0))
@@ -300,7 +312,7 @@ def series(bus, schedule, period_ns=MS, stall_ns=0, phases=10):
     )
 
 
-def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase():
+def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase() -> None:
     bus = Bus(return_delay=0)
     replies = time_replies(bus, 1, 50, MS)
     # 14 bytes there, 27 or 28 back, 2.5 µs each
@@ -312,12 +324,12 @@ def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase():
         assert len(found.phases) == 10
 
 
-def test_return_delay_shows_in_the_replies():
+def test_return_delay_shows_in_the_replies() -> None:
     found = time_replies(Bus(return_delay=250), 1, 20, MS)
     assert 602_500 <= found.took_ns[0] <= found.took_ns[-1] <= 605_000
 
 
-def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_at_none():
+def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_at_none() -> None:
     bus = Bus(timer_ns=MS, return_delay=0)
     found = series(bus, "immediate")
     shares = [phase.share for phase in found.phases]
@@ -331,21 +343,21 @@ def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_
     assert found.ages_ns[-1] <= 1.8 * MS
 
 
-def test_a_phase_is_not_lost_to_one_stall_since_a_run_would_leave_it_too():
+def test_a_phase_is_not_lost_to_one_stall_since_a_run_would_leave_it_too() -> None:
     # A request sent after a lost reply was given up can miss its tick too, and so on for ever: the
     # loop then waits a little longer once, and so does the measurement of it.
     found = series(Bus(timer_ns=MS, return_delay=0), "pipelined", stall_ns=9 * MS // 10, phases=20)
     assert found.worst == 0
 
 
-def test_the_age_of_a_sample_grows_while_replies_are_missed():
+def test_the_age_of_a_sample_grows_while_replies_are_missed() -> None:
     # At 16 ms the sample in use is as old as that, however young the few that come are.
     found = series(Bus(timer_ns=16 * MS, return_delay=0), "immediate", phases=4)
     assert found.worst > 0.9
     assert found.ages_ns[-1] > 12 * MS
 
 
-def test_replies_in_a_row_come_once_per_expiry_of_the_timer():
+def test_replies_in_a_row_come_once_per_expiry_of_the_timer() -> None:
     bus = Bus(timer_ns=2 * MS, return_delay=0)
     found = time_replies(bus, 1, 50, MS)
     assert found.in_row_ns == 2 * MS
@@ -359,7 +371,7 @@ class BusyAtFirst(Bus):
 
     reads = 0
 
-    def wait(self, deadline_ns):
+    def wait(self, deadline_ns: int) -> bool:
         found = super().wait(deadline_ns)
         self.reads += 1
         if self.reads < 60 and self.reads % 10 == 0:
@@ -367,14 +379,14 @@ class BusyAtFirst(Bus):
         return found
 
 
-def test_reads_that_a_busy_machine_has_spoiled_are_timed_again():
+def test_reads_that_a_busy_machine_has_spoiled_are_timed_again() -> None:
     found = time_replies(BusyAtFirst(return_delay=0), 1, 50, MS)
     assert found.took_ns[-1] <= 105_000
     assert found.asked == 2 * (50 + 12)
     assert found.lost == found.corrupt == 0
 
 
-def test_a_servo_that_is_silent_is_not_asked_for_ever():
+def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:
     bus = Bus(return_delay=0)
     bus.servos[1].unplug(bus.clock.now_ns())
     found = time_replies(bus, 1, 20, MS)
@@ -383,13 +395,13 @@ def test_a_servo_that_is_silent_is_not_asked_for_ever():
     assert found.share_failed == 1
 
 
-def test_every_phase_is_met_wherever_the_timers_grid_lies():
+def test_every_phase_is_met_wherever_the_timers_grid_lies() -> None:
     for phase_ns in (0, 330_000, 770_000):
         found = series(Bus(timer_ns=MS, phase_ns=phase_ns, return_delay=0), "immediate")
         assert sum(phase.share > 0.5 for phase in found.phases) in (2, 3)
 
 
-def test_nothing_but_reads_is_sent():
+def test_nothing_but_reads_is_sent() -> None:
     bus = Bus(return_delay=0)
     bus.sent.clear()
     time_replies(bus, 1, 5, MS)
@@ -401,14 +413,14 @@ def test_nothing_but_reads_is_sent():
 # Adapters
 
 
-def test_known_adapters_are_named_and_others_by_their_numbers():
+def test_known_adapters_are_named_and_others_by_their_numbers() -> None:
     assert "U2D2" in adapters.kind_of(0x0403, 0x6014, "USB <-> Serial Converter")
     assert "OpenRB" in adapters.kind_of(0x2F5D, 0x2202, None)
     assert "dead:beef" in adapters.kind_of(0xDEAD, 0xBEEF, None)
     assert "not on USB" in adapters.kind_of(None, None, None)
 
 
-def test_the_only_adapter_is_taken_and_several_are_listed():
+def test_the_only_adapter_is_taken_and_several_are_listed() -> None:
     first = adapters.Adapter("/dev/ttyUSB0", "FTDI")
     assert adapters.only_adapter([first]) == "/dev/ttyUSB0"
     with pytest.raises(PortError, match=r"--port.*ttyUSB0: FTDI; /dev/ttyACM0: ROBOTIS"):
@@ -426,7 +438,9 @@ def test_the_only_adapter_is_taken_and_several_are_listed():
         (None, True, ["does not apply"]),
     ],
 )
-def test_the_latency_timer_is_judged_where_there_is_one(tmp_path, text, ok, words):
+def test_the_latency_timer_is_judged_where_there_is_one(
+    tmp_path: Path, text: str | None, ok: bool, words: list[str]
+) -> None:
     timer = tmp_path / "ttyUSB9" / "device" / "latency_timer"
     if text is not None:
         timer.parent.mkdir(parents=True)
@@ -441,7 +455,9 @@ def test_the_latency_timer_is_judged_where_there_is_one(tmp_path, text, ok, word
         assert adapters.examine_latency_timer("/dev/ttyUSB9", tmp_path).ok
 
 
-def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_request(monkeypatch):
+def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_request(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     # A real terminal for the port, and a driver's answer put in its place: type, line, port, irq
     # and flags come first in the kernel's structure. 0x2000 is ASYNC_LOW_LATENCY.
     master, slave = os.openpty()
@@ -450,7 +466,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
     assert latency.low_latency(path + "-missing") is None
     for flags, on in ((0x2000, True), (0x2000 | 0x10, True), (0x10, False)):
 
-        def answer(_descriptor, request, room, flags=flags):
+        def answer(_descriptor: int, request: int, room: bytes, flags=flags) -> bytes:
             assert request == termios.TIOCGSERIAL
             return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
 
@@ -465,7 +481,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
     os.close(slave)
 
 
-def test_a_port_that_is_none_is_said_so(tmp_path):
+def test_a_port_that_is_none_is_said_so(tmp_path: Path) -> None:
     (missing,) = adapters.examine_port(str(tmp_path / "ttyUSB0"))
     assert not missing.ok
     assert "does not exist" in missing.found
@@ -474,7 +490,7 @@ def test_a_port_that_is_none_is_said_so(tmp_path):
     assert "not a serial port" in adapters.examine_port("/dev/null")[-1].found
 
 
-def test_settings_of_a_port_are_put_back():
+def test_settings_of_a_port_are_put_back() -> None:
     master, slave = os.openpty()
     path = os.ttyname(slave)
     before = termios.tcgetattr(slave)

@@ -9,11 +9,11 @@ from haptic_wall.hw.emulated.faults import KEYS, KINDS, parse_fault
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_example_is_a_fault(name):
+def test_every_example_is_a_fault(name: str) -> None:
     assert parse_fault(KINDS[name].example).name == name
 
 
-def test_values_have_their_units():
+def test_values_have_their_units() -> None:
     fault = parse_fault(" jump:counts=-500, at=2.5,for=0.001 ")
     assert fault.values["counts"] == -500
     assert (fault.at_ns, fault.lasts_ns, fault.repeat_ns) == (2_500_000_000, 1_000_000, None)
@@ -51,7 +51,7 @@ def test_values_have_their_units():
         ("wrong-id:to=253", ["to", "252"]),
     ],
 )
-def test_a_wrong_one_is_answered_with_one_clear_sentence(spec, words):
+def test_a_wrong_one_is_answered_with_one_clear_sentence(spec: str, words: list[str]) -> None:
     with pytest.raises(ValueError) as refused:
         parse_fault(spec)
     message = str(refused.value)
@@ -60,7 +60,7 @@ def test_a_wrong_one_is_answered_with_one_clear_sentence(spec, words):
         assert word in message
 
 
-def test_the_page_lists_every_fault_as_it_is_asked_for():
+def test_the_page_lists_every_fault_as_it_is_asked_for() -> None:
     page = (Path(__file__).parents[3] / "docs" / "emulated-bus.md").read_text()
     rows = re.findall(r"^\| `([a-z-]+:[^`]*)` \|", page, re.M)
     assert sorted(rows) == sorted(kind.example for kind in KINDS.values())

@@ -23,7 +23,7 @@ COUNTS = round(4096 / (2 * math.pi))
 """Where the servo stands: at 1 rad"""
 
 
-def raw(client, frame=PING, within_ns=3 * MS):
+def raw(client: Client, frame=PING, within_ns=3 * MS) -> bytes:
     """Every byte that comes before nothing has come for so long."""
     client.line.write(frame)
     got = b""
@@ -32,7 +32,7 @@ def raw(client, frame=PING, within_ns=3 * MS):
     return got
 
 
-def answered(client, count, frame=PING):
+def answered(client: Client, count: int, frame=PING) -> int:
     """In how many of so many exchanges a good reply came."""
     return sum(bool(Parser().feed(raw(client, frame))) for _ in range(count))
 
@@ -43,14 +43,14 @@ CLEAN = raw(Client())
 # --- single frames ---------------------------------------------------------------------------
 
 
-def test_without_faults_nothing_changes():
+def test_without_faults_nothing_changes() -> None:
     assert Parser().feed(CLEAN)[0].id == 1
     assert raw(Client(faults=Faults((), seed=3))) == CLEAN
     assert Client().bus.faults == []
 
 
 @pytest.mark.parametrize(("way", "heard"), [("reply", 1), ("request", 0)])
-def test_every_hundredth_frame_is_lost_on_its_way(way, heard):
+def test_every_hundredth_frame_is_lost_on_its_way(way: str, heard: int) -> None:
     client = Client()
     client.inject(f"drop:every=100,way={way}")
     before = len(client.rows())
@@ -64,7 +64,7 @@ def test_every_hundredth_frame_is_lost_on_its_way(way, heard):
 
 
 @pytest.mark.parametrize(("every", "instruction"), [(3, "1"), (4, "85")])
-def test_both_ways_are_counted_together(every, instruction):
+def test_both_ways_are_counted_together(every: int, instruction: str) -> None:
     """Ask, answer, ASK, ask, answer, ASK: a lost question has no answer to be counted."""
     client = Client()
     client.inject(f"drop:every={every}")
@@ -75,8 +75,8 @@ def test_both_ways_are_counted_together(every, instruction):
 @pytest.mark.parametrize(
     ("spec", "seed"), [("drop:p=0.1,way=reply", 1), ("corrupt:p=0.1,way=reply", 2)]
 )
-def test_as_many_as_the_probability_says_and_the_same_every_time(spec, seed):
-    def run(seed):
+def test_as_many_as_the_probability_says_and_the_same_every_time(spec: str, seed: int) -> None:
+    def run(seed: int) -> tuple[list[bytes], str]:
         client = Client(faults=Faults((), seed))
         client.inject(spec)
         heard = [raw(client) for _ in range(1000)]
@@ -91,8 +91,8 @@ def test_as_many_as_the_probability_says_and_the_same_every_time(spec, seed):
     assert struck == pytest.approx(100, abs=5 * math.sqrt(1000 * 0.1 * 0.9))
 
 
-def test_one_more_fault_does_not_move_the_others():
-    def lost(*others):
+def test_one_more_fault_does_not_move_the_others() -> None:
+    def lost(*others: str) -> list[bool]:
         client = Client(faults=Faults((), seed=5))
         for spec in ("drop:p=0.2,way=reply", *others):
             client.inject(spec)
@@ -101,7 +101,7 @@ def test_one_more_fault_does_not_move_the_others():
     assert lost() == lost("noise:p=0.3,way=reply", "jump:counts=3")
 
 
-def test_corrupt_flips_as_many_bits_as_asked_and_keeps_the_length():
+def test_corrupt_flips_as_many_bits_as_asked_and_keeps_the_length() -> None:
     client = Client()
     client.inject("corrupt:flips=3,way=reply")
     for _ in range(50):
@@ -119,7 +119,7 @@ def test_corrupt_flips_as_many_bits_as_asked_and_keeps_the_length():
     assert hit == set(range(len(CLEAN)))
 
 
-def test_a_corrupt_request_is_refused_or_not_understood_and_never_acts():
+def test_a_corrupt_request_is_refused_or_not_understood_and_never_acts() -> None:
     client = Client()
     client.inject("corrupt:way=request")
     write = encode(1, Instruction.WRITE, bytes([65, 0, 1]))  # LED
@@ -133,7 +133,7 @@ def test_a_corrupt_request_is_refused_or_not_understood_and_never_acts():
     assert client.read(1, 65, 1) == 0
 
 
-def test_truncate_keeps_the_beginning():
+def test_truncate_keeps_the_beginning() -> None:
     client = Client()
     client.inject("truncate:way=reply")
     lengths = set()
@@ -147,7 +147,7 @@ def test_truncate_keeps_the_beginning():
     assert raw(client) == CLEAN[:5]
 
 
-def test_duplicate_comes_right_behind():
+def test_duplicate_comes_right_behind() -> None:
     client = Client()
     client.inject("duplicate:times=1,way=reply")
     assert raw(client) == CLEAN + CLEAN
@@ -162,7 +162,7 @@ def test_duplicate_comes_right_behind():
     ]
 
 
-def test_noise_lies_in_front_of_the_frame_and_takes_its_time():
+def test_noise_lies_in_front_of_the_frame_and_takes_its_time() -> None:
     client = Client()
     client.inject("noise:bytes=20,way=reply")
     noises = set()
@@ -181,7 +181,7 @@ def test_noise_lies_in_front_of_the_frame_and_takes_its_time():
     assert answered(client, 20) == 20  # the servo finds the frame behind it
 
 
-def test_wrong_id_is_a_good_frame_from_somebody_else():
+def test_wrong_id_is_a_good_frame_from_somebody_else() -> None:
     client = Client()
     client.inject("wrong-id:to=9,way=reply")
     (frame,) = Parser().feed(raw(client))
@@ -193,14 +193,14 @@ def test_wrong_id_is_a_good_frame_from_somebody_else():
     assert len(ids) > 100
 
 
-def test_a_request_with_a_wrong_id_reaches_another():
+def test_a_request_with_a_wrong_id_reaches_another() -> None:
     client = Client((X, 1), (X, 2))
     client.inject("wrong-id:to=2,way=request")
     assert client.ask(1, Instruction.PING).id == 2
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])
-def test_late_by_so_much(way):
+def test_late_by_so_much(way: str) -> None:
     client = Client()
     client.inject(f"late:ms=3,times=1,way={way}")
     start = client.clock.now_ns()
@@ -213,7 +213,7 @@ def test_late_by_so_much(way):
     assert left - start == pytest.approx(24 * BYTE_NS + (3 * MS if way == "request" else 0), abs=1)
 
 
-def test_a_late_reply_is_not_overtaken():
+def test_a_late_reply_is_not_overtaken() -> None:
     """It comes when the answer to a later request is due, in front of that one."""
     client = Client()
     client.inject("late:ms=2,times=1,way=reply")
@@ -227,7 +227,7 @@ def test_a_late_reply_is_not_overtaken():
     assert [len(frame.params) for frame in frames] == [3, 4]
 
 
-def test_faults_can_be_for_one_id_and_one_time_only():
+def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     client = Client((X, 1), (X, 2))
     client.inject("drop:id=2,way=reply,at=0.1,for=0.2")
     start = client.clock.now_ns()
@@ -238,7 +238,7 @@ def test_faults_can_be_for_one_id_and_one_time_only():
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
 
 
-def test_several_faults_may_strike_one_frame():
+def test_several_faults_may_strike_one_frame() -> None:
     client = Client()
     for spec in ("noise:bytes=4,way=reply", "duplicate:way=reply", "late:ms=1,way=reply"):
         client.inject(spec)
@@ -246,7 +246,7 @@ def test_several_faults_may_strike_one_frame():
     assert [name for _, _, name in client.fault_rows()] == ["noise", "duplicate", "late"]
 
 
-def test_the_joint_reply_can_be_struck_too():
+def test_the_joint_reply_can_be_struck_too() -> None:
     client = Client((X, 1), (X, 2))
     request = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2]))
     whole = raw(client, request)
@@ -258,11 +258,11 @@ def test_the_joint_reply_can_be_struck_too():
 # --- servos ----------------------------------------------------------------------------------
 
 
-def position(client, id_=1):
+def position(client: Client, id_: int = 1) -> int:
     return client.read(id_, 132, 4, signed=True)
 
 
-def test_a_stuck_encoder_stands_while_the_shaft_turns():
+def test_a_stuck_encoder_stands_while_the_shaft_turns() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 200, 2)
@@ -279,7 +279,7 @@ def test_a_stuck_encoder_stands_while_the_shaft_turns():
     assert [name for _, _, name in client.fault_rows()] == ["stuck", "stuck over"]
 
 
-def test_the_encoder_jumps_and_the_witness_does_not():
+def test_the_encoder_jumps_and_the_witness_does_not() -> None:
     client = Client()
     before = position(client)
     client.inject("jump:counts=500,at=0.1")
@@ -298,7 +298,7 @@ def test_the_encoder_jumps_and_the_witness_does_not():
     assert position(client) == before + 500 - 21
 
 
-def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured():
+def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
     client = Client((X, 1), (X, 2))
     for id_ in (1, 2):
         client.enable_current_mode(id_)
@@ -327,7 +327,7 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured():
     assert client.ask(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
 
 
-def test_an_error_that_is_not_in_shutdown_only_alerts():
+def test_an_error_that_is_not_in_shutdown_only_alerts() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 100, 2)
@@ -337,7 +337,7 @@ def test_an_error_that_is_not_in_shutdown_only_alerts():
     assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
 
 
-def test_a_supply_that_sags_and_recovers_leaves_its_error_latched():
+def test_a_supply_that_sags_and_recovers_leaves_its_error_latched() -> None:
     client = Client(true=replace(FREE, supply=11.5))
     client.inject("supply:volts=9,at=0.1,for=0.05")
     client.pass_time(99 * MS)
@@ -349,7 +349,7 @@ def test_a_supply_that_sags_and_recovers_leaves_its_error_latched():
     assert [name for _, _, name in client.fault_rows()] == ["supply", "supply over"]
 
 
-def test_one_servo_stands_in_the_heat_until_that_is_lifted():
+def test_one_servo_stands_in_the_heat_until_that_is_lifted() -> None:
     client = Client((X, 1), (X, 2))
     client.enable_current_mode(2)
     client.write(2, 102, 100, 2)
@@ -363,7 +363,7 @@ def test_one_servo_stands_in_the_heat_until_that_is_lifted():
     assert (client.read(2, 146, 1), client.read(2, 70, 1)) == (32, 0)
 
 
-def test_a_brown_out_is_a_reboot_that_nobody_asked_for():
+def test_a_brown_out_is_a_reboot_that_nobody_asked_for() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 100, 2)
@@ -378,7 +378,9 @@ def test_a_brown_out_is_a_reboot_that_nobody_asked_for():
 
 
 @pytest.mark.parametrize("spec", ["unplug:at=0.01,for=0.5", "unplug:at=0.01,for=0.5,id=1"])
-def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_up(spec):
+def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_up(
+    spec: str,
+) -> None:
     client = Client((X, 1), (X, 2))
     client.enable_current_mode()
     client.write(1, 60, 1, 1)
@@ -397,7 +399,7 @@ def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_u
     assert client.read(1, 64, 1) == 0
 
 
-def test_unplugging_lasts_until_it_is_lifted():
+def test_unplugging_lasts_until_it_is_lifted() -> None:
     client = Client()
     client.inject("unplug")
     client.pass_time(5_000 * MS)
@@ -409,14 +411,14 @@ def test_unplugging_lasts_until_it_is_lifted():
     assert [name for _, _, name in client.fault_rows()] == ["unplug", "unplug over"]
 
 
-def test_a_reply_on_its_way_breaks_off_with_the_power():
+def test_a_reply_on_its_way_breaks_off_with_the_power() -> None:
     client = Client()
     client.inject("brown-out:at=0.000045")  # 10 bytes of request, 8 of the reply
     assert raw(client) == CLEAN[:8]
     assert client.rows()[-1][1] != "tx"
 
 
-def test_a_lifted_fault_strikes_no_more():
+def test_a_lifted_fault_strikes_no_more() -> None:
     client = Client()
     client.inject("drop")
     client.inject("brown-out:at=0.05")
@@ -427,7 +429,7 @@ def test_a_lifted_fault_strikes_no_more():
     assert raw(client) == CLEAN
 
 
-def test_a_servo_that_is_not_there_cannot_fail():
+def test_a_servo_that_is_not_there_cannot_fail() -> None:
     client = Client((X, 1), (X, 2))
     with pytest.raises(
         ValueError, match="no servo on this bus has the id 7; the ids here are 1, 2"
@@ -437,7 +439,7 @@ def test_a_servo_that_is_not_there_cannot_fail():
         Client(faults=Faults(["unplug:id=7"]))
 
 
-def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going_on():
+def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going_on() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 100, 2)
@@ -461,7 +463,7 @@ def test_an_unplugged_adapter_ends_the_line_and_a_new_one_finds_the_servos_going
 # --- the record ------------------------------------------------------------------------------
 
 
-def test_the_record_stays_in_order_and_tells_who_was_struck():
+def test_the_record_stays_in_order_and_tells_who_was_struck() -> None:
     client = Client((X, 1), (X, 2))
     for spec in ("drop:p=0.2", "late:ms=2,p=0.2", "noise:p=0.2", "jump:counts=3,repeat=0.003"):
         client.inject(spec)
@@ -504,7 +506,9 @@ STEADY = [
     st.sampled_from([None, (1, 62), (16, 510)]),
     st.integers(0, 1000),
 )
-def test_any_faults_together_break_nothing_and_are_over_when_lifted(specs, timer, seed):
+def test_any_faults_together_break_nothing_and_are_over_when_lifted(
+    specs: list[str], timer: tuple[int, int] | None, seed: int
+) -> None:
     adapter = None if timer is None else Adapter(timer[0] * MS, timer[1], 5 * MS)
     client = Client((X, 1), (X, 2), fast=False, adapter=adapter, faults=Faults(specs, seed))
     requests = [
@@ -533,8 +537,8 @@ def test_any_faults_together_break_nothing_and_are_over_when_lifted(specs, timer
     assert {float(row[4]) for row in client.rows()} == {1.0}
 
 
-def test_the_same_faults_from_the_start_give_the_same_run_with_an_adapter_too():
-    def run():
+def test_the_same_faults_from_the_start_give_the_same_run_with_an_adapter_too() -> None:
+    def run() -> tuple[list[bytes], str]:
         client = Client(
             fast=False, adapter=Adapter(MS, 62, 5 * MS), faults=Faults([*STEADY[:9]], seed=11)
         )

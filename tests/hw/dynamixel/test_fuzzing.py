@@ -6,6 +6,8 @@ Without coverage to guide it: conversations with the servos, changed at random.
 import random
 import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +16,7 @@ from tests.docs.pages import ROOT
 from tests.hw.dynamixel import fuzzing
 
 
-def changed(seed, others, source):
+def changed(seed: bytes, others: Sequence[bytes], source: random.Random) -> bytes:
     """As a fuzzer changes an input: bytes, pieces, and pieces of another."""
     data = bytearray(seed)
     for _ in range(source.randint(1, 6)):
@@ -32,7 +34,7 @@ def changed(seed, others, source):
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["bus", "parser"])
-def test_whatever_comes_nothing_breaks_and_all_is_back_in_step(which, thorough):
+def test_whatever_comes_nothing_breaks_and_all_is_back_in_step(which: int, thorough: bool) -> None:
     seeds = [seed for seed in fuzzing.seeds() if seed[0] == which]
     source = random.Random(which)
     cases = (20_000 if which else 5_000) if thorough else (2_000 if which else 300)
@@ -46,7 +48,7 @@ def test_whatever_comes_nothing_breaks_and_all_is_back_in_step(which, thorough):
             raise
 
 
-def test_the_seeds_hold_every_instruction():
+def test_the_seeds_hold_every_instruction() -> None:
     told = {bytes.fromhex(text)[1] for text in fuzzing._CONVERSATION}
     assert told >= {*Instruction} - {Instruction.STATUS}
     whole = max((seed for seed in fuzzing.seeds()), key=len)
@@ -57,7 +59,9 @@ def test_the_seeds_hold_every_instruction():
     assert all(piece.startswith(b"\xff\xff\xfd\x00") for piece, _ in sent)
 
 
-def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(monkeypatch):
+def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     cut_short = bytes.fromhex("fffffd00 01 4000 02")
     data = bytes((1, 0, 0, len(cut_short))) + cut_short
     fuzzing.run(data)
@@ -66,7 +70,7 @@ def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(mon
         fuzzing.run(data)
 
 
-def test_guided_by_coverage(tmp_path):
+def test_guided_by_coverage(tmp_path: Path) -> None:
     pytest.importorskip("atheris")
     done = subprocess.run(
         [

@@ -6,6 +6,7 @@ import pty
 import subprocess
 import sys
 import termios
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,29 +31,29 @@ AS_NOBODY = "import os\nos.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
 class Port:
     """An open pseudo-terminal that is watched."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.far, self.near = pty.openpty()
         self.path = os.ttyname(self.near)
         self.users = PortUsers(self.near)
 
-    def looks(self, count):
+    def looks(self, count: int) -> str:
         return next(filter(None, (self.users.look() for _ in range(count))), "")
 
-    def close(self):
+    def close(self) -> None:
         self.users.close()
         os.close(self.near)
         os.close(self.far)
 
 
 @pytest.fixture
-def port():
+def port() -> Iterator[Port]:
     made = Port()
     yield made
     made.close()
 
 
 @contextmanager
-def opened_by_another(path):
+def opened_by_another(path: str) -> Iterator[None]:
     """A process that is no child of this one has it open."""
     program = f"import os\nif os.fork(): os._exit(0)\n{OPENER}"
     with subprocess.Popen(
@@ -65,13 +66,13 @@ def opened_by_another(path):
         other.stdout.read()
 
 
-def test_nobody_is_nobody(port):
+def test_nobody_is_nobody(port: Port) -> None:
     assert port.looks(3 * LOOKS) == ""
     assert port.users.look_everywhere() == ""
     assert not port.users.brief
 
 
-def test_another_program_is_named_soon_after_it_has_opened_the_port(port):
+def test_another_program_is_named_soon_after_it_has_opened_the_port(port: Port) -> None:
     port.looks(LOOKS // 3)
     with opened_by_another(port.path):
         found = port.looks(URGENT)
@@ -80,14 +81,16 @@ def test_another_program_is_named_soon_after_it_has_opened_the_port(port):
         assert port.users.look_everywhere() == found
 
 
-def test_without_notice_of_the_opening_it_is_found_in_one_round(port, monkeypatch):
+def test_without_notice_of_the_opening_it_is_found_in_one_round(
+    port: Port, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(port.users, "_opening_noticed", lambda: False)
     port.looks(LOOKS // 3)
     with opened_by_another(port.path):
         assert "has opened" in port.looks(2 * LOOKS)
 
 
-def test_what_the_run_has_started_itself_is_nobody(port):
+def test_what_the_run_has_started_itself_is_nobody(port: Port) -> None:
     """The loop inherits the descriptor, and so does for a moment whatever else is started."""
     with subprocess.Popen(
         [sys.executable, "-c", "import sys; sys.stdin.read()"],
@@ -99,7 +102,7 @@ def test_what_the_run_has_started_itself_is_nobody(port):
         child.stdin.close()
 
 
-def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port):
+def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port: Port) -> None:
     """As by root, or from outside of a container; here by this process, which is not looked at."""
     held = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
     words = "this user may not see has opened"
@@ -108,14 +111,14 @@ def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port):
     os.close(held)
 
 
-def test_one_that_is_over_is_remembered_and_no_more(port):
+def test_one_that_is_over_is_remembered_and_no_more(port: Port) -> None:
     port.looks(3)
     os.close(os.open(port.path, os.O_RDWR | os.O_NOCTTY))
     assert port.looks(2 * LOOKS) == ""
     assert port.users.brief
 
 
-def test_nobody_of_ours_opens_a_port_that_is_in_use(port):
+def test_nobody_of_ours_opens_a_port_that_is_in_use(port: Port) -> None:
     """`doctor` and a second `run` would else disturb the first, and end it."""
     with opened_by_another(port.path):
         users = PortUsers(port.near)
@@ -128,7 +131,7 @@ def test_nobody_of_ours_opens_a_port_that_is_in_use(port):
         users.close()
 
 
-def may_open(path):
+def may_open(path: str) -> bool:
     """Whether somebody without rights may open a device."""
     program = f"{AS_NOBODY}os.close(os.open({path!r}, os.O_RDWR | os.O_NOCTTY))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
@@ -136,7 +139,7 @@ def may_open(path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
-def test_exclusive_use_refuses_others_and_is_released(port):
+def test_exclusive_use_refuses_others_and_is_released(port: Port) -> None:
     Path(port.path).chmod(0o666)
     assert may_open(port.path), "no exclusive use of a pseudo-terminal: it would outlive its user"
     exclusive(port.near, True)
@@ -146,7 +149,9 @@ def test_exclusive_use_refuses_others_and_is_released(port):
 
 
 @pytest.mark.parametrize("pseudo", [True, False])
-def test_exclusive_use_is_taken_of_adapters_only(pseudo, monkeypatch):
+def test_exclusive_use_is_taken_of_adapters_only(
+    pseudo: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
     monkeypatch.setattr(port_users, "is_pseudo", lambda _device: pseudo)
     monkeypatch.setattr(fcntl, "ioctl", lambda _, request: asked.append(request))
@@ -156,6 +161,6 @@ def test_exclusive_use_is_taken_of_adapters_only(pseudo, monkeypatch):
     assert asked[-1] == termios.TIOCNXCL
 
 
-def test_a_terminal_is_known_without_opening_it(port):
+def test_a_terminal_is_known_without_opening_it(port: Port) -> None:
     assert is_terminal(os.fstat(port.near).st_rdev)
     assert not is_terminal(Path("/dev/null").stat().st_rdev)

@@ -49,7 +49,7 @@ def vendor_table(file: str) -> dict[str, tuple[int, int]]:
     return table
 
 
-def test_every_x_series_model_of_the_vendor_is_known_by_its_number():
+def test_every_x_series_model_of_the_vendor_is_known_by_its_number() -> None:
     """Names of the X series begin with X or 2X; the XL320 is of an older make."""
     listed = {
         number: file.removesuffix(".model")
@@ -63,12 +63,12 @@ def test_every_x_series_model_of_the_vendor_is_known_by_its_number():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_model_is_found_by_its_number(name):
+def test_a_model_is_found_by_its_number(name: str) -> None:
     assert model_by_number(MODELS[name].number) is MODELS[name]
 
 
 @pytest.mark.parametrize(("name", "file", "firmware"), VENDOR_TABLES)
-def test_addresses_and_sizes_are_the_vendors(name, file, firmware):
+def test_addresses_and_sizes_are_the_vendors(name: str, file: str, firmware: int) -> None:
     table = MODELS[name].registers_at(firmware)
     ours = {r.name: (r.address, r.size) for r in table.values()}
     vendor = vendor_table(file)
@@ -82,7 +82,7 @@ def test_addresses_and_sizes_are_the_vendors(name, file, firmware):
 
 @pytest.mark.parametrize("firmware", [30, 38, 42, 45, 46, 53])
 @pytest.mark.parametrize("name", MODELS)
-def test_table_is_consistent(name, firmware):
+def test_table_is_consistent(name: str, firmware: int) -> None:
     registers = list(MODELS[name].registers_at(firmware).values())
     for before, after in itertools.pairwise(registers):
         assert before.address + before.size <= after.address
@@ -94,7 +94,7 @@ def test_table_is_consistent(name, firmware):
         assert register.eeprom == (register.address < 64)
 
 
-def test_xm430_w350_as_in_its_manual():
+def test_xm430_w350_as_in_its_manual() -> None:
     table = MODELS["XM430-W350"].registers
     assert table["current_limit"] == Register("current_limit", 38, 2, True, 1193, 0, 1193)
     assert table["return_delay_time"].default == 250
@@ -106,7 +106,7 @@ def test_xm430_w350_as_in_its_manual():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_may_run_at_its_own_voltage(name):
+def test_every_model_may_run_at_its_own_voltage(name: str) -> None:
     table = MODELS[name].registers
     volts = 10 * MODELS[name].voltage
     assert table["min_voltage_limit"].default < volts < table["max_voltage_limit"].default
@@ -151,7 +151,7 @@ PAGES = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_factory_settings_and_limits_are_those_of_the_models_own_page(name):
+def test_factory_settings_and_limits_are_those_of_the_models_own_page(name: str) -> None:
     table = MODELS[name].registers
     gains = ["velocity_i_gain", "velocity_p_gain"]
     gains += ["position_d_gain", "position_i_gain", "position_p_gain"]
@@ -170,7 +170,7 @@ def test_factory_settings_and_limits_are_those_of_the_models_own_page(name):
     assert table["baud_rate"].maximum == (6 if name in X330 else 7)
 
 
-def test_what_a_family_has_and_has_not():
+def test_what_a_family_has_and_has_not() -> None:
     for name, model in MODELS.items():
         table = model.registers
         assert ("led" in table) == (not name.startswith("XW")), name
@@ -181,7 +181,7 @@ def test_what_a_family_has_and_has_not():
         assert ("present_load" in table) != model.current_mode, name
 
 
-def test_what_came_with_a_later_firmware():
+def test_what_came_with_a_later_firmware() -> None:
     table = MODELS["XM430-W350"].registers_at
     assert "bus_watchdog" not in table(37)
     assert "drive_mode" not in table(37)
@@ -196,7 +196,7 @@ def test_what_came_with_a_later_firmware():
     assert small(46)["drive_mode"].maximum == 13
 
 
-def test_fast_reads_by_model_and_firmware():
+def test_fast_reads_by_model_and_firmware() -> None:
     assert MODELS["XM430-W350"].knows_fast_reads(45)
     assert not MODELS["XM430-W350"].knows_fast_reads(44)
     assert MODELS["XL330-M288"].knows_fast_reads(46)
@@ -204,7 +204,7 @@ def test_fast_reads_by_model_and_firmware():
     assert not MODELS["2XL430-W250"].knows_fast_reads(99)
 
 
-def test_the_x330_moves_its_indirect_data_with_firmware_53():
+def test_the_x330_moves_its_indirect_data_with_firmware_53() -> None:
     old, new = (MODELS["XL330-M288"].registers_at(firmware) for firmware in (52, 53))
     assert old["indirect_data_20"].address == 227
     assert "indirect_data_21" not in old
@@ -213,7 +213,7 @@ def test_the_x330_moves_its_indirect_data_with_firmware_53():
     assert new["indirect_address_1"][4:] == (224, 64, 251)
 
 
-def test_block_from_the_tick_to_the_temperature_has_no_gaps():
+def test_block_from_the_tick_to_the_temperature_has_no_gaps() -> None:
     """One read of it serves the loop, so it must not run into an undefined address."""
     for name in CURRENT_MODELS:
         covered = {
@@ -225,7 +225,7 @@ def test_block_from_the_tick_to_the_temperature_has_no_gaps():
 
 
 @pytest.mark.parametrize("name", ["XL430-W250", "XC430-W150", "XC430-W240", "2XC430-W250"])
-def test_without_current_control(name):
+def test_without_current_control(name: str) -> None:
     model = MODELS[name]
     assert not model.current_mode
     assert 0 not in model.modes
@@ -238,21 +238,21 @@ def test_without_current_control(name):
     ("name", "torque_per_ampere"),
     [("XM430-W350", 1.783), ("XM540-W270", 2.409), ("XL330-M288", 0.354), ("XH430-V350", 4.71)],
 )
-def test_torque_constant_is_the_stall_ratio(name, torque_per_ampere):
+def test_torque_constant_is_the_stall_ratio(name: str, torque_per_ampere: float) -> None:
     assert MODELS[name].torque_constant == pytest.approx(torque_per_ampere, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", ["XD540-T270", "XD540-T150", "XW430-T333"])
-def test_no_torque_constant_where_none_is_published(name):
+def test_no_torque_constant_where_none_is_published(name: str) -> None:
     assert MODELS[name].torque_constant is None
 
 
-def test_units():
+def test_units() -> None:
     assert math.isclose(POSITION_UNIT * 4096, 2 * math.pi, rel_tol=1e-15)
     assert math.isclose(VELOCITY_UNIT, 0.0239808, rel_tol=1e-5)
 
 
-def test_unknown_number_has_no_model():
+def test_unknown_number_has_no_model() -> None:
     assert model_by_number(350) is None
 
 

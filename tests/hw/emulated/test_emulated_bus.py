@@ -23,16 +23,16 @@ PING = encode(1, Instruction.PING)
 READ_POSITION = bytes([132, 0, 4, 0])
 
 
-def times_of(client, event):
+def times_of(client: Client, event: str) -> list[float]:
     return [float(row[0]) for row in client.rows() if row[1] == event]
 
 
-def test_ping_answers_model_and_firmware():
+def test_ping_answers_model_and_firmware() -> None:
     reply = Client(firmware=45).ask(1, Instruction.PING)
     assert reply == Frame(1, Instruction.STATUS, 0, (1020).to_bytes(2, "little") + b"\x2d")
 
 
-def test_reply_comes_after_the_wire_time_of_both_frames():
+def test_reply_comes_after_the_wire_time_of_both_frames() -> None:
     """At 4 Mbit/s a byte takes 2.5 µs; a ping is 10 bytes, its reply 14; no return delay."""
     client = Client()
     bus, start = client.bus, client.clock.now_ns()
@@ -43,7 +43,7 @@ def test_reply_comes_after_the_wire_time_of_both_frames():
     assert len(bus.transmit(due)) == 14
 
 
-def test_position_is_sampled_when_the_last_byte_of_the_request_has_travelled():
+def test_position_is_sampled_when_the_last_byte_of_the_request_has_travelled() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 1000, 2)
@@ -56,7 +56,7 @@ def test_position_is_sampled_when_the_last_byte_of_the_request_has_travelled():
     assert counts == round(position * 4096 / (2 * math.pi))
 
 
-def test_two_frames_in_one_write_take_effect_one_after_the_other():
+def test_two_frames_in_one_write_take_effect_one_after_the_other() -> None:
     client = Client()
     client.enable_current_mode()
     start = client.clock.now_ns()
@@ -70,7 +70,7 @@ def test_two_frames_in_one_write_take_effect_one_after_the_other():
     )
 
 
-def test_a_frame_sent_while_a_reply_is_owed_waits_for_it():
+def test_a_frame_sent_while_a_reply_is_owed_waits_for_it() -> None:
     client = Client()
     start = client.clock.now_ns()
     client.bus.receive(PING, start)
@@ -79,7 +79,7 @@ def test_a_frame_sent_while_a_reply_is_owed_waits_for_it():
     assert len(client.bus.transmit(start + (24 + 24) * BYTE_NS)) == 14
 
 
-def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missing_one():
+def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missing_one() -> None:
     client = Client((X, 7), (X, 2), ("XL330-M288", 5))
     start = client.clock.now_ns()
     client.send(BROADCAST, Instruction.PING)
@@ -91,7 +91,7 @@ def test_ping_for_all_is_answered_in_the_order_of_ids_with_a_slot_for_each_missi
     assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200, 1020]
 
 
-def test_broadcast_write_and_read_are_never_answered():
+def test_broadcast_write_and_read_are_never_answered() -> None:
     client = Client((X, 1), (X, 2))
     client.send(BROADCAST, Instruction.WRITE, bytes([65, 0, 1]))
     client.send(BROADCAST, Instruction.READ, READ_POSITION)
@@ -100,7 +100,7 @@ def test_broadcast_write_and_read_are_never_answered():
     assert client.read(1, 65, 1) == client.read(2, 65, 1) == 1
 
 
-def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing():
+def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing() -> None:
     client = Client((X, 1), (X, 2), (X, 3))
     client.send(BROADCAST, Instruction.SYNC_READ, READ_POSITION + bytes([3, 9, 1]))
     replies = client.replies()
@@ -108,7 +108,7 @@ def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing():
     assert all(len(r.params) == 4 for r in replies)
 
 
-def test_sync_write_reaches_each_with_its_own_value_and_is_not_answered():
+def test_sync_write_reaches_each_with_its_own_value_and_is_not_answered() -> None:
     client = Client((X, 1), (X, 2))
     for i in (1, 2):
         client.enable_current_mode(i)
@@ -118,7 +118,7 @@ def test_sync_write_reaches_each_with_its_own_value_and_is_not_answered():
     assert client.torque(2) == pytest.approx(-60 * TORQUE_UNIT)
 
 
-def test_a_refused_sync_write_fails_silently_and_alone():
+def test_a_refused_sync_write_fails_silently_and_alone() -> None:
     client = Client((X, 1), (X, 2))
     for i in (1, 2):
         client.enable_current_mode(i)
@@ -128,7 +128,7 @@ def test_a_refused_sync_write_fails_silently_and_alone():
     assert client.torque(2) > 0
 
 
-def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share():
+def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share() -> None:
     client = Client((X, 3), (X, 7), (X, 4))
     start = client.clock.now_ns()
     client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([3, 7, 4]))
@@ -144,7 +144,9 @@ def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share():
 
 
 @pytest.mark.parametrize(("ids", "whole"), [((1, 9, 2), 1), ((1, 2, 9), 2), ((9, 1, 2), 0)])
-def test_fast_sync_read_breaks_off_at_a_missing_servo(ids, whole):
+def test_fast_sync_read_breaks_off_at_a_missing_servo(
+    ids: tuple[int, int, int], whole: int
+) -> None:
     client = Client((X, 1), (X, 2))
     client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes(ids))
     client.line.wait(client.clock.now_ns() + MS)
@@ -153,13 +155,13 @@ def test_fast_sync_read_breaks_off_at_a_missing_servo(ids, whole):
     assert Parser().feed(wire) == []
 
 
-def test_fast_sync_read_needs_the_firmware():
+def test_fast_sync_read_needs_the_firmware() -> None:
     client = Client(firmware=44)
     client.send(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + b"\x01")
     assert client.replies() == []
 
 
-def test_a_wrong_crc_is_answered_with_its_error():
+def test_a_wrong_crc_is_answered_with_its_error() -> None:
     client = Client()
     frame = bytearray(encode(1, Instruction.WRITE, bytes([65, 0, 1])))
     frame[-1] ^= 0x10
@@ -169,18 +171,18 @@ def test_a_wrong_crc_is_answered_with_its_error():
     assert client.read(1, 65, 1) == 0
 
 
-def test_an_unknown_instruction_is_answered_with_its_error():
+def test_an_unknown_instruction_is_answered_with_its_error() -> None:
     assert Client().ask(1, 0x77).error == ErrorCode.INSTRUCTION
 
 
-def test_a_changed_id_answers_once_as_the_old_one():
+def test_a_changed_id_answers_once_as_the_old_one() -> None:
     client = Client()
     assert client.ask(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
     assert client.ask(1, Instruction.PING) is None
     assert client.ask(9, Instruction.PING) is not None
 
 
-def test_only_servos_at_the_hosts_speed_hear_it():
+def test_only_servos_at_the_hosts_speed_hear_it() -> None:
     client = Client((X, 1), (X, 2))
     assert client.write(2, 8, 3, 1) == 0  # 1 Mbit/s; answered at the old speed
     assert client.ask(2, Instruction.PING) is None
@@ -193,7 +195,7 @@ def test_only_servos_at_the_hosts_speed_hear_it():
     assert client.clock.now_ns() - start == 24 * 10_000
 
 
-def test_a_host_that_changes_its_speed_misses_the_reply_on_its_way():
+def test_a_host_that_changes_its_speed_misses_the_reply_on_its_way() -> None:
     client = Client()
     client.line.write(PING)
     client.pass_time(15 * BYTE_NS)  # the servo is answering
@@ -203,7 +205,7 @@ def test_a_host_that_changes_its_speed_misses_the_reply_on_its_way():
     assert client.ask(1, Instruction.PING) is not None
 
 
-def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header():
+def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header() -> None:
     for gap, answered in ((1.4 * MS, True), (1.6 * MS, False)):
         client = Client()
         client.line.write(PING[:5])
@@ -214,7 +216,7 @@ def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=8))
-def test_no_bytes_break_the_bus(chunks):
+def test_no_bytes_break_the_bus(chunks: list[bytes]) -> None:
     """Whatever arrives, framed or not, the next ping after a pause is answered."""
     client = Client(fast=False)
     for chunk in chunks:
@@ -235,7 +237,7 @@ def test_no_bytes_break_the_bus(chunks):
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 160), st.binary(min_size=1, max_size=8)), max_size=30))
-def test_any_writes_leave_every_register_in_its_range(writes):
+def test_any_writes_leave_every_register_in_its_range(writes: list[tuple[int, bytes]]) -> None:
     client = Client(fast=False)
     servo = client.servos[1]
     for address, data in writes:

@@ -11,7 +11,7 @@ from tests.hw.dynamixel.emulated_client import MS, Client
 
 
 @contextmanager
-def console(client):
+def console(client: Client):
     """The console, what writes to it, and what it has said and complained of."""
     there, here = os.pipe()
     said, complained = [], []
@@ -22,7 +22,7 @@ def console(client):
         os.close(here)
 
 
-def test_faults_come_and_go_by_lines():
+def test_faults_come_and_go_by_lines() -> None:
     client = Client()
     with console(client) as (lines, here, said, complained):
         assert len(lines.listens(0)) == 1
@@ -53,7 +53,7 @@ def test_faults_come_and_go_by_lines():
         (b"\xff\xfe\n", ["known are"]),
     ],
 )
-def test_a_wrong_line_changes_nothing(line, words):
+def test_a_wrong_line_changes_nothing(line: bytes, words: list[str]) -> None:
     client = Client()
     with console(client) as (lines, here, said, complained):
         os.write(here, line)
@@ -64,7 +64,7 @@ def test_a_wrong_line_changes_nothing(line, words):
     assert all(word in complained[0] for word in words)
 
 
-def test_the_end_of_the_lines_is_not_the_end_of_the_bus():
+def test_the_end_of_the_lines_is_not_the_end_of_the_bus() -> None:
     client = Client()
     there, here = os.pipe()
     lines = Console(client.bus, there, lambda _: None, lambda _: None)
@@ -77,7 +77,9 @@ def test_the_end_of_the_lines_is_not_the_end_of_the_bus():
     assert [text for text, _ in client.bus.faults] == ["drop"]
 
 
-def test_a_terminal_is_left_alone_while_somebody_else_is_in_front_of_it(monkeypatch):
+def test_a_terminal_is_left_alone_while_somebody_else_is_in_front_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Reading there would stop the whole bus (SIGTTIN)."""
     client = Client()
     master, slave = os.openpty()

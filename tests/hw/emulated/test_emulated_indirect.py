@@ -1,7 +1,7 @@
 """Indirect addresses: scattered registers read and written in one piece."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, settings, strategies
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
@@ -23,7 +23,7 @@ def show(client: Client, *addresses: int, first: int = ADDRESS_1) -> None:
     assert reply.error == 0
 
 
-def test_the_manuals_first_example():
+def test_the_manuals_first_example() -> None:
     client = Client()
     show(client, LED)
     assert client.write(1, DATA_1, 1, 1) == 0
@@ -32,14 +32,14 @@ def test_the_manuals_first_example():
     assert client.read(1, DATA_1, 1) == 0
 
 
-def test_the_manuals_second_example():
+def test_the_manuals_second_example() -> None:
     client = Client()
     show(client, *range(GOAL_POSITION, GOAL_POSITION + 4), first=ADDRESS_1 + 2)
     assert client.write(1, DATA_1 + 1, 1024, 4) == 0
     assert client.read(1, GOAL_POSITION, 4) == 1024
 
 
-def test_factory_addresses_are_plain_memory():
+def test_factory_addresses_are_plain_memory() -> None:
     client = Client()
     data = bytes(range(1, 29))
     assert client.ask(1, Instruction.WRITE, words(DATA_1) + data).error == 0
@@ -48,7 +48,7 @@ def test_factory_addresses_are_plain_memory():
     assert client.ask(1, Instruction.READ, words(DATA_29, 28)).params == data
 
 
-def test_what_is_measured_is_of_the_instant_through_indirect_data_too():
+def test_what_is_measured_is_of_the_instant_through_indirect_data_too() -> None:
     client = Client()
     client.enable_current_mode()
     show(client, TICK, TICK + 1, *range(POSITION, POSITION + 4), CURRENT, CURRENT + 1, LED)
@@ -63,7 +63,7 @@ def test_what_is_measured_is_of_the_instant_through_indirect_data_too():
     assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
 
 
-def test_several_registers_in_one_write_all_or_nothing():
+def test_several_registers_in_one_write_all_or_nothing() -> None:
     client = Client()
     client.enable_current_mode()
     show(client, LED, GOAL_CURRENT, GOAL_CURRENT + 1)
@@ -73,7 +73,7 @@ def test_several_registers_in_one_write_all_or_nothing():
     assert client.read(1, LED, 1) == 1
 
 
-def test_rules_of_the_register_shown_are_inherited():
+def test_rules_of_the_register_shown_are_inherited() -> None:
     client = Client()
     show(client, POSITION, LED, GOAL_CURRENT, 66)
     assert client.write(1, DATA_1, 1, 1) == ErrorCode.ACCESS  # read only
@@ -96,11 +96,11 @@ def test_rules_of_the_register_shown_are_inherited():
         (ADDRESS_29, 0),
     ],
 )
-def test_what_may_be_shown(address, error):
+def test_what_may_be_shown(address: int, error: int) -> None:
     assert Client().write(1, ADDRESS_1, address, 2) == error
 
 
-def test_addresses_are_of_ram_and_a_reboot_forgets_them():
+def test_addresses_are_of_ram_and_a_reboot_forgets_them() -> None:
     client = Client()
     client.enable_current_mode()
     show(client, LED)  # not locked by torque
@@ -110,7 +110,7 @@ def test_addresses_are_of_ram_and_a_reboot_forgets_them():
 
 
 @pytest.mark.parametrize(("firmware", "data", "entries"), [(52, 208, 20), (53, 224, 28)])
-def test_the_x330_has_fewer_and_moved_them(firmware, data, entries):
+def test_the_x330_has_fewer_and_moved_them(firmware: int, data: int, entries: int) -> None:
     client = Client(("XL330-M288", 1), firmware=firmware)
     last = ADDRESS_1 + 2 * (entries - 1)
     assert client.write(1, last, LED, 2) == 0
@@ -121,7 +121,7 @@ def test_the_x330_has_fewer_and_moved_them(firmware, data, entries):
 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
-def test_a_read_through_any_addresses_is_the_bytes_they_name(data):
+def test_a_read_through_any_addresses_is_the_bytes_they_name(data: strategies.DataObject) -> None:
     """Against one read of the whole table, which knows nothing of indirection."""
     client = Client()
     client.ask(1, Instruction.WRITE, words(DATA_1 + 20) + bytes(range(8)))  # stay as they are

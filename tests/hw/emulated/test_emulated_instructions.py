@@ -49,7 +49,7 @@ def raw_frame(id_: int, instruction: int, params: bytes) -> bytes:
 # Factory reset
 
 
-def spoiled(**kwargs) -> Client:
+def spoiled(**kwargs: int) -> Client:
     client = Client((X, 9), **kwargs)
     assert client.write(9, HOMING, 77, 4) == 0
     assert client.write(9, POSITION_P_GAIN, 1, 2) == 0
@@ -61,7 +61,7 @@ def spoiled(**kwargs) -> Client:
 @pytest.mark.parametrize(
     ("option", "id_", "baud"), [(0xFF, 1, 57_600), (0x01, 9, 57_600), (0x02, 9, 1_000_000)]
 )
-def test_factory_reset_keeps_what_its_option_says(option, id_, baud):
+def test_factory_reset_keeps_what_its_option_says(option: int, id_: int, baud: int) -> None:
     client = spoiled()
     reply = client.ask(9, Instruction.FACTORY_RESET, bytes([option]))
     assert (reply.id, reply.error) == (9, 0)  # answered before it takes effect
@@ -77,7 +77,7 @@ def test_factory_reset_keeps_what_its_option_says(option, id_, baud):
     assert reply.params[POSITION_P_GAIN : POSITION_P_GAIN + 2] == words(800)
 
 
-def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42():
+def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42() -> None:
     for firmware, reset in ((41, True), (42, False)):
         client = spoiled(firmware=firmware)
         client.send(BROADCAST, Instruction.FACTORY_RESET, b"\xff")
@@ -87,7 +87,7 @@ def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42
         assert (client.servos[9].memory["homing_offset"] == 0) == reset
 
 
-def test_factory_reset_but_ids_may_be_broadcast():
+def test_factory_reset_but_ids_may_be_broadcast() -> None:
     client = spoiled()
     client.send(BROADCAST, Instruction.FACTORY_RESET, b"\x01")
     client.pass_time(500 * MS)
@@ -99,7 +99,7 @@ def test_factory_reset_but_ids_may_be_broadcast():
     ("params", "error"),
     [(b"", ErrorCode.DATA_LENGTH), (b"\x03", ErrorCode.DATA_RANGE), (b"\x01\x01", 5)],
 )
-def test_factory_reset_refuses_what_is_no_option(params, error):
+def test_factory_reset_refuses_what_is_no_option(params: bytes, error: int) -> None:
     client = Client()
     assert client.ask(1, Instruction.FACTORY_RESET, params).error == error
     assert client.ask(1, Instruction.PING) is not None
@@ -108,7 +108,7 @@ def test_factory_reset_refuses_what_is_no_option(params, error):
 # Clear
 
 
-def test_clear_brings_the_position_back_into_one_turn():
+def test_clear_brings_the_position_back_into_one_turn() -> None:
     for turns in (3.25, -2.75):
         client = Client(true=at(turns))
         assert client.read(1, POSITION, 4, signed=True) == turns * 4096
@@ -121,7 +121,7 @@ def test_clear_brings_the_position_back_into_one_turn():
 
 
 @pytest.mark.parametrize("mode", [4, 5])
-def test_clear_moves_nothing_that_is_held(mode):
+def test_clear_moves_nothing_that_is_held(mode: int) -> None:
     """The vendor's example clears with torque on: left as it was, the goal is two turns away."""
     client = Client(true=replace(FREE, damping=0.05))
     client.write(1, OPERATING_MODE, mode, 1)
@@ -136,7 +136,7 @@ def test_clear_moves_nothing_that_is_held(mode):
     assert client.position() == pytest.approx(held, abs=1e-4)
 
 
-def test_clear_is_refused_while_it_moves():
+def test_clear_is_refused_while_it_moves() -> None:
     client = Client(true=at(3.25))
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 300, 2)
@@ -153,13 +153,13 @@ def test_clear_is_refused_while_it_moves():
         (b"\x01" + BACKUP_KEY, ErrorCode.DATA_RANGE),
     ],
 )
-def test_clear_wants_its_option_and_its_key(params, error):
+def test_clear_wants_its_option_and_its_key(params: bytes, error: ErrorCode) -> None:
     client = Client(true=at(3.25))
     assert client.ask(1, Instruction.CLEAR, params).error == error
     assert client.read(1, POSITION, 4) > 3 * 4096
 
 
-def test_clear_came_with_firmware_42():
+def test_clear_came_with_firmware_42() -> None:
     reply = Client(firmware=41).ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY)
     assert reply.error == ErrorCode.INSTRUCTION
 
@@ -167,7 +167,7 @@ def test_clear_came_with_firmware_42():
 # Control table backup
 
 
-def test_a_backup_restores_eeprom_after_a_factory_reset():
+def test_a_backup_restores_eeprom_after_a_factory_reset() -> None:
     client = Client()
     assert client.read(1, BACKUP_READY, 1) == 0
     client.write(1, HOMING, -500, 4)
@@ -187,7 +187,7 @@ def test_a_backup_restores_eeprom_after_a_factory_reset():
     assert client.read(1, BACKUP_READY, 1) == 1
 
 
-def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up():
+def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up() -> None:
     client = Client()
     client.write(1, STARTUP, 2, 1)
     client.write(1, POSITION_P_GAIN, 123, 2)
@@ -201,7 +201,7 @@ def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up
     assert client.read(1, LED, 1) == 0  # not among what a backup holds
 
 
-def test_backups_are_refused_while_torque_is_on_or_without_one():
+def test_backups_are_refused_while_torque_is_on_or_without_one() -> None:
     client = Client()
     restore = b"\x02" + BACKUP_KEY
     assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
@@ -215,7 +215,7 @@ def test_backups_are_refused_while_torque_is_on_or_without_one():
 
 
 @pytest.mark.parametrize(("model", "first"), [(X, 45), ("XL330-M288", 46)])
-def test_backup_needs_its_firmware(model, first):
+def test_backup_needs_its_firmware(model: str, first: int) -> None:
     for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
         client = Client((model, 1), firmware=firmware)
         reply = client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY)
@@ -226,7 +226,7 @@ def test_backup_needs_its_firmware(model, first):
     ("params", "error"),
     [(b"\x01", 5), (b"\x03" + BACKUP_KEY, 4), (b"\x01" + CLEAR_KEY, ErrorCode.DATA_RANGE)],
 )
-def test_backup_wants_its_option_and_its_key(params, error):
+def test_backup_wants_its_option_and_its_key(params: bytes, error: int) -> None:
     client = Client()
     assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, params).error == error
     assert client.read(1, BACKUP_READY, 1) == 0
@@ -235,7 +235,7 @@ def test_backup_wants_its_option_and_its_key(params, error):
 # Bulk
 
 
-def test_bulk_read_is_answered_by_each_in_the_order_asked():
+def test_bulk_read_is_answered_by_each_in_the_order_asked() -> None:
     client = Client((X, 1), (X, 2))
     client.line.write(  # published: voltage of 1, temperature of 2
         bytes.fromhex("FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05")
@@ -247,7 +247,7 @@ def test_bulk_read_is_answered_by_each_in_the_order_asked():
     ]
 
 
-def test_bulk_read_passes_over_the_missing_and_reports_errors_one_by_one():
+def test_bulk_read_passes_over_the_missing_and_reports_errors_one_by_one() -> None:
     client = Client((X, 1), (X, 2))
     asked = [(2, 9000, 1), (8, POSITION, 4), (1, POSITION, 4), (1, LED, 1)]
     params = b"".join(bytes([i]) + words(address, size) for i, address, size in asked)
@@ -259,7 +259,7 @@ def test_bulk_read_passes_over_the_missing_and_reports_errors_one_by_one():
     ]
 
 
-def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered():
+def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered() -> None:
     client = Client((X, 1), (X, 2))
     assert client.write(1, MAX_VOLTAGE, 150, 2) == 0
     assert client.write(2, TEMPERATURE_LIMIT, 70, 1) == 0
@@ -272,7 +272,7 @@ def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered():
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 5])
-def test_a_bulk_write_that_does_not_add_up_does_nothing(cut):
+def test_a_bulk_write_that_does_not_add_up_does_nothing(cut: int) -> None:
     client = Client((X, 1), (X, 2))
     params = bytes([1]) + words(LED, 1) + b"\x01" + bytes([2]) + words(GOAL_CURRENT, 2) + words(3)
     client.send(BROADCAST, Instruction.BULK_WRITE, params[:-cut])
@@ -281,7 +281,7 @@ def test_a_bulk_write_that_does_not_add_up_does_nothing(cut):
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_lists_of_reads_are_answered_but_at_return_level_0(level):
+def test_lists_of_reads_are_answered_but_at_return_level_0(level: int) -> None:
     client = Client()
     client.send(1, Instruction.WRITE, words(RETURN_LEVEL) + bytes([level]))
     client.replies()
@@ -306,7 +306,7 @@ def leds(client: Client) -> list[int]:
     return [servo.memory["led"] for servo in client.servos.values()]
 
 
-def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is():
+def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is() -> None:
     client = grouped()
     assert client.ask(1, Instruction.WRITE, words(LED) + b"\x01").id == 1
     assert leds(client) == [1, 0, 0, 0, 0]
@@ -320,7 +320,7 @@ def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is
     assert leds(client) == [0, 0, 0, 0, 0]
 
 
-def test_a_secondary_id_reaches_ram_alone_and_is_never_answered():
+def test_a_secondary_id_reaches_ram_alone_and_is_never_answered() -> None:
     client = Client()
     client.write(1, SECONDARY_ID, 100, 1)
     client.send(100, Instruction.WRITE, words(HOMING) + bytes([1, 0, 0, 0]))
@@ -332,7 +332,7 @@ def test_a_secondary_id_reaches_ram_alone_and_is_never_answered():
     assert client.read(1, SECONDARY_ID, 1) == 100
 
 
-def test_reg_write_and_action_to_a_secondary_id():
+def test_reg_write_and_action_to_a_secondary_id() -> None:
     client = grouped()
     client.send(5, Instruction.REG_WRITE, words(LED) + b"\x01")
     client.replies()
@@ -344,7 +344,7 @@ def test_reg_write_and_action_to_a_secondary_id():
     assert [client.read(i, REGISTERED, 1) for i in client.servos] == [0] * 5
 
 
-def test_a_secondary_id_that_is_its_own_changes_nothing():
+def test_a_secondary_id_that_is_its_own_changes_nothing() -> None:
     """ "The actuator will respond as if commands are sent only to its primary ID"."""
     client = Client()
     assert client.write(1, SECONDARY_ID, 1, 1) == 0
@@ -359,7 +359,7 @@ def test_a_secondary_id_that_is_its_own_changes_nothing():
 
 
 @pytest.mark.parametrize("value", [253, 254, 255])
-def test_high_secondary_ids_switch_it_off(value):
+def test_high_secondary_ids_switch_it_off(value: int) -> None:
     client = Client()
     assert client.write(1, SECONDARY_ID, value, 1) == 0
     client.send(100, Instruction.WRITE, words(LED) + b"\x01")
@@ -370,13 +370,13 @@ def test_high_secondary_ids_switch_it_off(value):
 # Two servos with one id
 
 
-def test_two_of_a_kind_with_one_id_cannot_be_told_from_one_by_a_ping():
+def test_two_of_a_kind_with_one_id_cannot_be_told_from_one_by_a_ping() -> None:
     client = Client((X, 1), (X, 2))
     client.write(2, ID, 1, 1)
     assert client.ask(1, Instruction.PING) == Frame(1, Instruction.STATUS, 0, b"\xfc\x03\x30")
 
 
-def test_different_answers_of_one_id_collide_and_both_obey():
+def test_different_answers_of_one_id_collide_and_both_obey() -> None:
     client = Client((X, 1), ("XL330-M288", 2))
     client.write(2, ID, 1, 1)
     client.send(1, Instruction.PING)
@@ -388,7 +388,7 @@ def test_different_answers_of_one_id_collide_and_both_obey():
     assert leds(client) == [0, 0]
 
 
-def test_answers_of_one_id_that_come_apart_are_both_heard():
+def test_answers_of_one_id_that_come_apart_are_both_heard() -> None:
     client = Client((X, 1), ("XL330-M288", 2))
     assert client.write(2, RETURN_DELAY, 250, 1) == 0  # 500 µs, much more than a ping's 35
     client.write(2, ID, 1, 1)
@@ -403,7 +403,7 @@ def test_answers_of_one_id_that_come_apart_are_both_heard():
     assert ends == pytest.approx(expected, abs=1e-9)
 
 
-def test_answers_of_one_id_that_overlap_are_garbled():
+def test_answers_of_one_id_that_overlap_are_garbled() -> None:
     client = Client((X, 1), (X, 2))
     client.write(2, RETURN_DELAY, 5, 1)  # 10 µs: four bytes later
     client.write(2, ID, 1, 1)
@@ -416,7 +416,7 @@ def test_answers_of_one_id_that_overlap_are_garbled():
 # What a host may send that is not as it should be
 
 
-def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo():
+def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo() -> None:
     """Servos count bytes; the vendor's SDK sends FF FF FD 00 as it is, and it arrives."""
     client = Client()
     header = b"\xff\xff\xfd\x00"
@@ -428,7 +428,7 @@ def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo():
         assert data == payload
 
 
-def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same():
+def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same() -> None:
     """FF FF FD FD loses a byte, so the rest of the write is one too short."""
     client = Client()
     goals = words(0xFFFF) + bytes([0xFD, 0xFD, 0xFF, 0xFF])  # goal current -1, velocity -515
@@ -440,7 +440,7 @@ def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same():
     assert reply.error == ErrorCode.DATA_LIMIT
 
 
-def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out():
+def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out() -> None:
     client = Client()
     cut = encode(1, Instruction.WRITE, words(GOAL_CURRENT) + bytes(60))[:30]
     client.line.write(cut + encode(1, Instruction.PING))
@@ -451,7 +451,7 @@ def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out():
 # Others
 
 
-def test_reg_write_as_published():
+def test_reg_write_as_published() -> None:
     client = Client()
     client.line.write(bytes.fromhex("FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E"))
     assert [r.error for r in client.replies()] == [0]
@@ -462,7 +462,7 @@ def test_reg_write_as_published():
     assert client.read(1, 104, 4) == 200
 
 
-def test_a_registered_write_is_checked_again_when_it_is_carried_out():
+def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     client = Client()
     assert client.ask(1, Instruction.REG_WRITE, words(HOMING) + bytes([1, 0, 0, 0])).error == 0
     client.write(1, TORQUE_ENABLE, 1, 1)
@@ -481,19 +481,19 @@ def test_a_registered_write_is_checked_again_when_it_is_carried_out():
         Instruction.FAST_BULK_READ,
     ],
 )
-def test_lists_are_for_all_and_not_for_one(instruction):
+def test_lists_are_for_all_and_not_for_one(instruction: Instruction) -> None:
     reply = Client().ask(1, instruction, words(LED, 1) + b"\x01")
     assert reply.error == ErrorCode.INSTRUCTION
 
 
-def test_a_status_is_no_instruction():
+def test_a_status_is_no_instruction() -> None:
     client = Client()
     client.send(1, Instruction.STATUS, b"\x00")
     client.send(BROADCAST, Instruction.STATUS, b"\x00")
     assert client.replies() == []
 
 
-def test_the_alert_is_in_every_answer_while_an_error_is_latched():
+def test_the_alert_is_in_every_answer_while_an_error_is_latched() -> None:
     client = Client((X, 1), (X, 2))
     client.write(1, MIN_VOLTAGE, 130, 2)  # present: 12.0 V
     client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1) + b"\x02" + words(LED, 1))
@@ -502,7 +502,9 @@ def test_the_alert_is_in_every_answer_while_an_error_is_latched():
 
 
 @pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
-def test_fast_bulk_read_breaks_off_at_a_missing_servo(ids, shares):
+def test_fast_bulk_read_breaks_off_at_a_missing_servo(
+    ids: tuple[int, int, int], shares: int
+) -> None:
     client = Client((X, 1), (X, 2), (X, 3))
     sizes = (4, 2, 1)
     asked = [
@@ -518,7 +520,7 @@ def test_fast_bulk_read_breaks_off_at_a_missing_servo(ids, shares):
         assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
 
 
-def test_bytes_that_collide_are_pulled_low_in_whole_byte_times():
+def test_bytes_that_collide_are_pulled_low_in_whole_byte_times() -> None:
     frame = Frame(1, Instruction.STATUS, 0, b"")
     first = Sending(0, 1_000_000, frame, b"\xf0\x0f\xff\x55")
     second = Sending(20_000, 1_000_000, frame, b"\x3c\xf5\x01")  # two bytes later

@@ -73,7 +73,7 @@ def friction_counts(model: str, true: TrueServo) -> float:
 
 
 @pytest.mark.parametrize("model", [X, X540, SMALL, LOAD, "XC430-W150", "XW540-T260", "XC330-T288"])
-def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model):
+def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model: str) -> None:
     true = replace(MX64, coulomb=0.01 * MODELS[model].stall_torque)
     servo = Sdk(model, true=true).on(goal_position=2600)
     servo.pass_time(0.03)
@@ -87,7 +87,7 @@ def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model):
     assert servo["velocity_trajectory"] == 0
 
 
-def test_an_integral_gain_takes_the_last_counts_away():
+def test_an_integral_gain_takes_the_last_counts_away() -> None:
     sticky = replace(MX64, coulomb=0.4)
     held = Sdk(true=sticky).on(goal_position=2600)
     helped = Sdk(true=sticky).on(position_i_gain=400, goal_position=2600)
@@ -97,27 +97,27 @@ def test_an_integral_gain_takes_the_last_counts_away():
     assert abs(helped["present_position"] - 2600) <= 3
 
 
-def test_enabling_torque_moves_nothing():
+def test_enabling_torque_moves_nothing() -> None:
     servo = Sdk(goal_position=100).on()
     servo.pass_time(0.2)
     assert servo["present_position"] == servo["goal_position"] == 2048
 
 
-def test_torque_on_by_goal_update_goes_where_the_goal_says():
+def test_torque_on_by_goal_update_goes_where_the_goal_says() -> None:
     servo = Sdk(drive_mode=8, goal_position=2300)
     assert servo["torque_enable"] == 1
     servo.pass_time(1)
     assert servo["present_position"] == pytest.approx(2300, abs=5)
 
 
-def test_goals_beyond_the_limits_are_refused():
+def test_goals_beyond_the_limits_are_refused() -> None:
     servo = Sdk(max_position_limit=3000, min_position_limit=1000).on()
     assert servo.set("goal_position", 3001) == ErrorCode.DATA_LIMIT
     assert servo.set("goal_position", 999) == ErrorCode.DATA_LIMIT
     assert Sdk(mode=EXTENDED).on().set("goal_position", 1_048_576) == ErrorCode.DATA_RANGE
 
 
-def test_extended_mode_counts_turns_and_position_mode_forgets_them():
+def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
     servo = Sdk(mode=EXTENDED).on(goal_position=-10_000)
     servo.pass_time(5)
     assert servo["present_position"] == pytest.approx(-10_000, abs=5)
@@ -126,7 +126,7 @@ def test_extended_mode_counts_turns_and_position_mode_forgets_them():
     assert servo["present_position"] == pytest.approx(-10_000 % 4096, abs=5)
 
 
-def test_turning_it_by_hand_counts_turns_until_position_mode_is_switched_on():
+def test_turning_it_by_hand_counts_turns_until_position_mode_is_switched_on() -> None:
     turned = replace(MX64, position=2.25 * 2 * math.pi)
     servo = Sdk(mode=CURRENT, true=turned)
     assert servo["present_position"] == 2.25 * 4096
@@ -141,7 +141,9 @@ def test_turning_it_by_hand_counts_turns_until_position_mode_is_switched_on():
 
 @pytest.mark.parametrize("drive_mode", [0, 1])
 @pytest.mark.parametrize("model", [X, X540])
-def test_homing_offset_and_reverse_hold_for_goals_as_for_present_positions(model, drive_mode):
+def test_homing_offset_and_reverse_hold_for_goals_as_for_present_positions(
+    model: str, drive_mode: int
+) -> None:
     servo = Sdk(model, drive_mode=drive_mode, homing_offset=500).on()
     start = servo["present_position"]
     assert start == 2048 + 500
@@ -153,7 +155,7 @@ def test_homing_offset_and_reverse_hold_for_goals_as_for_present_positions(model
 
 
 @pytest.mark.parametrize(("model", "sign"), [(X, 1), (X540, -1), ("XW430-T200", -1)])
-def test_reverse_inverts_velocity_and_pwm_of_some_models_only(model, sign):
+def test_reverse_inverts_velocity_and_pwm_of_some_models_only(model: str, sign: int) -> None:
     true = replace(FREE, torque_constant=1.5)
     servo = Sdk(model, VELOCITY, true, drive_mode=1).on(goal_velocity=50)
     servo.pass_time(2)
@@ -167,7 +169,7 @@ def test_reverse_inverts_velocity_and_pwm_of_some_models_only(model, sign):
 
 
 @pytest.mark.parametrize(("model", "goal"), [(X, 150), (X, -80), (SMALL, 200), (LOAD, 100)])
-def test_velocity_mode_settles_at_its_goal(model, goal):
+def test_velocity_mode_settles_at_its_goal(model: str, goal: int) -> None:
     servo = Sdk(model, VELOCITY).on(goal_velocity=goal)
     servo.pass_time(3)
     assert servo["present_velocity"] == pytest.approx(goal, abs=1)
@@ -178,7 +180,7 @@ def test_velocity_mode_settles_at_its_goal(model, goal):
     assert servo["moving"] == 0
 
 
-def test_velocity_mode_ramps_with_its_profile_acceleration():
+def test_velocity_mode_ramps_with_its_profile_acceleration() -> None:
     """214.577 rev/min² per unit, 0.229 rev/min per unit: 64 ms x goal / acceleration."""
     servo = Sdk(mode=VELOCITY, true=FREE).on(profile_acceleration=10, goal_velocity=100)
     servo.pass_time(0.32)
@@ -189,7 +191,7 @@ def test_velocity_mode_ramps_with_its_profile_acceleration():
 
 @pytest.mark.parametrize("name", [n for n, m in MODELS.items() if m.no_load_rpm])
 @pytest.mark.parametrize("duty", [885, -300])
-def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name, duty):
+def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, duty: int) -> None:
     true = TrueServo(inertia=0.0005, torque_limit=20.0)
     servo = Sdk(name, PWM, true).on(goal_pwm=duty)
     servo.pass_time(1.5)
@@ -201,7 +203,7 @@ def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name, duty)
 
 
 @pytest.mark.parametrize("name", [X, SMALL, LOAD, "XH540-V270"])
-def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name):
+def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name: str) -> None:
     """Held by friction; in an XL330 the supply sees duty times the current that flows."""
     model = MODELS[name]
     servo = Sdk(name, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885 // 3)
@@ -215,7 +217,7 @@ def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name):
         assert servo["present_load"] == pytest.approx(333, abs=1)
 
 
-def test_the_speed_rises_as_that_of_a_motor_at_a_voltage_does():
+def test_the_speed_rises_as_that_of_a_motor_at_a_voltage_does() -> None:
     """m w' = k_t (U - k_e w) / R: an exponential, whatever the controller's period.
 
     Goal PWM is at PWM Limit after the change of mode, so enabling torque is enough.
@@ -230,7 +232,7 @@ def test_the_speed_rises_as_that_of_a_motor_at_a_voltage_does():
         assert servo.servo.state(now).velocity == pytest.approx(expected, rel=1e-6)
 
 
-def test_pwm_slope_takes_18_ms_to_full_duty():
+def test_pwm_slope_takes_18_ms_to_full_duty() -> None:
     """The manual's own example: 5 V at 140 x 1.977 mV/ms."""
     servo = Sdk(SMALL, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885)
     servo.pass_time(0.009)
@@ -241,14 +243,14 @@ def test_pwm_slope_takes_18_ms_to_full_duty():
     assert servo["present_pwm"] == 885
 
 
-def test_goal_pwm_limits_the_other_modes():
+def test_goal_pwm_limits_the_other_modes() -> None:
     servo = Sdk(true=FREE).on(goal_pwm=200, goal_position=4000)
     servo.pass_time(0.3)
     assert servo["present_pwm"] == 200
     assert servo["present_velocity"] == pytest.approx(200 / 885 * 46 / 0.229, abs=1)
 
 
-def test_current_based_position_gives_way_where_goal_current_says():
+def test_current_based_position_gives_way_where_goal_current_says() -> None:
     """A hand of 4 N·m/rad leads half a radian beyond: 100 x 2.69 mA hold no more than 0.48 N·m."""
     limit = 100 * 2.69e-3 * 4.1 / 2.3
     hand = replace(MX64, coulomb=0.02, hand="lean", hand_origin=math.pi)
@@ -264,14 +266,14 @@ def test_current_based_position_gives_way_where_goal_current_says():
     assert firm.client.position() - math.pi < 0.15
 
 
-def test_current_based_position_reaches_its_goal():
+def test_current_based_position_reaches_its_goal() -> None:
     servo = Sdk(mode=CURRENT_POSITION).on(goal_position=9000)
     servo.pass_time(4)
     assert servo["present_position"] == pytest.approx(9000, abs=5)
 
 
 @pytest.mark.parametrize("true", [FREE, MX64])
-def test_a_trapezoid_takes_the_manuals_time(true):
+def test_a_trapezoid_takes_the_manuals_time(true: TrueServo) -> None:
     """t1 = 64 ms x 100 / 40; 3000 counts at 100 x 0.229 rev/min, and t1 once more."""
     servo = Sdk(mode=EXTENDED, true=replace(true, position=math.pi))
     servo.on(profile_acceleration=40, profile_velocity=100, goal_position=5048)
@@ -293,14 +295,14 @@ def test_a_trapezoid_takes_the_manuals_time(true):
     ("profile", "kind"),
     [((0, 0), 0x00), ((100, 0), 0x10), ((100, 5), 0x20), ((100, 200), 0x30), ((0, 50), 0x00)],
 )
-def test_moving_status_names_the_profile(profile, kind):
+def test_moving_status_names_the_profile(profile: tuple[int, int], kind: int) -> None:
     speed, acceleration = profile
     servo = Sdk().on(profile_acceleration=acceleration, profile_velocity=speed, goal_position=2448)
     servo.pass_time(0.05)
     assert servo["moving_status"] & 0x30 == kind
 
 
-def test_a_time_based_profile_takes_its_time():
+def test_a_time_based_profile_takes_its_time() -> None:
     servo = Sdk(drive_mode=4).on(profile_acceleration=200, profile_velocity=1000)
     servo.write(goal_position=3048)
     servo.pass_time(0.5)
@@ -313,7 +315,7 @@ def test_a_time_based_profile_takes_its_time():
     assert servo["present_position"] == pytest.approx(3048, abs=5)
 
 
-def test_a_new_goal_on_the_way_is_met_without_a_jump_in_velocity():
+def test_a_new_goal_on_the_way_is_met_without_a_jump_in_velocity() -> None:
     servo = Sdk(mode=EXTENDED).on(profile_acceleration=20, profile_velocity=100, goal_position=6000)
     servo.pass_time(0.5)
     assert servo["velocity_trajectory"] == 100
@@ -325,14 +327,14 @@ def test_a_new_goal_on_the_way_is_met_without_a_jump_in_velocity():
     assert servo["present_position"] == pytest.approx(0, abs=5)
 
 
-def test_one_that_is_held_says_it_does_not_follow():
+def test_one_that_is_held_says_it_does_not_follow() -> None:
     servo = Sdk(true=replace(MX64, coulomb=50.0)).on(profile_velocity=100, goal_position=3048)
     servo.pass_time(1)
     assert servo["moving_status"] & 0x09 == 0x08
     assert servo["present_position"] == 2048
 
 
-def test_a_change_of_mode_resets_goals_gains_and_profile():
+def test_a_change_of_mode_resets_goals_gains_and_profile() -> None:
     servo = Sdk()
     changed = {
         "position_p_gain": 100,
@@ -350,7 +352,7 @@ def test_a_change_of_mode_resets_goals_gains_and_profile():
     assert (servo["goal_pwm"], servo["goal_current"]) == (885, 1193)
 
 
-def test_torque_off_leaves_it_limp_on_its_way():
+def test_torque_off_leaves_it_limp_on_its_way() -> None:
     servo = Sdk(mode=VELOCITY, true=FREE).on(goal_velocity=100)
     servo.pass_time(1)
     speed = servo.servo.state(servo.client.clock.now_ns()).velocity
@@ -362,7 +364,7 @@ def test_torque_off_leaves_it_limp_on_its_way():
 
 
 @pytest.mark.parametrize("mode", [VELOCITY, POSITION, EXTENDED, PWM])
-def test_a_reboot_under_way_leaves_it_limp(mode):
+def test_a_reboot_under_way_leaves_it_limp(mode: int) -> None:
     servo = Sdk(mode=mode, true=FREE)
     servo.on(goal_pwm=800, **({"goal_velocity": 100} if mode == VELOCITY else {}))
     if mode in (POSITION, EXTENDED):
@@ -375,7 +377,7 @@ def test_a_reboot_under_way_leaves_it_limp(mode):
 
 
 @pytest.mark.parametrize("mode", [VELOCITY, POSITION, CURRENT_POSITION, PWM])
-def test_the_bus_watchdog_stops_it(mode):
+def test_the_bus_watchdog_stops_it(mode: int) -> None:
     servo = Sdk(mode=mode)
     goal = {VELOCITY: {"goal_velocity": 100}, PWM: {"goal_pwm": 500}}.get(
         mode, {"profile_velocity": 60, "goal_position": 4000}
@@ -393,7 +395,7 @@ def test_the_bus_watchdog_stops_it(mode):
     assert servo.client.position() == pytest.approx(stopped, abs=0.02)
 
 
-def test_looking_often_or_rarely_makes_no_difference():
+def test_looking_often_or_rarely_makes_no_difference() -> None:
     ends = []
     for looks in (1, 500):
         servo = Sdk(true=replace(MX64, hand="push", hand_origin=math.pi, backlash=0.0044))
@@ -405,7 +407,7 @@ def test_looking_often_or_rarely_makes_no_difference():
     assert ends[0] == pytest.approx(ends[1], rel=1e-9)
 
 
-def test_backlash_lies_between_the_encoder_and_the_shaft():
+def test_backlash_lies_between_the_encoder_and_the_shaft() -> None:
     """0.25° as published for the 430 and 540 series: the controller does not feel half of it."""
     play = math.radians(0.25)
     servo = Sdk(true=replace(MX64, coulomb=0.001, backlash=play)).on(goal_position=2300)
@@ -415,7 +417,7 @@ def test_backlash_lies_between_the_encoder_and_the_shaft():
     assert abs(shaft - servo["present_position"]) <= play * COUNTS / 2 + 1
 
 
-def test_the_example_of_the_page_takes_the_time_it_says():
+def test_the_example_of_the_page_takes_the_time_it_says() -> None:
     servo = Sdk(mode=EXTENDED, profile_velocity=60, profile_acceleration=20).on(
         goal_position=10_000
     )

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.tables.models import Model
 from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.settings import TrueServo
@@ -25,7 +26,7 @@ published = [model for model in MODELS.values() if model.no_load_rpm and model.s
 
 
 @pytest.mark.parametrize("model", published, ids=lambda model: model.name)
-def test_stall_and_no_load_are_the_published_ones(model):
+def test_stall_and_no_load_are_the_published_ones(model: Model) -> None:
     motor = motor_of(model, model.torque_constant)
     stalled = motor.current(1.0, model.voltage, 0.0)
     assert stalled == pytest.approx(model.stall_current)
@@ -34,13 +35,13 @@ def test_stall_and_no_load_are_the_published_ones(model):
 
 
 @pytest.mark.parametrize("model", published, ids=lambda model: model.name)
-def test_the_gear_takes_something_and_gives_nothing(model):
+def test_the_gear_takes_something_and_gives_nothing(model: Model) -> None:
     """k_t over k_e is what the gear lets through; published figures are rounded."""
     motor = motor_of(model, model.torque_constant)
     assert 0.5 < motor.torque_constant / motor.back_emf < 1.2
 
 
-def test_an_xl330_agrees_with_a_published_identification():
+def test_an_xl330_agrees_with_a_published_identification() -> None:
     """Rhoban "bam", xl330 m1: k_t 0.370 N·m/A, R 3.50 ohm, identified from duty and motion."""
     model = MODELS[SMALL]
     motor = motor_of(model, model.torque_constant)
@@ -51,7 +52,7 @@ def test_an_xl330_agrees_with_a_published_identification():
 
 
 @pytest.mark.parametrize("name", ["XD540-T270", "XW430-T333", "XW540-H260"])
-def test_models_without_figures_take_their_limits_for_them(name):
+def test_models_without_figures_take_their_limits_for_them(name: str) -> None:
     model = MODELS[name]
     motor = motor_of(model, 2.0)
     limit = model.current_limit * model.current_unit_ma * 1e-3
@@ -65,7 +66,9 @@ def test_models_without_figures_take_their_limits_for_them(name):
     speed=st.floats(-15, 15),
     name=st.sampled_from([model.name for model in published]),
 )
-def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(sensed, speed, name):
+def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(
+    sensed: float, speed: float, name: str
+) -> None:
     model = MODELS[name]
     motor = motor_of(model, model.torque_constant)
     current = motor.from_sensed(sensed, model.voltage, speed)
@@ -74,7 +77,7 @@ def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(sensed, speed,
 
 
 @given(duty=st.floats(-1, 1), speed=st.floats(-12, 12))
-def test_the_supply_gives_the_power_the_motor_takes(duty, speed):
+def test_the_supply_gives_the_power_the_motor_takes(duty: float, speed: float) -> None:
     """U i_s = R i² + k_e w i: loss and what goes into the gear."""
     model = MODELS[SMALL]
     motor = motor_of(model, model.torque_constant)
@@ -94,7 +97,7 @@ def held(model: str, goal: int, true: TrueServo = HELD) -> Client:
 
 
 @pytest.mark.parametrize("goal", [92, -368, 735, 1470])
-def test_torque_of_a_supply_sensed_servo_goes_with_the_root_of_its_current(goal):
+def test_torque_of_a_supply_sensed_servo_goes_with_the_root_of_its_current(goal: int) -> None:
     client = held(SMALL, goal)
     share = math.copysign(math.sqrt(abs(goal) / 1470), goal)
     assert client.torque() == pytest.approx(0.52 * share, rel=1e-6)
@@ -103,7 +106,7 @@ def test_torque_of_a_supply_sensed_servo_goes_with_the_root_of_its_current(goal)
     assert pwm == pytest.approx(885 * share, abs=1)
 
 
-def test_torque_of_a_phase_sensed_servo_is_in_proportion():
+def test_torque_of_a_phase_sensed_servo_is_in_proportion() -> None:
     for goal in (92, 368, 735):
         client = held("XM430-W350", goal)
         assert client.torque() == pytest.approx(goal * TORQUE_UNIT)
@@ -111,7 +114,7 @@ def test_torque_of_a_phase_sensed_servo_is_in_proportion():
         assert client.read(1, PRESENT_PWM, 2) == pytest.approx(885 * share, abs=1)
 
 
-def test_goal_pwm_limits_the_torque_of_current_mode_too():
+def test_goal_pwm_limits_the_torque_of_current_mode_too() -> None:
     """At a standstill a share of the supply drives the same share of the stall current."""
     most = 4.1 * 200 / 885
     client = held("XM430-W350", 800)
@@ -136,7 +139,7 @@ def test_goal_pwm_limits_the_torque_of_current_mode_too():
     assert client.torque() == 0.0
 
 
-def test_goal_pwm_limits_the_speed_of_current_mode_too():
+def test_goal_pwm_limits_the_speed_of_current_mode_too() -> None:
     client = held("XM430-W350", 300, replace(HELD, coulomb=0.0))
     client.write(1, GOAL_PWM, 200, 2)
     client.pass_time(3000 * MS)
@@ -144,14 +147,14 @@ def test_goal_pwm_limits_the_speed_of_current_mode_too():
     assert velocity == pytest.approx(46 / 0.229 * 200 / 885, abs=2)
 
 
-def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed():
+def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed() -> None:
     client = held(SMALL, 1750, replace(HELD, coulomb=0.0))
     client.pass_time(3000 * MS)
     velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
     assert velocity == pytest.approx(103 / 0.229, abs=2)
 
 
-def test_back_emf_in_current_mode_is_asked_for():
+def test_back_emf_in_current_mode_is_asked_for() -> None:
     """Held torque as commanded by default; what 12 V can drive where that is wanted."""
     speeds = []
     for back_emf in (False, True):
@@ -164,7 +167,7 @@ def test_back_emf_in_current_mode_is_asked_for():
     assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
 
 
-def test_back_emf_changes_nothing_at_a_standstill():
+def test_back_emf_changes_nothing_at_a_standstill() -> None:
     client = Client(true=HELD, back_emf=True)
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 500, 2)
@@ -172,7 +175,7 @@ def test_back_emf_changes_nothing_at_a_standstill():
     assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
 
 
-def test_it_warms_as_a_first_order_system_does():
+def test_it_warms_as_a_first_order_system_does() -> None:
     client = held("XM430-W350", 500)
     share = (500 * 2.69e-3 / 2.3) ** 2
     for seconds in (20, 200):
@@ -187,7 +190,7 @@ def test_it_warms_as_a_first_order_system_does():
 
 
 @pytest.mark.parametrize(("model", "mode"), [("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)])
-def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model, mode):
+def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str, mode: int) -> None:
     client = Client((model, 1), true=HELD, recorded=False)
     client.write(1, MODE, mode, 1)
     client.write(1, TORQUE_ENABLE, 1, 1)
@@ -219,7 +222,7 @@ def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model, mode
     assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
 
 
-def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say():
+def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say() -> None:
     client = Client(true=HELD, recorded=False)
     client.write(1, SHUTDOWN, 0, 1)
     client.enable_current_mode()
@@ -230,7 +233,7 @@ def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say():
 
 
 @pytest.mark.parametrize("celsius", [-40.0, 20.0, 79.0])
-def test_it_starts_as_warm_as_the_place_it_stands_in(celsius):
+def test_it_starts_as_warm_as_the_place_it_stands_in(celsius: float) -> None:
     client = Client(true=replace(HELD, ambient=celsius), recorded=False)
     assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
     assert client.ask(1, Instruction.PING).error == 0
@@ -239,7 +242,7 @@ def test_it_starts_as_warm_as_the_place_it_stands_in(celsius):
 
 
 @pytest.mark.parametrize(("volts", "error"), [(9.4, 0x01), (9.5, 0), (16.0, 0), (16.1, 0x01)])
-def test_it_is_powered_up_with_the_supply_it_is_given(volts, error):
+def test_it_is_powered_up_with_the_supply_it_is_given(volts: float, error: int) -> None:
     client = Client(true=replace(HELD, supply=volts), fast=False)
     assert client.read(1, VOLTAGE, 2) == round(volts * 10)
     assert client.read(1, HARDWARE_ERROR, 1) == error
@@ -249,7 +252,7 @@ def test_it_is_powered_up_with_the_supply_it_is_given(volts, error):
     assert client.read(1, HARDWARE_ERROR, 1) == error
 
 
-def test_a_warmer_place_adds_to_what_the_motor_heats():
+def test_a_warmer_place_adds_to_what_the_motor_heats() -> None:
     client = held("XM430-W350", 400)
     client.pass_time(1_000_000 * MS)
     before = client.read(1, TEMPERATURE, 1)
@@ -258,7 +261,7 @@ def test_a_warmer_place_adds_to_what_the_motor_heats():
     assert client.read(1, TEMPERATURE, 1) == before + 10
 
 
-def test_a_reboot_does_not_cool_it():
+def test_a_reboot_does_not_cool_it() -> None:
     client = Client()
     client.servos[1].set_ambient(90.0, client.clock.now_ns())
     client.ask(1, Instruction.REBOOT)
@@ -268,7 +271,7 @@ def test_a_reboot_does_not_cool_it():
 
 
 @pytest.mark.parametrize("volts", [9.0, 16.5])
-def test_a_voltage_beyond_its_limits_is_an_error(volts):
+def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
     """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
     for shutdown, torque in ((0x34, 300 * TORQUE_UNIT), (0x35, 0.0)):
         client = Client(true=HELD)
@@ -281,7 +284,7 @@ def test_a_voltage_beyond_its_limits_is_an_error(volts):
         assert client.torque() == pytest.approx(torque)
 
 
-def test_the_supply_decides_how_fast_a_duty_turns_it():
+def test_the_supply_decides_how_fast_a_duty_turns_it() -> None:
     client = Client(true=FREE)
     client.write(1, MODE, 16, 1)
     client.write(1, TORQUE_ENABLE, 1, 1)
@@ -292,7 +295,7 @@ def test_the_supply_decides_how_fast_a_duty_turns_it():
 
 
 @pytest.mark.parametrize("mode", [1, 3, 5])
-def test_a_controller_that_cannot_do_it_is_overloaded(mode):
+def test_a_controller_that_cannot_do_it_is_overloaded(mode: int) -> None:
     client = Client(true=HELD)
     client.write(1, MODE, mode, 1)
     if mode == 1:
@@ -308,7 +311,7 @@ def test_a_controller_that_cannot_do_it_is_overloaded(mode):
     assert client.read(1, TORQUE_ENABLE, 1) == 0
 
 
-def test_holding_with_less_than_all_it_has_is_no_overload():
+def test_holding_with_less_than_all_it_has_is_no_overload() -> None:
     client = Client(true=HELD)
     client.write(1, TORQUE_ENABLE, 1, 1)
     client.write(1, GOAL_POSITION, client.read(1, 132, 4) + 100, 4)

@@ -17,7 +17,7 @@ GOAL_PWM, GOAL_CURRENT, GOAL_VELOCITY, GOAL_POSITION = 100, 102, 104, 116
 TICK, MOVING, CURRENT, VELOCITY, POSITION = 120, 122, 126, 128, 132
 
 
-def test_current_mode_starts_at_the_current_limit():
+def test_current_mode_starts_at_the_current_limit() -> None:
     """The trap of the real servo: torque that is enabled without writing 0 is the largest."""
     client = Client()
     assert client.write(1, GOAL_CURRENT, 7, 2) == 0
@@ -27,7 +27,7 @@ def test_current_mode_starts_at_the_current_limit():
     assert client.torque() == pytest.approx(1193 * TORQUE_UNIT)
 
 
-def test_torque_is_current_times_torque_constant_and_moves_the_servo():
+def test_torque_is_current_times_torque_constant_and_moves_the_servo() -> None:
     client = Client()
     client.enable_current_mode()
     assert client.torque() == 0.0
@@ -40,14 +40,14 @@ def test_torque_is_current_times_torque_constant_and_moves_the_servo():
     assert client.position() == pytest.approx(expected, abs=1e-9)
 
 
-def test_torque_constant_can_be_given():
+def test_torque_constant_can_be_given() -> None:
     client = Client(true=replace(FREE, torque_constant=1.2))
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 100, 2)
     assert client.torque() == pytest.approx(0.269 * 1.2)
 
 
-def test_torque_saturates_in_the_mechanism_and_the_measured_current_tells():
+def test_torque_saturates_in_the_mechanism_and_the_measured_current_tells() -> None:
     client = Client(true=replace(FREE, torque_limit=0.5))
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 1193, 2)
@@ -55,7 +55,7 @@ def test_torque_saturates_in_the_mechanism_and_the_measured_current_tells():
     assert client.read(1, CURRENT, 2, signed=True) == round(0.5 / TORQUE_UNIT)
 
 
-def test_without_torque_enable_it_is_limp_and_coasts():
+def test_without_torque_enable_it_is_limp_and_coasts() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 100, 2)
@@ -68,7 +68,7 @@ def test_without_torque_enable_it_is_limp_and_coasts():
     assert client.servos[1].state(client.clock.now_ns()).velocity == pytest.approx(speed)
 
 
-def test_a_goal_written_without_torque_is_kept_and_acts_when_it_is_enabled():
+def test_a_goal_written_without_torque_is_kept_and_acts_when_it_is_enabled() -> None:
     client = Client()
     client.write(1, OPERATING_MODE, 0, 1)
     assert client.write(1, GOAL_CURRENT, 30, 2) == 0
@@ -79,7 +79,7 @@ def test_a_goal_written_without_torque_is_kept_and_acts_when_it_is_enabled():
 
 
 @pytest.mark.parametrize("address", [ID, RETURN_DELAY, OPERATING_MODE, CURRENT_LIMIT, STARTUP])
-def test_eeprom_is_locked_while_torque_is_enabled(address):
+def test_eeprom_is_locked_while_torque_is_enabled(address: int) -> None:
     client = Client()
     size = 2 if address == CURRENT_LIMIT else 1
     before = client.read(1, address, size)
@@ -113,14 +113,16 @@ def test_eeprom_is_locked_while_torque_is_enabled(address):
         (4000, 0, 1, ErrorCode.ACCESS),
     ],
 )
-def test_what_is_refused_says_why_and_changes_nothing(address, value, size, error):
+def test_what_is_refused_says_why_and_changes_nothing(
+    address: int, value: int, size: int, error: ErrorCode
+) -> None:
     client = Client()
     before = client.servos[1].memory.read(0, 148)
     assert client.write(1, address, value, size) == error
     assert client.servos[1].memory.read(0, 148) == before
 
 
-def test_a_write_over_several_registers_is_all_or_nothing():
+def test_a_write_over_several_registers_is_all_or_nothing() -> None:
     client = Client()
     goals = (50).to_bytes(2, "little") + (201).to_bytes(4, "little")  # velocity beyond its limit
     reply = client.ask(1, Instruction.WRITE, GOAL_CURRENT.to_bytes(2, "little") + goals)
@@ -142,12 +144,12 @@ def test_a_write_over_several_registers_is_all_or_nothing():
         ("50 02 FF 00", ErrorCode.ACCESS),
     ],
 )
-def test_a_read_that_cannot_be_carries_an_error_and_no_data(params, error):
+def test_a_read_that_cannot_be_carries_an_error_and_no_data(params: str, error: ErrorCode) -> None:
     reply = Client().ask(1, Instruction.READ, bytes.fromhex(params))
     assert (reply.error, reply.params) == (error, b"")
 
 
-def test_block_read_is_one_instant():
+def test_block_read_is_one_instant() -> None:
     """Tick, current, velocity and position of a servo in free acceleration agree."""
     client = Client(tick=100)
     client.enable_current_mode()
@@ -171,7 +173,7 @@ def test_block_read_is_one_instant():
     assert 20 < temperature < 80
 
 
-def test_tick_wraps_from_32767_to_0():
+def test_tick_wraps_from_32767_to_0() -> None:
     client = Client(tick=32_760)
     ticks = []
     for _ in range(12):
@@ -182,7 +184,7 @@ def test_tick_wraps_from_32767_to_0():
     assert all((b - a) % 32_768 == 1 for a, b in itertools.pairwise(ticks))
 
 
-def test_a_tripped_watchdog_drops_the_torque_on_time_and_refuses_goals():
+def test_a_tripped_watchdog_drops_the_torque_on_time_and_refuses_goals() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, WATCHDOG, 2, 1)  # 40 ms
@@ -205,7 +207,7 @@ def test_a_tripped_watchdog_drops_the_torque_on_time_and_refuses_goals():
     assert client.torque() > 0
 
 
-def test_what_restarts_the_watchdog():
+def test_what_restarts_the_watchdog() -> None:
     client = Client(("XM430-W350", 1), ("XM430-W350", 2))
     client.enable_current_mode()
     client.write(1, WATCHDOG, 1, 1)
@@ -226,7 +228,7 @@ def test_what_restarts_the_watchdog():
     assert client.torque() == 0.0
 
 
-def test_watchdog_sleeps_while_torque_is_off():
+def test_watchdog_sleeps_while_torque_is_off() -> None:
     client = Client()
     client.write(1, WATCHDOG, 1, 1)
     client.pass_time(500 * MS)
@@ -234,7 +236,7 @@ def test_watchdog_sleeps_while_torque_is_off():
 
 
 @pytest.mark.parametrize(("model", "inverts_torque"), [("XM430-W350", False), ("XM540-W270", True)])
-def test_reverse_inverts_position_and_on_x540_torque(model, inverts_torque):
+def test_reverse_inverts_position_and_on_x540_torque(model: str, inverts_torque: bool) -> None:
     client = Client((model, 1))
     before = client.read(1, POSITION, 4, signed=True)
     assert client.write(1, DRIVE_MODE, 1, 1) == 0
@@ -246,7 +248,7 @@ def test_reverse_inverts_position_and_on_x540_torque(model, inverts_torque):
 
 
 @pytest.mark.parametrize(("firmware", "on"), [(44, 0), (45, 1)])
-def test_torque_on_by_goal_update(firmware, on):
+def test_torque_on_by_goal_update(firmware: int, on: int) -> None:
     client = Client(firmware=firmware)
     client.write(1, DRIVE_MODE, 8, 1)
     client.write(1, OPERATING_MODE, 0, 1)
@@ -254,7 +256,7 @@ def test_torque_on_by_goal_update(firmware, on):
     assert client.read(1, TORQUE_ENABLE, 1) == on
 
 
-def test_startup_configuration_enables_torque_at_power_up():
+def test_startup_configuration_enables_torque_at_power_up() -> None:
     client = Client()
     client.write(1, STARTUP, 1, 1)
     client.ask(1, Instruction.REBOOT)
@@ -262,7 +264,7 @@ def test_startup_configuration_enables_torque_at_power_up():
     assert client.read(1, TORQUE_ENABLE, 1) == 1
 
 
-def test_homing_offset_shifts_the_position():
+def test_homing_offset_shifts_the_position() -> None:
     client = Client()
     before = client.read(1, POSITION, 4, signed=True)
     client.write(1, HOMING, -1000, 4)
@@ -280,7 +282,9 @@ def test_homing_offset_shifts_the_position():
         (0, 2000, 2000),
     ],
 )
-def test_position_mode_ignores_a_homing_offset_beyond_a_quarter_turn(mode, offset, shown):
+def test_position_mode_ignores_a_homing_offset_beyond_a_quarter_turn(
+    mode: int, offset: int, shown: int
+) -> None:
     client = Client()
     client.write(1, 11, mode, 1)
     before = client.read(1, POSITION, 4, signed=True)
@@ -289,7 +293,7 @@ def test_position_mode_ignores_a_homing_offset_beyond_a_quarter_turn(mode, offse
     assert client.read(1, POSITION, 4, signed=True) == before + shown
 
 
-def test_position_counts_over_turns_and_a_reboot_forgets_them():
+def test_position_counts_over_turns_and_a_reboot_forgets_them() -> None:
     client = Client(true=replace(FREE, position=-0.1))
     counts = round(-0.1 * 4096 / (2 * math.pi))
     assert client.read(1, POSITION, 4, signed=True) == counts
@@ -299,7 +303,7 @@ def test_position_counts_over_turns_and_a_reboot_forgets_them():
 
 
 @pytest.mark.parametrize("counts_per_rev", [0, 1000])
-def test_another_encoder_still_reads_4096_counts_a_turn(counts_per_rev):
+def test_another_encoder_still_reads_4096_counts_a_turn(counts_per_rev: int) -> None:
     client = Client(true=replace(FREE, counts_per_rev=counts_per_rev))
     step = 4096 / (counts_per_rev or 4096)
     assert client.read(1, POSITION, 4, signed=True) == pytest.approx(
@@ -310,7 +314,7 @@ def test_another_encoder_still_reads_4096_counts_a_turn(counts_per_rev):
 @pytest.mark.parametrize(
     ("level", "answered"), [(0, {"ping"}), (1, {"ping", "read"}), (2, {"ping", "read", "write"})]
 )
-def test_status_return_level(level, answered):
+def test_status_return_level(level: int, answered: set[str]) -> None:
     client = Client()
     client.send(1, Instruction.WRITE, bytes([RETURN_LEVEL, 0, level]))
     client.replies()
@@ -324,7 +328,7 @@ def test_status_return_level(level, answered):
 
 
 @pytest.mark.parametrize("value", [0, 1, 250, 254])
-def test_return_delay(value):
+def test_return_delay(value: int) -> None:
     client = Client()
     client.write(1, RETURN_DELAY, value, 1)
     before = client.clock.now_ns()
@@ -332,7 +336,7 @@ def test_return_delay(value):
     assert client.clock.now_ns() - before == (10 + 14) * 2_500 + value * 2 * US
 
 
-def test_a_voltage_out_of_limits_raises_the_alert_but_answers_go_on():
+def test_a_voltage_out_of_limits_raises_the_alert_but_answers_go_on() -> None:
     client = Client()
     assert client.write(1, MIN_VOLTAGE, 130, 2) == ALERT  # present: 12.0 V
     reply = client.ask(1, Instruction.READ, bytes([ERRORS, 0, 1, 0]))
@@ -344,7 +348,7 @@ def test_a_voltage_out_of_limits_raises_the_alert_but_answers_go_on():
     assert client.read(1, ERRORS, 1) == 0
 
 
-def test_shutdown_keeps_torque_off_until_reboot():
+def test_shutdown_keeps_torque_off_until_reboot() -> None:
     client = Client()
     assert client.write(1, TEMPERATURE_LIMIT, 20, 1) == ALERT
     assert client.write(1, TORQUE_ENABLE, 1, 1) == ALERT | ErrorCode.RESULT_FAIL
@@ -355,7 +359,7 @@ def test_shutdown_keeps_torque_off_until_reboot():
     assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
 
 
-def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time():
+def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 50, 2)
@@ -369,7 +373,7 @@ def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time():
     assert client.read(1, GOAL_CURRENT, 2) == 1193
 
 
-def test_reg_write_waits_for_action():
+def test_reg_write_waits_for_action() -> None:
     client = Client()
     client.enable_current_mode()
     assert client.ask(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
@@ -385,20 +389,20 @@ def test_reg_write_waits_for_action():
     assert client.ask(1, Instruction.REG_WRITE, refused).error == ErrorCode.DATA_LIMIT
 
 
-def test_xl430_has_no_current_mode():
+def test_xl430_has_no_current_mode() -> None:
     client = Client(("XL430-W250", 1))
     assert client.write(1, OPERATING_MODE, 0, 1) == ErrorCode.DATA_RANGE
     assert client.write(1, GOAL_CURRENT, 0, 2) == ErrorCode.ACCESS
     assert client.read(1, 126, 2) == 0
 
 
-def test_a_servo_without_published_stall_data_needs_a_torque_constant():
+def test_a_servo_without_published_stall_data_needs_a_torque_constant() -> None:
     with pytest.raises(ValueError, match="XD540-T270"):
         Client(("XD540-T270", 1))
     Client(("XD540-T270", 1), true=replace(FREE, torque_constant=2.0))
 
 
-def test_firmware_before_38_has_no_watchdog_and_no_drive_mode():
+def test_firmware_before_38_has_no_watchdog_and_no_drive_mode() -> None:
     client = Client(firmware=37)
     assert client.write(1, WATCHDOG, 1, 1) == ErrorCode.ACCESS
     assert client.write(1, DRIVE_MODE, 0, 1) == ErrorCode.ACCESS
@@ -408,14 +412,14 @@ def test_firmware_before_38_has_no_watchdog_and_no_drive_mode():
     assert client.torque() == pytest.approx(20 * TORQUE_UNIT)
 
 
-def test_torque_on_by_goal_update_of_the_x330_needs_firmware_46():
+def test_torque_on_by_goal_update_of_the_x330_needs_firmware_46() -> None:
     for firmware, error in ((45, ErrorCode.DATA_RANGE), (46, 0)):
         client = Client(("XL330-M288", 1), firmware=firmware)
         assert client.write(1, DRIVE_MODE, 8, 1) == error
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_can_be_emulated_at_every_firmware(name):
+def test_every_model_can_be_emulated_at_every_firmware(name: str) -> None:
     constant = replace(FREE, torque_constant=1.0)
     for firmware in (36, 38, 44, 46, 53):
         client = Client((name, 1), true=constant, firmware=firmware)

@@ -11,13 +11,17 @@ import sys
 import termios
 import time
 import tty
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 import dynamixel_sdk
 import pytest
+from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.emulated.server import PseudoTerminal
 
 pytestmark = pytest.mark.realtime
@@ -29,7 +33,7 @@ PING = encode(1, Instruction.PING)
 
 
 @contextmanager
-def emulate(*arguments):
+def emulate(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The command in a process of its own; its terminal's path."""
     process = subprocess.Popen(
         [
@@ -58,12 +62,12 @@ def emulate(*arguments):
 class PatientPort(dynamixel_sdk.PortHandler):
     """The SDK gives a reply 34 ms; a busy test machine may need more."""
 
-    def setPacketTimeout(self, packet_length):  # noqa: N802, ARG002
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802, ARG002
         self.setPacketTimeoutMillis(2_000)
 
 
 @contextmanager
-def sdk(path, baud=BAUD):
+def sdk(path: str, baud: int = BAUD) -> Iterator[tuple[PatientPort, Protocol2PacketHandler]]:
     port = PatientPort(path)
     port.baudrate = baud
     assert port.openPort()
@@ -73,7 +77,7 @@ def sdk(path, baud=BAUD):
         port.closePort()
 
 
-def ask(descriptor, frame, within_s):
+def ask(descriptor: int, frame: bytes, within_s: float) -> Frame:
     """The first reply that comes in time."""
     parser = Parser()
     os.write(descriptor, frame)
@@ -86,8 +90,10 @@ def ask(descriptor, frame, within_s):
     return None
 
 
-def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(monkeypatch):
-    def refused(*_):
+def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*_: object) -> NoReturn:
         raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
 
     monkeypatch.setattr(fcntl, "ioctl", refused)
@@ -95,7 +101,7 @@ def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(monkeypatch):
         assert terminal.baud is None
 
 
-def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path):
+def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path: Path) -> None:
     link, record = tmp_path / "bus", tmp_path / "record.csv"
     servos = ("--servo", "XM430-W350:1", "--servo", "XL330-M288:2:52")
     options = ("--link", str(link), "--record", str(record), "--set", "servo.position=1")
@@ -147,7 +153,7 @@ def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path):
     assert float(reboot["torque_nm"]) == 0.0
 
 
-def test_terminal_is_raw_and_clients_come_and_go_at_their_speed():
+def test_terminal_is_raw_and_clients_come_and_go_at_their_speed() -> None:
     with emulate("--baud", "1e6") as (process, path):
         every_byte = bytes(range(256))
         for _ in range(2):
@@ -167,7 +173,7 @@ def test_terminal_is_raw_and_clients_come_and_go_at_their_speed():
         assert process.wait(WAIT_S) == 0
 
 
-def tell(process, line):
+def tell(process: subprocess.Popen[str], line: str) -> str:
     """Say it on standard input; what is said on standard output when it is done."""
     process.stdin.write(line + "\n")
     process.stdin.flush()
@@ -176,7 +182,7 @@ def tell(process, line):
     return process.stdout.readline().strip()
 
 
-def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path):
+def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path: Path) -> None:
     """Each as its own result: nothing came, what came was broken, somebody else answered."""
     record = tmp_path / "record.csv"
     given = ("--fault", "drop:way=reply,every=5", "--seed", "7", "--record", str(record))
@@ -203,7 +209,7 @@ def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path)
     assert faults == ["drop"] * 2 + ["corrupt"] * 5 + ["wrong-id", "hardware-error"]
 
 
-def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path):
+def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path: Path) -> None:
     """Ten replies one after the other wait a whole timer each, as each asks when one has run out;
     a reply longer than a block does not wait for its first part."""
     record = tmp_path / "record.csv"
@@ -224,7 +230,7 @@ def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path):
         os.close(terminal)
 
 
-def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_path):
+def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     with emulate("--link", str(link)) as (process, path):
         terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
@@ -244,7 +250,7 @@ def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_pat
     assert not os.path.lexists(link)
 
 
-def test_it_dies_with_its_parent(tmp_path):
+def test_it_dies_with_its_parent(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     arguments = [
         sys.executable,

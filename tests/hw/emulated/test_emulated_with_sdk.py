@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import dynamixel_sdk as sdk
 import pytest
@@ -17,13 +18,13 @@ COUNTS = round(FREE.position * 4096 / (2 * math.pi))
 class Sdk:
     """Its packet handler and a port on the simulated clock."""
 
-    def __init__(self, *servos: tuple[str, int], **kwargs) -> None:
+    def __init__(self, *servos: tuple[str, int], **kwargs: Any) -> None:
         self.client = Client(*servos, **kwargs)
         self.port = LinePort(self.client.line, BAUD)
         self.handler = sdk.Protocol2PacketHandler()
 
 
-def test_ping_of_one_and_of_all():
+def test_ping_of_one_and_of_all() -> None:
     bench = Sdk((X, 1), (SMALL, 7))
     assert bench.handler.ping(bench.port, 1) == (1020, sdk.COMM_SUCCESS, 0)
     assert bench.handler.ping(bench.port, 7) == (1200, sdk.COMM_SUCCESS, 0)
@@ -32,7 +33,7 @@ def test_ping_of_one_and_of_all():
     assert (found, result) == ({1: [1020, 48], 7: [1200, 48]}, sdk.COMM_SUCCESS)
 
 
-def test_bulk_read_and_write_of_different_registers():
+def test_bulk_read_and_write_of_different_registers() -> None:
     bench = Sdk((X, 1), (SMALL, 7))
     write = sdk.GroupBulkWrite(bench.port, bench.handler)
     assert write.addParam(1, LED, 1, [1])
@@ -46,7 +47,7 @@ def test_bulk_read_and_write_of_different_registers():
     assert read.getData(1, LED, 1) == 1
 
 
-def test_fast_bulk_read():
+def test_fast_bulk_read() -> None:
     bench = Sdk((X, 1), (SMALL, 7), (X, 3))
     read = sdk.GroupBulkRead(bench.port, bench.handler)
     read.addParam(7, POSITION, 4)
@@ -58,7 +59,7 @@ def test_fast_bulk_read():
     assert read.getData(3, LED, 1) == 0
 
 
-def test_fast_sync_read_and_sync_read_say_the_same():
+def test_fast_sync_read_and_sync_read_say_the_same() -> None:
     bench = Sdk(*((X, i) for i in (1, 2, 3)))
     read = sdk.GroupSyncRead(bench.port, bench.handler, POSITION, 4)
     for i in (3, 1, 2):
@@ -71,7 +72,7 @@ def test_fast_sync_read_and_sync_read_say_the_same():
 
 @pytest.mark.parametrize("way", ["fastSyncRead", "fastBulkRead"])
 @pytest.mark.parametrize("missing", ["absent", "old"])
-def test_a_fast_read_fails_as_a_whole_where_one_servo_cannot(way, missing):
+def test_a_fast_read_fails_as_a_whole_where_one_servo_cannot(way: str, missing: str) -> None:
     bench = Sdk((X, 1), (X, 2), firmware=44 if missing == "old" else 48)
     read = (
         sdk.GroupSyncRead(bench.port, bench.handler, POSITION, 4)
@@ -85,7 +86,7 @@ def test_a_fast_read_fails_as_a_whole_where_one_servo_cannot(way, missing):
     assert bench.handler.ping(bench.port, 1)[1] == sdk.COMM_SUCCESS
 
 
-def test_reg_write_and_action():
+def test_reg_write_and_action() -> None:
     bench = Sdk((X, 1), (X, 2))
     for i in (1, 2):
         assert bench.handler.regWriteTxRx(bench.port, i, LED, 1, [1]) == (sdk.COMM_SUCCESS, 0)
@@ -95,7 +96,7 @@ def test_reg_write_and_action():
     assert [bench.handler.read1ByteTxRx(bench.port, i, LED)[0] for i in (1, 2)] == [1, 1]
 
 
-def test_factory_reset():
+def test_factory_reset() -> None:
     bench = Sdk((X, 5))
     port, handler = bench.port, bench.handler
     assert handler.write4ByteTxRx(port, 5, 20, 1000) == (sdk.COMM_SUCCESS, 0)
@@ -104,7 +105,7 @@ def test_factory_reset():
     assert handler.read4ByteTxRx(port, 5, 20) == (0, sdk.COMM_SUCCESS, 0)
 
 
-def test_reboot_and_clear():
+def test_reboot_and_clear() -> None:
     bench = Sdk((X, 1), true=replace(FREE, position=2.5 * 2 * math.pi))
     port, handler = bench.port, bench.handler
     assert handler.read4ByteTxRx(port, 1, POSITION)[0] == 2.5 * 4096
@@ -117,7 +118,7 @@ def test_reboot_and_clear():
     assert handler.read1ByteTxRx(port, 1, TORQUE_ENABLE)[0] == 0
 
 
-def test_the_header_it_does_not_stuff_arrives():
+def test_the_header_it_does_not_stuff_arrives() -> None:
     """Goal current -1 and a goal velocity of 0x..00FD: FF FF FD 00, sent as it is."""
     bench = Sdk((X, 1))
     data = [0xFF, 0xFF, 0xFD, 0x00, 0x00, 0x00]
@@ -127,7 +128,7 @@ def test_the_header_it_does_not_stuff_arrives():
     assert (servo.memory["goal_current"], servo.memory["goal_velocity"]) == (-1, 253)
 
 
-def test_indirect_addresses_with_a_sync_read_of_its_group():
+def test_indirect_addresses_with_a_sync_read_of_its_group() -> None:
     bench = Sdk((X, 1), (X, 2))
     for i in (1, 2):
         for n, address in enumerate((LED, *range(POSITION, POSITION + 4))):

@@ -7,17 +7,18 @@ import io
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.emulated.servo import State
 from haptic_wall.hw.emulated.witness import Row, Witness
 from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
 
 
-def records(client):
+def records(client: Client) -> list[dict[str, str]]:
     client.witness.flush()
     return list(csv.DictReader(io.StringIO(client.record.getvalue())))
 
 
-def drive(client):
+def drive(client: Client) -> list[Frame]:
     """A short run with torque both ways; the bytes of all replies."""
     client.enable_current_mode()
     heard = []
@@ -28,7 +29,7 @@ def drive(client):
     return heard
 
 
-def test_columns_begin_as_promised():
+def test_columns_begin_as_promised() -> None:
     client = Client()
     client.witness.flush()
     header = client.record.getvalue().splitlines()[0]
@@ -36,7 +37,7 @@ def test_columns_begin_as_promised():
     assert header.startswith(promised)
 
 
-def test_every_frame_and_every_millisecond_is_there_in_order():
+def test_every_frame_and_every_millisecond_is_there_in_order() -> None:
     client = Client()
     start = client.clock.now_ns()
     drive(client)
@@ -54,7 +55,7 @@ def test_every_frame_and_every_millisecond_is_there_in_order():
     assert all(len(row["time_s"].split(".")[1]) >= 7 for row in rows)
 
 
-def test_the_state_is_the_truth_behind_the_frame():
+def test_the_state_is_the_truth_behind_the_frame() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, 102, 100, 2)
@@ -68,13 +69,13 @@ def test_the_state_is_the_truth_behind_the_frame():
     assert 0 < float(last["velocity_rad_s"]) <= truth.velocity
 
 
-def test_refusals_show_in_the_record():
+def test_refusals_show_in_the_record() -> None:
     client = Client()
     client.write(1, 102, 5000, 2)
     assert records(client)[-1]["error"] == "6"
 
 
-def test_the_same_run_gives_the_same_bytes():
+def test_the_same_run_gives_the_same_bytes() -> None:
     first, second = Client(), Client()
     assert drive(first) == drive(second)
     first.witness.flush()
@@ -82,7 +83,7 @@ def test_the_same_run_gives_the_same_bytes():
     assert first.record.getvalue() == second.record.getvalue()
 
 
-def test_time_passes_only_in_wait_and_never_beyond_the_deadline():
+def test_time_passes_only_in_wait_and_never_beyond_the_deadline() -> None:
     client = Client()
     begun = client.clock.now_ns()
     client.send(1, Instruction.PING)
@@ -98,13 +99,13 @@ def test_time_passes_only_in_wait_and_never_beyond_the_deadline():
 
 
 class FullDisk(io.StringIO):
-    def write(self, text):
+    def write(self, text: str) -> int:
         if self.tell() > 300:
             raise OSError(errno.ENOSPC, "No space left on device")
         return super().write(text)
 
 
-def test_a_full_disk_ends_the_record_and_nothing_else():
+def test_a_full_disk_ends_the_record_and_nothing_else() -> None:
     witness = Witness(FullDisk())
     row = Row(1_234_567_890, "state", 1, None, State(0.1, 0.2, 0.3), None, b"")
     for _ in range(20):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.hw.plant.bodies import Bodies
 from haptic_wall.hw.plant.body import PlantParameters, State, step
 
 
-def random_bodies(seed: int, n: int, fastest: float):
+def random_bodies(
+    seed: int, n: int, fastest: float
+) -> tuple[np.random.Generator, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Bodies with and without friction of either kind; ``fastest`` decay as a power of ten."""
     rng = np.random.default_rng(seed)
     inertia = 10 ** rng.uniform(-3, 0, n)
@@ -20,7 +23,9 @@ def random_bodies(seed: int, n: int, fastest: float):
 
 @pytest.mark.parametrize("turning", [False, True], ids=["step", "step_turning"])
 @pytest.mark.parametrize("fastest", [1.5, 4.0], ids=["light", "heavy"])
-def test_every_body_moves_as_the_scalar_plant_to_the_last_bit(turning, fastest, thorough):
+def test_every_body_moves_as_the_scalar_plant_to_the_last_bit(
+    turning: bool, fastest: float, thorough: bool
+) -> None:
     n, steps = 200, 2000 if thorough else 200
     rng, inertia, damping, coulomb = random_bodies(1, n, fastest)
     position, velocity = rng.normal(size=(2, n))
@@ -55,7 +60,7 @@ def test_every_body_moves_as_the_scalar_plant_to_the_last_bit(turning, fastest, 
     assert stopped > 100 or not turning
 
 
-def test_positions_can_go_to_another_array_and_the_old_ones_stay():
+def test_positions_can_go_to_another_array_and_the_old_ones_stay() -> None:
     _, inertia, damping, coulomb = random_bodies(2, 50, 1.0)
     bodies = Bodies(inertia, damping, coulomb, np.zeros(50), np.ones(50))
     held = bodies.held(np.full(50, 1e-3))
@@ -66,7 +71,7 @@ def test_positions_can_go_to_another_array_and_the_old_ones_stay():
     assert np.all(after > 0.0)
 
 
-def test_bodies_that_cannot_be_are_refused():
+def test_bodies_that_cannot_be_are_refused() -> None:
     one = np.ones(2)
     with pytest.raises(ValueError, match="inertia"):
         Bodies(np.array([1.0, 0.0]), one, one, one, one)

@@ -2,6 +2,7 @@
 
 import math
 import random
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -15,11 +16,11 @@ MS = 1_000_000
 FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)
 
 
-def servo(**settings):
+def servo(**settings: Any) -> TrueServo:
     return TrueServo(**{"inertia": 0.01, "counts_per_rev": 0, **settings})
 
 
-def test_a_torque_acts_its_delay_later_to_the_nanosecond():
+def test_a_torque_acts_its_delay_later_to_the_nanosecond() -> None:
     mechanism = Mechanism(servo(delay=1.234567e-3), 5 * MS)
     mechanism.command(1.0, 5 * MS)
     mechanism.advance(5 * MS + 1_234_566)
@@ -33,7 +34,7 @@ def test_a_torque_acts_its_delay_later_to_the_nanosecond():
     assert mechanism.velocity == pytest.approx(100.0 * (3 * MS - 1_234_567) * 1e-9, rel=1e-12)
 
 
-def test_without_delay_a_torque_acts_at_once():
+def test_without_delay_a_torque_acts_at_once() -> None:
     mechanism = Mechanism(FREE, 0)
     mechanism.command(0.5, 3 * MS)
     assert mechanism.torque == 0.5
@@ -41,7 +42,7 @@ def test_without_delay_a_torque_acts_at_once():
     assert mechanism.velocity == pytest.approx(0.05, rel=1e-12)
 
 
-def test_several_torques_under_way_act_one_after_the_other():
+def test_several_torques_under_way_act_one_after_the_other() -> None:
     mechanism = Mechanism(servo(delay=2.5e-3), 0)
     for k, torque in enumerate([1.0, -2.0, 0.5, 0.0]):
         mechanism.command(torque, k * MS)
@@ -50,7 +51,7 @@ def test_several_torques_under_way_act_one_after_the_other():
     assert mechanism.velocity == pytest.approx(100.0 * 1e-3 * (1.0 - 2.0 + 0.5), rel=1e-9)
 
 
-def test_the_instants_at_which_it_is_looked_at_do_not_matter():
+def test_the_instants_at_which_it_is_looked_at_do_not_matter() -> None:
     true = servo(
         damping=0.01, coulomb=0.09, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05
     )
@@ -69,8 +70,8 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter():
     assert often.measured_position() == pytest.approx(seldom.measured_position(), abs=1e-10)
 
 
-def test_the_same_commands_give_the_same_motion_to_the_bit():
-    def motion():
+def test_the_same_commands_give_the_same_motion_to_the_bit() -> None:
+    def motion() -> tuple[float, float]:
         rng = random.Random(4)
         mechanism = Mechanism(servo(coulomb=0.09, damping=0.01, hand="push", delay=1e-4), 0)
         for k in range(3000):
@@ -80,7 +81,7 @@ def test_the_same_commands_give_the_same_motion_to_the_bit():
     assert motion() == motion()
 
 
-def test_time_does_not_go_back():
+def test_time_does_not_go_back() -> None:
     mechanism = Mechanism(FREE, 10)
     mechanism.advance(20)
     mechanism.advance(20)
@@ -93,7 +94,7 @@ def test_time_does_not_go_back():
 
 
 @pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
-def test_a_torque_that_is_no_number_never_reaches_it(torque):
+def test_a_torque_that_is_no_number_never_reaches_it(torque: float) -> None:
     mechanism = Mechanism(FREE, 0)
     mechanism.command(0.2, 0)
     with pytest.raises(ValueError, match="finite"):
@@ -106,7 +107,7 @@ def test_a_torque_that_is_no_number_never_reaches_it(torque):
 @pytest.mark.parametrize(
     ("wanted", "acting"), [(5.0, 4.1), (-5.0, -4.1), (4.1, 4.1), (0.3, 0.3), (1e300, 4.1)]
 )
-def test_it_saturates(wanted, acting):
+def test_it_saturates(wanted: float, acting: float) -> None:
     mechanism = Mechanism(servo(torque_limit=4.1), 0)
     assert mechanism.command(wanted, 0) == acting
     assert mechanism.torque == acting
@@ -114,7 +115,9 @@ def test_it_saturates(wanted, acting):
 
 @settings(deadline=None)
 @given(st.floats(-10.0, 10.0), st.floats(1e-4, 0.5), st.floats(0.1, 5.0))
-def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(wanted, size, limit):
+def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(
+    wanted: float, size: float, limit: float
+) -> None:
     mechanism = Mechanism(servo(torque_limit=limit, torque_step=size), 0)
     acting = mechanism.command(wanted, 0)
     assert acting / size == pytest.approx(round(acting / size), abs=1e-9)
@@ -125,7 +128,7 @@ def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(wanted, si
     assert abs(acting - limited) <= allowed * (1 + 1e-9)
 
 
-def test_the_encoder_rounds_to_the_nearest_count_over_turns():
+def test_the_encoder_rounds_to_the_nearest_count_over_turns() -> None:
     count = 2 * math.pi / 4096
     for position, expected in [
         (0.0, 0),
@@ -141,17 +144,17 @@ def test_the_encoder_rounds_to_the_nearest_count_over_turns():
         assert mechanism.measured_position() == pytest.approx(expected * count, rel=1e-15)
 
 
-def test_without_an_encoder_the_position_is_exact_and_nothing_is_counted():
+def test_without_an_encoder_the_position_is_exact_and_nothing_is_counted() -> None:
     mechanism = Mechanism(servo(position=0.123456789), 0)
     assert mechanism.measured_position() == 0.123456789
     with pytest.raises(ValueError, match="counts_per_rev"):
         mechanism.encoder()
 
 
-def test_backlash_hides_motion_within_the_play_and_follows_beyond_it():
+def test_backlash_hides_motion_within_the_play_and_follows_beyond_it() -> None:
     mechanism = Mechanism(servo(damping=1.0, backlash=0.1), 0)
 
-    def go(target):
+    def go(target: float) -> float:
         # With a damping of 1 N·m·s/rad it comes to rest its momentum, 0.2 u, further on.
         now = mechanism.time_ns
         mechanism.command((target - mechanism.position) / 0.2, now)
@@ -168,7 +171,7 @@ def test_backlash_hides_motion_within_the_play_and_follows_beyond_it():
     assert go(0.14) == pytest.approx(0.10)
 
 
-def test_a_turn_between_two_looks_moves_the_encoder_through_the_play():
+def test_a_turn_between_two_looks_moves_the_encoder_through_the_play() -> None:
     # Up and down again within one step: the encoder stays behind at the turn less half the play.
     parameters = PlantParameters(0.01)
     true = servo(backlash=0.002)
@@ -185,7 +188,7 @@ def test_a_turn_between_two_looks_moves_the_encoder_through_the_play():
     assert mechanism.measured_position() == pytest.approx(turn - 0.010 + 0.005 - 0.001, abs=1e-12)
 
 
-def test_a_hand_moves_it_and_friction_stops_it_again():
+def test_a_hand_moves_it_and_friction_stops_it_again() -> None:
     mechanism = Mechanism(servo(coulomb=0.1, damping=0.01, hand="lean"), 0)
     mechanism.advance(4_000 * MS)
     # It stays within c / k_h = 0.025 rad of the hand's reference.
@@ -196,6 +199,6 @@ def test_a_hand_moves_it_and_friction_stops_it_again():
 @pytest.mark.parametrize(
     ("field", "value"), [("inertia", -1.0), ("delay", -1e-3), ("torque_limit", 0.0)]
 )
-def test_an_impossible_servo_is_refused_by_name(field, value):
+def test_an_impossible_servo_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         Mechanism(servo(**{field: value}), 0)

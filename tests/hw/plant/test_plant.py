@@ -16,12 +16,12 @@ MX64 = PlantParameters(inertia=0.011951, damping=0.011692, coulomb=0.09039)
 AGREED = 1e-11
 
 
-def body_of(parameters, pull=None):
+def body_of(parameters: PlantParameters, pull: Pull | None = None) -> Body:
     hand = (pull.stiffness, pull.damping) if pull else (0.0, 0.0)
     return Body(parameters.inertia, parameters.damping, parameters.coulomb, *hand)
 
 
-def test_a_second_of_random_held_torques_with_friction_agrees_with_an_integrator():
+def test_a_second_of_random_held_torques_with_friction_agrees_with_an_integrator() -> None:
     rng = random.Random(1)
     # Mean square just above the friction: the servo moves, stops, sticks and turns all the time.
     torques = [rng.gauss(0.0, 0.15) for _ in range(1000)]
@@ -38,7 +38,7 @@ def test_a_second_of_random_held_torques_with_friction_agrees_with_an_integrator
     assert turned > 10
 
 
-def test_a_second_with_a_moving_hand_and_friction_agrees_with_an_integrator():
+def test_a_second_with_a_moving_hand_and_friction_agrees_with_an_integrator() -> None:
     rng = random.Random(2)
     stretches, reference = [], 0.0
     for k in range(1000):
@@ -71,8 +71,8 @@ def test_a_second_with_a_moving_hand_and_friction_agrees_with_an_integrator():
     ],
 )
 def test_many_events_in_one_long_step_agree_with_an_integrator(
-    damping, hand_stiffness, hand_damping, slope
-):
+    damping: float, hand_stiffness: float, hand_damping: float, slope: float
+) -> None:
     parameters = PlantParameters(0.01, damping, 0.2)
     pull = Pull(hand_stiffness, hand_damping, 0.4, slope)
     for start in (State(0.0, 0.0), State(-0.3, 5.0), State(0.5, -3.0)):
@@ -83,7 +83,7 @@ def test_many_events_in_one_long_step_agree_with_an_integrator(
         assert end.velocity == pytest.approx(velocity, abs=1e-8)
 
 
-def test_it_coasts_to_rest_where_the_energy_is_used_up():
+def test_it_coasts_to_rest_where_the_energy_is_used_up() -> None:
     # Without damping and torque: v²/2 m = c x, and it stays there.
     parameters = PlantParameters(0.012, 0.0, 0.09)
     end = step(State(0.0, 2.0), parameters, 0.0, 10.0)
@@ -91,7 +91,7 @@ def test_it_coasts_to_rest_where_the_energy_is_used_up():
     assert end.position == pytest.approx(0.012 * 2.0**2 / (2 * 0.09), rel=1e-14)
 
 
-def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction():
+def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction() -> None:
     # The hand's spring passes the friction of 0.1 N·m after 0.1 / (4 · 0.5) = 50 ms.
     parameters = PlantParameters(0.012, 0.01, 0.1)
     pull = Pull(4.0, 0.0, 0.0, 0.5)
@@ -105,7 +105,7 @@ def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction():
     ("field", "value"),
     [("inertia", 0.0), ("inertia", math.nan), ("damping", -1.0), ("coulomb", math.inf)],
 )
-def test_impossible_parameters_are_refused_by_name(field, value):
+def test_impossible_parameters_are_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         PlantParameters(**{"inertia": 0.01, field: value})
 
@@ -134,7 +134,9 @@ pulls = st.none() | st.builds(
 
 @unhurried
 @given(positions, velocities, parameter_sets, durations)
-def test_energy_never_grows_by_itself(position, velocity, parameters, duration):
+def test_energy_never_grows_by_itself(
+    position: float, velocity: float, parameters: PlantParameters, duration: float
+) -> None:
     end = step(State(position, velocity), parameters, 0.0, duration)
     assert abs(end.velocity) <= abs(velocity)
 
@@ -142,9 +144,14 @@ def test_energy_never_grows_by_itself(position, velocity, parameters, duration):
 @unhurried
 @given(positions, velocities, parameter_sets, durations, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
 def test_energy_never_grows_on_a_hand_at_rest(
-    position, velocity, parameters, duration, stiffness, damping
-):
-    def energy(state):
+    position: float,
+    velocity: float,
+    parameters: PlantParameters,
+    duration: float,
+    stiffness: float,
+    damping: float,
+) -> None:
+    def energy(state: State) -> float:
         return 0.5 * parameters.inertia * state.velocity**2 + 0.5 * stiffness * state.position**2
 
     start = State(position, velocity)
@@ -156,8 +163,14 @@ def test_energy_never_grows_on_a_hand_at_rest(
 @unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls, st.floats(0.01, 0.99))
 def test_a_step_cut_in_two_is_the_same_step(
-    position, velocity, parameters, torque, duration, pull, share
-):
+    position: float,
+    velocity: float,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    pull: Pull | None,
+    share: float,
+) -> None:
     start = State(position, velocity)
     whole = step(start, parameters, torque, duration, pull)
     cut = share * duration
@@ -173,7 +186,14 @@ def test_a_step_cut_in_two_is_the_same_step(
 
 @unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls)
-def test_it_is_the_same_in_the_mirror(position, velocity, parameters, torque, duration, pull):
+def test_it_is_the_same_in_the_mirror(
+    position: float,
+    velocity: float,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    pull: Pull | None,
+) -> None:
     end = step(State(position, velocity), parameters, torque, duration, pull)
     if pull is not None:
         pull = pull._replace(reference=-pull.reference, slope=-pull.slope)
@@ -185,7 +205,9 @@ def test_it_is_the_same_in_the_mirror(position, velocity, parameters, torque, du
 
 @unhurried
 @given(positions, parameter_sets, st.floats(-1.0, 1.0), durations)
-def test_friction_holds_what_is_not_pushed_harder(position, parameters, share, duration):
+def test_friction_holds_what_is_not_pushed_harder(
+    position: float, parameters: PlantParameters, share: float, duration: float
+) -> None:
     torque = share * parameters.coulomb
     assert step(State(position, 0.0), parameters, torque, duration) == State(position, 0.0)
 
@@ -193,8 +215,13 @@ def test_friction_holds_what_is_not_pushed_harder(position, parameters, share, d
 @unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls)
 def test_between_its_turns_the_motion_is_monotone(
-    position, velocity, parameters, torque, duration, pull
-):
+    position: float,
+    velocity: float,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    pull: Pull | None,
+) -> None:
     start = State(position, velocity)
     turns: list[float] = []
     end = step(start, parameters, torque, duration, pull, turns=turns)

@@ -2,10 +2,12 @@
 
 import csv
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.settings import TrueServo
@@ -17,7 +19,9 @@ PERIOD_NS = 1_000_000
 TABLE_II = Path(__file__).parents[3] / "controller" / "paper" / "table2.csv"
 
 
-def wall_motion(true, stiffness, virtual_damping, ticks):
+def wall_motion(
+    true: TrueServo, stiffness: float, virtual_damping: float, ticks: int
+) -> NDArray[np.float64]:
     """Sampled positions of a two-sided wall at 0 on the backward difference, with no delay."""
     clock = SimulatedClock()
     servo = SimulatedServo(true, clock)
@@ -35,7 +39,7 @@ def wall_motion(true, stiffness, virtual_damping, ticks):
     return np.array(positions)
 
 
-def growth_per_second(positions):
+def growth_per_second(positions: NDArray[np.float64]) -> float:
     """Rate of the one oscillation that is left, from x[k+2] = 2 r cos(w) x[k+1] - r² x[k]."""
     fit, *_ = np.linalg.lstsq(
         np.column_stack([positions[1:-1], positions[:-2]]), positions[2:], rcond=None
@@ -43,7 +47,7 @@ def growth_per_second(positions):
     return 0.5 * math.log(-fit[1]) / PERIOD
 
 
-def linear_servo(inertia, damping, delay):
+def linear_servo(inertia: float, damping: float, delay: float) -> TrueServo:
     """Neither encoder nor friction, and nothing that saturates."""
     return TrueServo(
         inertia=inertia,
@@ -58,7 +62,9 @@ def linear_servo(inertia, damping, delay):
 @pytest.mark.parametrize("delay_samples", [0.0, 0.3, 1.0, 1.5, 2.0, 5.0])
 @pytest.mark.parametrize("share", [0.8, 0.97, 1.03, 1.3])
 @pytest.mark.parametrize("virtual_damping", [0.0, 0.05])
-def test_motion_grows_as_the_dominant_pole(delay_samples, share, virtual_damping):
+def test_motion_grows_as_the_dominant_pole(
+    delay_samples: float, share: float, virtual_damping: float
+) -> None:
     inertia, damping, delay = 0.011951, 0.011692, delay_samples * PERIOD
     stiffness = share * (damping + virtual_damping) / (PERIOD / 2 + delay)
     poles = closed_loop_poles(
@@ -75,7 +81,7 @@ def test_motion_grows_as_the_dominant_pole(delay_samples, share, virtual_damping
     assert growth_per_second(motion[600:]) == pytest.approx(expected, rel=0.01)
 
 
-def table_two():
+def table_two() -> Iterator[tuple[float, float, float]]:
     with TABLE_II.open() as file:
         for row in csv.DictReader(file):
             for name, cell in row.items():
@@ -85,8 +91,8 @@ def table_two():
 
 @pytest.mark.parametrize(("delay_samples", "virtual_damping", "published"), list(table_two()))
 def test_growth_is_zero_at_the_published_critical_stiffness(
-    delay_samples, virtual_damping, published
-):
+    delay_samples: float, virtual_damping: float, published: float
+) -> None:
     # m = 1 kg, b = 0.1 N·s/m, T = 1 ms; the growth is all but linear in K over 1 %.
     true = linear_servo(1.0, 0.1, delay_samples * PERIOD)
     low, high = 0.995 * published, 1.005 * published

@@ -12,7 +12,7 @@ RATIOS = [0.0, 1e-6, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 1.1546, 1.1548, 2.0
 RADIANS = [1e-3, 0.1, 0.499, 0.501, 0.999, 1.001, 3.0, 20.0]
 
 
-def exact(decay, spring, time):
+def exact(decay: float, spring: float, time: float) -> tuple[float, ...]:
     """h', h and its two integrals, term by term."""
     with localcontext() as context:
         context.prec = 200
@@ -38,7 +38,7 @@ CASES = [(ratio, radians) for ratio in RATIOS for radians in RADIANS if ratio * 
 
 
 @pytest.mark.parametrize(("ratio", "radians"), CASES)
-def test_the_response_is_exact_to_rounding(ratio, radians):
+def test_the_response_is_exact_to_rounding(ratio: float, radians: float) -> None:
     frequency = 40.0
     decay, spring, time = 2 * ratio * frequency, frequency**2, radians / frequency
     h1, h, s, r = exact(decay, spring, time)
@@ -51,7 +51,7 @@ def test_the_response_is_exact_to_rounding(ratio, radians):
 
 
 @pytest.mark.parametrize("decay_time", [0.0, 1e-9, 1e-3, 0.9, 1.1, 30.0])
-def test_without_a_spring_it_is_exact_to_rounding(decay_time):
+def test_without_a_spring_it_is_exact_to_rounding(decay_time: float) -> None:
     time = 2e-3
     h1, h, s, r = exact(decay_time / time, 0.0, time)
     found = response(decay_time / time, 0.0, time)
@@ -59,7 +59,7 @@ def test_without_a_spring_it_is_exact_to_rounding(decay_time):
     assert found[1:] == pytest.approx((h, s, r), rel=1e-13)
 
 
-def test_a_body_all_but_at_rest_comes_to_rest():
+def test_a_body_all_but_at_rest_comes_to_rest() -> None:
     # Products of such small numbers underflow to zero, which must not read as "never".
     for spring in (0.0, 100.0):
         for velocity in (5e-324, 1e-200, 1e-20):
@@ -67,6 +67,6 @@ def test_a_body_all_but_at_rest_comes_to_rest():
             assert rest == pytest.approx(velocity / 0.25, rel=1e-9, abs=1e-323)
 
 
-def test_an_undamped_swing_stops_after_half_a_period():
+def test_an_undamped_swing_stops_after_half_a_period() -> None:
     rest = time_to_rest(Slide(0.0, -3.0, 0.0, 0.0, 100.0), 10.0)
     assert rest == pytest.approx(math.pi / 10.0, rel=1e-14)

@@ -6,6 +6,7 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -43,7 +44,7 @@ def call(*words):
         gc.unfreeze()
 
 
-def commission(folder):
+def commission(folder) -> None:
     """Take all steps on the simulated servo, with fewer points, in this process alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
@@ -54,14 +55,16 @@ def commission(folder):
 
 
 @pytest.fixture(scope="module")
-def commissioned(tmp_path_factory):
+def commissioned(tmp_path_factory: pytest.TempPathFactory):
     """The folder of a whole commissioning of the simulated servo."""
     folder = tmp_path_factory.mktemp("commission") / "made"
     commission(folder)
     return folder
 
 
-def test_an_ordinary_servo_is_commissioned_to_the_end(tmp_path, capsys, thorough):
+def test_an_ordinary_servo_is_commissioned_to_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], thorough: bool
+) -> None:
     if not thorough:
         pytest.skip("a minute; --thorough runs it")
     folder = tmp_path / "made"
@@ -88,12 +91,14 @@ def report_of(folder, capsys, *words):
     return status, json.loads(out, parse_constant=pytest.fail)
 
 
-def nothing_moves(monkeypatch):
+def nothing_moves(monkeypatch) -> None:
     for name in steps_taken(monkeypatch, {}):
         monkeypatch.setitem(steps.RUN, name, lambda _bench, name=name: pytest.fail(name))
 
 
-def test_a_rerun_measures_nothing_again_and_says_the_same(commissioned, capsys, monkeypatch):
+def test_a_rerun_measures_nothing_again_and_says_the_same(
+    commissioned, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing_moves(monkeypatch)
     before = (commissioned / "identify.json").read_text()
     status, first = report_of(commissioned, capsys)
@@ -102,7 +107,9 @@ def test_a_rerun_measures_nothing_again_and_says_the_same(commissioned, capsys, 
     assert (commissioned / "identify.json").read_text() == before
 
 
-def test_a_run_commands_what_the_verdict_says(commissioned, capsys, tmp_path):
+def test_a_run_commands_what_the_verdict_says(
+    commissioned, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     _, report = report_of(commissioned, capsys)
     for case in ("plain", "best"):
         promised = report["verdict"][case]["commanded"]
@@ -115,14 +122,16 @@ def test_a_run_commands_what_the_verdict_says(commissioned, capsys, tmp_path):
         assert guard["binding"] == report["verdict"][case]["binding"]
 
 
-def test_the_truth_lies_within_the_bounds_that_are_written(commissioned):
+def test_the_truth_lies_within_the_bounds_that_are_written(commissioned) -> None:
     config = load_config(str(commissioned / "config.yaml")).config
     for name in ("inertia", "damping", "coulomb", "delay"):
         believed = getattr(config.model, name)
         assert believed.low <= getattr(config.servo, name) <= believed.high, name
 
 
-def test_theory_and_measurement_are_found_to_agree(commissioned, capsys):
+def test_theory_and_measurement_are_found_to_agree(
+    commissioned, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, report = report_of(commissioned, capsys)
     found = report["agreement"]
     assert [point["agree"] for point in found["boundary"]] == [True] * len(SWEPT)
@@ -136,26 +145,28 @@ def test_theory_and_measurement_are_found_to_agree(commissioned, capsys):
 class Page(HTMLParser):
     """What a page shows, and whether each of its elements is closed."""
 
-    def __init__(self, text):
+    def __init__(self, text) -> None:
         super().__init__()
         self.open, self.images, self.words = [], [], []
         self.feed(text)
 
-    def handle_starttag(self, tag, attrs):
+    def handle_starttag(self, tag, attrs) -> None:
         if tag == "img":
             self.images.append(dict(attrs))
         elif tag != "meta":
             self.open.append(tag)
         assert not {"href", "data-src"} & dict(attrs).keys()
 
-    def handle_endtag(self, tag):
+    def handle_endtag(self, tag) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data):
+    def handle_data(self, data) -> None:
         self.words.append(data)
 
 
-def test_the_page_is_one_file_with_its_pictures_in_it(commissioned, capsys):
+def test_the_page_is_one_file_with_its_pictures_in_it(
+    commissioned, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, report = report_of(commissioned, capsys)
     text = (commissioned / "report.html").read_text()
     page = Page(text)
@@ -172,7 +183,9 @@ def test_the_page_is_one_file_with_its_pictures_in_it(commissioned, capsys):
     assert "torque constant" in shown and "config.yaml" in shown
 
 
-def test_other_settings_are_refused_in_a_sentence(commissioned, capsys):
+def test_other_settings_are_refused_in_a_sentence(
+    commissioned, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = [*SIMULATED, "--set=servo.inertia=0.02"]
     assert call("commission", *words, "--out", commissioned) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
@@ -252,7 +265,9 @@ def states(report):
     return {step["step"]: step["state"] for step in report["steps"]}
 
 
-def test_without_a_model_only_what_needs_none_goes_on(tmp_path, capsys, monkeypatch):
+def test_without_a_model_only_what_needs_none_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     error = UnidentifiableError("the servo does not move: see that the shaft is not blocked")
     called = steps_taken(monkeypatch, {"identify": error})
     status, report = report_of(tmp_path, capsys)
@@ -271,7 +286,9 @@ def test_without_a_model_only_what_needs_none_goes_on(tmp_path, capsys, monkeypa
     assert "see that the shaft is not blocked" in page and "not complete" in page
 
 
-def test_a_trip_ends_its_step_alone(tmp_path, capsys, monkeypatch):
+def test_a_trip_ends_its_step_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     trip = ExperimentTrippedError("trip:overspeed", "too fast")
     called = steps_taken(monkeypatch, {"delay": trip})
     status, report = report_of(tmp_path, capsys)
@@ -288,7 +305,9 @@ def test_a_trip_ends_its_step_alone(tmp_path, capsys, monkeypatch):
     "error",
     [ServoLostError("it answers no more"), ExperimentTrippedError("trip:hardware_error", "hot")],
 )
-def test_nothing_moves_after_a_servo_was_lost(tmp_path, capsys, monkeypatch, error):
+def test_nothing_moves_after_a_servo_was_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error
+) -> None:
     called = steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
     assert status in (3, 4)
@@ -298,7 +317,9 @@ def test_nothing_moves_after_a_servo_was_lost(tmp_path, capsys, monkeypatch, err
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
-def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, error):
+def test_what_is_interrupted_is_kept_and_resumed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error
+) -> None:
     steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
     assert status == 130 and report["interrupted"]
@@ -310,7 +331,9 @@ def test_what_is_interrupted_is_kept_and_resumed(tmp_path, capsys, monkeypatch, 
     assert called == ["delay", "rendered", "sweep"]
 
 
-def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, monkeypatch):
+def test_an_interrupted_commissioning_is_headlined_incomplete(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"rendered": KeyboardInterrupt()})
     assert call("commission", *SIMULATED, "--out", tmp_path) == 130
     said = " ".join(capsys.readouterr().out.split())
@@ -321,7 +344,9 @@ def test_an_interrupted_commissioning_is_headlined_incomplete(tmp_path, capsys, 
     assert status == 0 and report["status"] == "complete"
 
 
-def test_a_servo_that_was_not_identified_is_headlined_not_measured(tmp_path, capsys, monkeypatch):
+def test_a_servo_that_was_not_identified_is_headlined_not_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"identify": UnidentifiableError("stuck")})
     assert call("commission", *SIMULATED, "--out", tmp_path) == 4
     said = " ".join(capsys.readouterr().out.split())
@@ -329,7 +354,9 @@ def test_a_servo_that_was_not_identified_is_headlined_not_measured(tmp_path, cap
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_where_nothing_was_measured_no_folder_is_left(tmp_path, capsys, monkeypatch, there):
+def test_where_nothing_was_measured_no_folder_is_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, there
+) -> None:
     """Of a folder that was there before, what was in it."""
     folder = tmp_path / "new"
     if there:
@@ -345,8 +372,8 @@ def test_where_nothing_was_measured_no_folder_is_left(tmp_path, capsys, monkeypa
 
 
 def test_an_interruption_leaves_what_an_earlier_commissioning_measured(
-    tmp_path, capsys, monkeypatch
-):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys)
     before = sorted(path.name for path in tmp_path.iterdir())
@@ -355,7 +382,9 @@ def test_an_interruption_leaves_what_an_earlier_commissioning_measured(
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
-def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkeypatch):
+def test_a_step_is_taken_anew_when_the_model_is_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A delay that was measured beside a belief is measured again beside what is identified."""
     steps_taken(monkeypatch, {"identify": UnidentifiableError("stuck")})
     report_of(tmp_path, capsys)
@@ -365,8 +394,8 @@ def test_a_step_is_taken_anew_when_the_model_is_another(tmp_path, capsys, monkey
 
 
 def test_another_model_undoes_what_was_measured_beside_the_one_before(
-    tmp_path, capsys, monkeypatch
-):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Else it would pass for complete, and a servo that is asked nothing would move."""
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys, *REAL, "--yes")
@@ -380,8 +409,8 @@ def test_another_model_undoes_what_was_measured_beside_the_one_before(
 
 
 def test_an_interruption_takes_nothing_of_what_was_measured_from_the_report(
-    tmp_path, capsys, monkeypatch
-):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"delay": KeyboardInterrupt()})
     report_of(tmp_path, capsys, *REAL, "--yes")
     steps_taken(monkeypatch, {"doctor": KeyboardInterrupt()})
@@ -392,7 +421,9 @@ def test_an_interruption_takes_nothing_of_what_was_measured_from_the_report(
     assert "the servo was not identified" not in (tmp_path / "report.html").read_text()
 
 
-def test_fresh_begins_anew(tmp_path, capsys, monkeypatch):
+def test_fresh_begins_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys)
     called = steps_taken(monkeypatch, {"nothing": None})
@@ -401,7 +432,9 @@ def test_fresh_begins_anew(tmp_path, capsys, monkeypatch):
     assert called == ["identify", "delay", "rendered", "sweep"]
 
 
-def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
+def test_a_configuration_of_somebody_else_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     mine = tmp_path / "config.yaml"
     mine.write_text("servo: {inertia: 0.01, torque_limit: 4}\nloop: {clock: simulated}\n")
     before = mine.read_text()
@@ -412,7 +445,9 @@ def test_a_configuration_of_somebody_else_is_not_written_over(tmp_path, capsys):
     assert mine.read_text() == before
 
 
-def test_a_configuration_that_was_edited_since_stays_as_it_is(tmp_path, capsys, monkeypatch):
+def test_a_configuration_that_was_edited_since_stays_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"nothing": None})
     report_of(tmp_path, capsys)
     config = tmp_path / "config.yaml"
@@ -427,7 +462,7 @@ def test_a_configuration_that_was_edited_since_stays_as_it_is(tmp_path, capsys, 
     assert config.read_text() == written
 
 
-def test_a_folder_is_wanted(capsys):
+def test_a_folder_is_wanted(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("commission", *SIMULATED) == 2
     assert "--out" in capsys.readouterr().err
 
@@ -437,7 +472,9 @@ def test_a_folder_is_wanted(capsys):
 REAL = ("xm430-w350", "--set=servo.port=/nowhere/ttyUSB0")
 
 
-def test_a_real_servo_does_not_move_without_a_yes(tmp_path, capsys, monkeypatch):
+def test_a_real_servo_does_not_move_without_a_yes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing_moves(monkeypatch)
     assert call("commission", *REAL, "--out", tmp_path) == 2
     told = capsys.readouterr().err
@@ -452,7 +489,9 @@ def doctor_data(name, **more):
     return {"checks": [{**check, "fix": "clear bit 0 of Drive Mode (10)"}], "reached": True, **more}
 
 
-def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, capsys, monkeypatch):
+def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     called = steps_taken(monkeypatch, {"nothing": None})
     wrong = doctor_data("direction", fatal=["direction"])
     monkeypatch.setitem(steps.RUN, "doctor", lambda _bench: Measured(wrong))
@@ -463,7 +502,9 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(tmp_path, caps
     assert "clear bit 0 of Drive Mode" in (tmp_path / "report.html").read_text()
 
 
-def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, monkeypatch):
+def test_a_port_that_is_not_there_is_found_by_the_real_doctor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = steps.RUN["doctor"]
     called = steps_taken(monkeypatch, {"nothing": None})
     monkeypatch.setitem(steps.RUN, "doctor", real)
@@ -473,7 +514,9 @@ def test_a_port_that_is_not_there_is_found_by_the_real_doctor(tmp_path, capsys, 
     assert "port" in report["steps"][0]["reason"]
 
 
-def test_what_costs_only_stiffness_is_told_and_does_not_end_it(tmp_path, capsys, monkeypatch):
+def test_what_costs_only_stiffness_is_told_and_does_not_end_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     called = steps_taken(monkeypatch, {"nothing": None})
     found = doctor_data("return delay", fatal=[])
     monkeypatch.setitem(steps.RUN, "doctor", lambda _: Measured(found))
@@ -483,7 +526,9 @@ def test_what_costs_only_stiffness_is_told_and_does_not_end_it(tmp_path, capsys,
     assert "return delay" in (tmp_path / "report.html").read_text()
 
 
-def test_who_moves_a_servo_again_looks_at_it_again(tmp_path, capsys, monkeypatch):
+def test_who_moves_a_servo_again_looks_at_it_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"sweep": KeyboardInterrupt()})
     assert report_of(tmp_path, capsys, *REAL, "--yes")[0] == 130
     called = steps_taken(monkeypatch, {"nothing": None})
@@ -491,7 +536,9 @@ def test_who_moves_a_servo_again_looks_at_it_again(tmp_path, capsys, monkeypatch
     assert called == ["doctor", "sweep"]
 
 
-def test_the_plan_moves_nothing(tmp_path, capsys, monkeypatch):
+def test_the_plan_moves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     nothing_moves(monkeypatch)
     assert call("commission", *SIMULATED, "--plan", "--json") == 0
     plan = json.loads(capsys.readouterr().out)
@@ -500,8 +547,8 @@ def test_the_plan_moves_nothing(tmp_path, capsys, monkeypatch):
 
 
 def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(
-    tmp_path, capsys, monkeypatch
-):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def planned(*words):
         assert call("commission", *SIMULATED, "--plan", *words) == 0
         return capsys.readouterr().out
@@ -517,13 +564,15 @@ def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(
     assert {path: path.read_bytes() for path in begun.iterdir() if path.is_file()} == before
 
 
-def test_the_plan_refuses_a_folder_that_the_commissioning_would_refuse(tmp_path, capsys):
+def test_the_plan_refuses_a_folder_that_the_commissioning_would_refuse(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "config.yaml").write_text("mine")
     assert call("commission", *SIMULATED, "--plan", "--out", tmp_path) == 2
     assert "config.yaml" in capsys.readouterr().err
 
 
-def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
+def test_results_are_kept_as_each_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A power cut in a later step loses nothing: the files are there before it begins."""
 
     def looks(_bench):
@@ -537,16 +586,16 @@ def test_results_are_kept_as_each_is_known(tmp_path, monkeypatch):
     assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
 
 
-def fails(*_given):
+def fails(*_given) -> NoReturn:
     raise RuntimeError("no font")
 
 
 def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
-    tmp_path, capsys, monkeypatch
-):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps_taken(monkeypatch, {"nothing": None})
 
-    def kept(_found, name, path):
+    def kept(_found, name, path) -> None:
         assert json.loads((tmp_path / "delay.json").read_text())["state"] == "done"
         assert name == "simulated" and path.parent == tmp_path
         fails()
@@ -563,9 +612,9 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
 
 
 def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
-    tmp_path, capsys, monkeypatch
-):
-    def interrupts(*_given):
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupts(*_given) -> NoReturn:
         raise KeyboardInterrupt
 
     steps_taken(monkeypatch, {"nothing": None})
@@ -576,7 +625,12 @@ def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
     assert states(report)["delay"] == "done" and states(report)["rendered"] == "not taken"
 
 
-def test_the_page_shows_what_is_said(tmp_path, capsys, monkeypatch, thorough):
+def test_the_page_shows_what_is_said(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    thorough: bool,
+) -> None:
     """The whole of it, and its figures to the digits that are the same on every machine."""
     if not thorough:
         pytest.skip("a minute; --thorough runs it")

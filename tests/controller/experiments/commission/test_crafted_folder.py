@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -18,7 +19,7 @@ SECRET = b"root:x:0:0"
 
 
 @pytest.fixture(scope="module")
-def commissioned(tmp_path_factory):
+def commissioned(tmp_path_factory: pytest.TempPathFactory):
     """The folder of a whole commissioning, in which one picture was drawn."""
     made = tmp_path_factory.mktemp("commission")
     with pytest.MonkeyPatch.context() as patch:
@@ -30,7 +31,7 @@ def commissioned(tmp_path_factory):
 
 
 @pytest.fixture
-def folder(commissioned, tmp_path, monkeypatch):
+def folder(commissioned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A copy of it; no step is taken, nothing is drawn."""
     steps_taken(monkeypatch, {"nothing": None})
     (tmp_path / "secret").write_bytes(SECRET)
@@ -40,12 +41,12 @@ def folder(commissioned, tmp_path, monkeypatch):
     return made
 
 
-def test_a_picture_of_its_own_is_shown(folder, capsys):
+def test_a_picture_of_its_own_is_shown(folder, capsys: pytest.CaptureFixture[str]) -> None:
     assert report_of(folder, capsys)[0] == 0
     assert "data:image/png" in (folder / "report.html").read_text()
 
 
-def edit(folder, step, change):
+def edit(folder, step, change) -> None:
     path = folder / f"{step}.json"
     outcome = json.loads(path.read_text())
     change(outcome)
@@ -62,17 +63,19 @@ def refused(folder, capsys):
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../secret", "identify.png", "sub/delay.png", ""])
-def test_a_picture_by_another_name_is_refused(folder, capsys, name):
+def test_a_picture_by_another_name_is_refused(
+    folder, capsys: pytest.CaptureFixture[str], name
+) -> None:
     edit(folder, "delay", lambda outcome: outcome.update(picture=name))
     line = refused(folder, capsys)
     assert "delay.json" in line and "picture" in line and "--fresh" in line
 
 
-def link(path):
+def link(path) -> None:
     path.symlink_to(path.parent.parent / "secret")
 
 
-def too_long(path):
+def too_long(path) -> None:
     path.write_bytes(PNG)
     os.truncate(path, 2**24 + 1)
 
@@ -89,7 +92,9 @@ def too_long(path):
     ],
 )
 @pytest.mark.parametrize("name", ["delay.png", "delay.json", "commission.json"])
-def test_only_plain_files_of_the_folder_are_read(folder, capsys, name, make, found):
+def test_only_plain_files_of_the_folder_are_read(
+    folder, capsys: pytest.CaptureFixture[str], name, make, found
+) -> None:
     path = folder / name
     path.unlink()
     make(path)
@@ -122,7 +127,9 @@ def test_only_plain_files_of_the_folder_are_read(folder, capsys, name, make, fou
         ("sweep", lambda o: o.update(exit_status=256)),
     ],
 )
-def test_a_step_that_was_edited_is_checked_by_what_wrote_it(folder, capsys, step, change):
+def test_a_step_that_was_edited_is_checked_by_what_wrote_it(
+    folder, capsys: pytest.CaptureFixture[str], step, change
+) -> None:
     edit(folder, step, change)
     line = refused(folder, capsys)
     assert f"{step}.json" in line and "--fresh" in line
@@ -132,15 +139,19 @@ def test_a_step_that_was_edited_is_checked_by_what_wrote_it(folder, capsys, step
     "text", ["", "[", "[" * 100_000, "null", '{"step": 1e999}', "\0", "\udcff"]
 )
 @pytest.mark.parametrize("name", ["sweep.json", "commission.json"])
-def test_what_is_no_json_of_ours_is_refused(folder, capsys, name, text):
+def test_what_is_no_json_of_ours_is_refused(
+    folder, capsys: pytest.CaptureFixture[str], name, text
+) -> None:
     (folder / name).write_text(text, errors="surrogateescape")
     assert name in refused(folder, capsys)
 
 
-def test_an_identified_configuration_changes_nothing_but_the_model(folder, capsys):
+def test_an_identified_configuration_changes_nothing_but_the_model(
+    folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A folder from somewhere must not raise a torque limit."""
 
-    def stronger(outcome):
+    def stronger(outcome) -> None:
         config = json.loads(outcome["data"]["config_text"])
         config["servo"]["torque_limit"] = 100.0
         outcome["data"]["config_text"] = json.dumps(config)
@@ -151,7 +162,7 @@ def test_an_identified_configuration_changes_nothing_but_the_model(folder, capsy
     assert (folder / "config.yaml").read_text() == before
 
 
-def test_nothing_is_written_through_a_link(folder, capsys):
+def test_nothing_is_written_through_a_link(folder, capsys: pytest.CaptureFixture[str]) -> None:
     mine = folder.parent / "mine"
     mine.write_text("mine")
     for name in ("report.html", "report.html.part", "commission.json.part", "allowed.png"):
@@ -163,7 +174,7 @@ def test_nothing_is_written_through_a_link(folder, capsys):
 
 
 @pytest.mark.parametrize("name", ["sweep", "logs"])
-def test_no_folder_is_followed_out(folder, capsys, name):
+def test_no_folder_is_followed_out(folder, capsys: pytest.CaptureFixture[str], name) -> None:
     """A sweep somewhere else would be replaced."""
     if (folder / name).exists():
         shutil.rmtree(folder / name)
@@ -174,7 +185,9 @@ def test_no_folder_is_followed_out(folder, capsys, name):
 @pytest.mark.parametrize(
     "name", ["config.yaml", "report.html", "allowed.png", "delay.json", "delay.png", "sweep"]
 )
-def test_nothing_that_somebody_else_put_there_is_replaced(tmp_path, capsys, name):
+def test_nothing_that_somebody_else_put_there_is_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name
+) -> None:
     """What delay or sweep wrote there, for instance."""
     (tmp_path / name).symlink_to("nowhere")
     for words in ((), ("--fresh",), ("--plan",)):
@@ -183,7 +196,9 @@ def test_nothing_that_somebody_else_put_there_is_replaced(tmp_path, capsys, name
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_what_comes_from_files_is_text_in_the_page(folder, capsys):
+def test_what_comes_from_files_is_text_in_the_page(
+    folder, capsys: pytest.CaptureFixture[str]
+) -> None:
     edit(folder, "doctor", lambda outcome: outcome.update(reason="<script>alert(1)</script>"))
     assert report_of(folder, capsys)[0] == 0
     page = (folder / "report.html").read_text()

@@ -26,7 +26,7 @@ def question(name="simulated", *sets):
         ("servo.damping=0", "servo.counts_per_rev=512"),
     ],
 )
-def test_no_damping_allows_more_than_the_best(sets, thorough):
+def test_no_damping_allows_more_than_the_best(sets, thorough: bool) -> None:
     asked = question("simulated", *sets)
     best = verdict(asked, True)["best"]["commanded"]
     # The guard itself, at many dampings; the best is given in two digits.
@@ -38,13 +38,13 @@ def test_no_damping_allows_more_than_the_best(sets, thorough):
     assert best["stiffness"] == asked.decide(1e6, best["damping"]).stiffness
 
 
-def test_the_wall_of_the_configuration_is_judged_too():
+def test_the_wall_of_the_configuration_is_judged_too() -> None:
     found = verdict(question("simulated", "wall.stiffness=500"), True)
     assert found["configured"]["binding"] is not None
     assert found["configured"]["commanded"]["stiffness"] < 500
 
 
-def test_the_measured_age_makes_it_softer():
+def test_the_measured_age_makes_it_softer() -> None:
     config = load_config("emulated-xm430").config
     parts = {"parts": {"age": {"guard": 0.0006}}}
     late = {"parts": {"age": {"guard": 0.003}}}
@@ -56,7 +56,7 @@ def test_the_measured_age_makes_it_softer():
 
 @pytest.mark.parametrize("coulomb", [0.0, 0.001, 0.09])
 @pytest.mark.parametrize("kick", [0.01, 0.1])
-def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick):
+def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick) -> None:
     device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
     for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
         columns = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
@@ -70,7 +70,7 @@ def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick):
 
 
 @pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
-def test_planned_points_can_be_reached(name):
+def test_planned_points_can_be_reached(name) -> None:
     config = load_config(name).config
     device = Device.of(config)
     settings = short_sweep(config)
@@ -97,7 +97,7 @@ def swept(measured, **more):
     return {**point, "measured": measured, **more}
 
 
-def test_a_servo_that_oscillates_too_early_is_told_with_a_margin():
+def test_a_servo_that_oscillates_too_early_is_told_with_a_margin() -> None:
     config = load_config("simulated").config
     (expected,) = agreement.boundary(config, [swept(13.0)])
     assert expected["agree"] is True
@@ -107,7 +107,7 @@ def test_a_servo_that_oscillates_too_early_is_told_with_a_margin():
     assert "1 of 2" in said and "0.60 of the expected" in said and "guard.margin to 0.48" in said
 
 
-def test_a_point_without_a_figure_is_no_disagreement():
+def test_a_point_without_a_figure_is_no_disagreement() -> None:
     (found,) = agreement.boundary(
         load_config("simulated").config, [swept(None, kick_rad=None, reason="out of reach")]
     )
@@ -115,7 +115,7 @@ def test_a_point_without_a_figure_is_no_disagreement():
     assert "could be measured" in " ".join(words._boundary([found], 0.8))
 
 
-def test_two_delays_that_differ_are_told_with_the_longer_one():
+def test_two_delays_that_differ_are_told_with_the_longer_one() -> None:
     identify = {"delay": {"value": 0.001, "stderr": 1e-5}}
     device = {"value": 0.0015, "stderr": 2e-5}
     recovered = {"value": 0.0047, "stderr": 4e-5}

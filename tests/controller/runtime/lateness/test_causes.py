@@ -84,12 +84,12 @@ def late(asleep=0, held=0, work=30, bus=0, steal_ms=None, beyond=None, **more):
         ),
     ],
 )
-def test_the_largest_share_is_the_cause(tick, cause, words):
+def test_the_largest_share_is_the_cause(tick, cause, words) -> None:
     assert likely_cause(tick, LOOP) == cause
     assert words in evidence(cause, tick, LOOP) + ";"
 
 
-def test_without_a_host_it_is_the_kernel_or_the_firmware():
+def test_without_a_host_it_is_the_kernel_or_the_firmware() -> None:
     tick = late(held=2000, beyond=counted(on_core=20))
     assert likely_cause(tick, BARE) == Cause.KERNEL
     assert "firmware" in evidence(Cause.KERNEL, tick, BARE)
@@ -98,20 +98,20 @@ def test_without_a_host_it_is_the_kernel_or_the_firmware():
     assert "host" not in evidence(Cause.WOKEN_LATE, tick, BARE)
 
 
-def test_how_often_a_bus_is_waited_for_varies():
+def test_how_often_a_bus_is_waited_for_varies() -> None:
     """One wait more than usual is no reason to say that the tick waited for something else."""
     tick = late(held=2000, bus=200, beyond=counted(voluntary=1))
     assert likely_cause(tick, LOOP) == Cause.HOST
 
 
-def test_a_kernel_that_does_not_count_the_wait_still_counts_switches():
+def test_a_kernel_that_does_not_count_the_wait_still_counts_switches() -> None:
     blind = Machine(virtual=True, real_time=False, shared=False, knows_run_delay=False)
     tick = late(held=5000, beyond=counted(involuntary=2))
     assert likely_cause(tick, blind) == Cause.OTHER
     assert "2 involuntary switches" in evidence(Cause.OTHER, tick, blind)
 
 
-def test_what_explains_nothing_is_left_out():
+def test_what_explains_nothing_is_left_out() -> None:
     tick = late(bus=3000, steal_ms=0, beyond=counted(delay=4))
     assert evidence(Cause.BUS, tick, LOOP) == "waited 3 ms for the reply"
     tick = late(held=5000, steal_ms=0)
@@ -126,6 +126,6 @@ def test_what_explains_nothing_is_left_out():
         (LOOP, "priority or above"),
     ],
 )
-def test_why_another_could_run_is_said(machine, words):
+def test_why_another_could_run_is_said(machine, words) -> None:
     tick = late(asleep=2000, beyond=counted(delay=2000))
     assert words in evidence(likely_cause(tick, machine), tick, machine)

@@ -1,5 +1,7 @@
 """What is told at the start: wanted against got, and what of the machine could be better."""
 
+from pathlib import Path
+
 import pytest
 
 from haptic_wall.controller.runtime.lateness.machine_setup import (
@@ -17,7 +19,7 @@ SHARED = Found("core isolation", "core 1 is shared", "a core of its own", "isolc
 WELL = Found("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
 
 
-def put(root, **files):
+def put(root, **files) -> None:
     for path, text in files.items():
         place = root / path.replace("__", "/")
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -28,13 +30,13 @@ def by_name(root, core=1):
     return {row.name: row for row in machine_setup(core, root)}
 
 
-def test_all_granted_is_one_line():
+def test_all_granted_is_one_line() -> None:
     assert start_table([CORE, FIFO], [WELL]) == (
         "real time: 2 of 2 granted (core 1, SCHED_FIFO 80, reset on fork)"
     )
 
 
-def test_a_refusal_makes_a_table_with_its_remedy():
+def test_a_refusal_makes_a_table_with_its_remedy() -> None:
     lines = start_table([CORE, REFUSED], [WELL, SHARED]).splitlines()
     assert lines[0] == "real time: 1 of 2 granted"
     assert [line.split() for line in lines[1:3]] == [
@@ -46,7 +48,7 @@ def test_a_refusal_makes_a_table_with_its_remedy():
     assert lines[5].strip() == "could be better: core 1 is shared"
 
 
-def test_what_a_system_does_not_tell_is_left_out(tmp_path):
+def test_what_a_system_does_not_tell_is_left_out(tmp_path: Path) -> None:
     assert set(by_name(tmp_path)) == {"kernel", "core isolation"}
     assert not is_virtual(tmp_path)
 
@@ -55,7 +57,7 @@ def test_what_a_system_does_not_tell_is_left_out(tmp_path):
     ("runtime", "found", "well"),
     [("950000", "after 95 % of 1 s", True), ("-1", "never", True), ("100000", "10 %", False)],
 )
-def test_throttling_matters_where_it_leaves_little(tmp_path, runtime, found, well):
+def test_throttling_matters_where_it_leaves_little(tmp_path: Path, runtime, found, well) -> None:
     kernel = "proc__sys__kernel__sched_rt"
     put(tmp_path, **{f"{kernel}_runtime_us": runtime, f"{kernel}_period_us": "1000000"})
     row = by_name(tmp_path)["throttling"]
@@ -63,7 +65,7 @@ def test_throttling_matters_where_it_leaves_little(tmp_path, runtime, found, wel
     assert (row.remedy == "") is well
 
 
-def test_pages_siblings_and_host_are_told(tmp_path):
+def test_pages_siblings_and_host_are_told(tmp_path: Path) -> None:
     put(
         tmp_path,
         sys__kernel__mm__transparent_hugepage__enabled="[always] madvise never\n",

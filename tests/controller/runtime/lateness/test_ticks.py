@@ -36,7 +36,7 @@ class Readings:
 
     knows_run_delay = True
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = 0
         self.delay = 0
         self.reads = 0
@@ -45,10 +45,10 @@ class Readings:
         self.reads += 1
         return Counters(self.now, self.now // 10, self.delay, 0, 0, self.now // PERIOD, 0)
 
-    def steal_ns(self):
+    def steal_ns(self) -> None:
         return None
 
-    def close(self):
+    def close(self) -> None:
         pass
 
 
@@ -68,7 +68,7 @@ def ticks(readings):
         yield late
 
 
-def serve(ticks, readings, deadline, overdue, delay=0, **more):
+def serve(ticks, readings, deadline, overdue, delay=0, **more) -> None:
     """A tick that woke ``overdue`` late, of which it waited ``delay`` for the core."""
     woke = deadline + overdue
     facts = {"waiter": slept_until(woke), "bus_ns": 0, "replies_lost": 0, "missed": 0} | more
@@ -77,7 +77,7 @@ def serve(ticks, readings, deadline, overdue, delay=0, **more):
     ticks.late(deadline, woke, readings.now, **facts)
 
 
-def test_the_worst_are_kept_and_all_are_counted(ticks, readings):
+def test_the_worst_are_kept_and_all_are_counted(ticks, readings) -> None:
     for k in range(1, 31):
         serve(ticks, readings, 100 * k * PERIOD, k * MS, delay=k * MS, missed=k - 1)
     report = ticks.report()
@@ -90,7 +90,7 @@ def test_the_worst_are_kept_and_all_are_counted(ticks, readings):
     assert (worst["time_s"], worst["missed"], worst["work_us"]) == (3.0, 29, 20.0)
 
 
-def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings):
+def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings) -> None:
     serve(ticks, readings, 10 * PERIOD, 5_900_000)  # over 0.92 ms after the next one is due
     due = 15 * PERIOD
     woke = due + 920_000
@@ -98,8 +98,8 @@ def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings):
     assert ticks.report()["late_ticks"] == 1
 
 
-def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings):
-    def wait(deadline, bus, lost):
+def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings) -> None:
+    def wait(deadline, bus, lost) -> None:
         ended = deadline + bus + 20_000
         readings.now = ended
         ticks.late(deadline, deadline, ended, slept_until(deadline), bus, lost, 0)
@@ -112,14 +112,14 @@ def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings):
     assert ticks.report()["causes"] == {Cause.LOST: 1, Cause.BUS: 2}
 
 
-def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks, readings):
+def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks, readings) -> None:
     """However much longer it is than what made the tick late."""
     serve(ticks, readings, 10 * PERIOD, 300_000, delay=300_000, bus_ns=650_000)
     serve(ticks, readings, 20 * PERIOD, 300_000, delay=300_000, bus_ns=650_000, replies_lost=1)
     assert ticks.report()["causes"] == {Cause.OTHER: 2}
 
 
-def test_what_is_usual_is_no_cause(ticks, readings):
+def test_what_is_usual_is_no_cause(ticks, readings) -> None:
     """Waiting 30 µs in each tick for the core adds up between two readings."""
     for k in range(1, 50):
         readings.now = 20 * k * PERIOD
@@ -129,13 +129,13 @@ def test_what_is_usual_is_no_cause(ticks, readings):
     assert ticks.report()["causes"] == {Cause.WOKEN_LATE: 1}
 
 
-def test_no_reading_where_there_is_no_time_for_it(ticks, readings):
+def test_no_reading_where_there_is_no_time_for_it(ticks, readings) -> None:
     before = readings.reads
     ticks.rest(PERIOD, slept_until(PERIOD), -1, 0)
     assert readings.reads == before
 
 
-def test_what_happened_long_before_is_no_cause(ticks, readings):
+def test_what_happened_long_before_is_no_cause(ticks, readings) -> None:
     """Where there is no time for a reading either."""
     ticks.continued()
     gc.collect()
@@ -144,7 +144,7 @@ def test_what_happened_long_before_is_no_cause(ticks, readings):
     assert ticks.report()["causes"] == {Cause.BUS: 1}
 
 
-def test_an_explanation_is_not_explained(ticks, readings):
+def test_an_explanation_is_not_explained(ticks, readings) -> None:
     """It takes so long that the next tick is woken late: that is not late once more."""
     explained = 11 * PERIOD + 400_000
     readings.now = explained
@@ -156,7 +156,7 @@ def test_an_explanation_is_not_explained(ticks, readings):
     assert ticks.report()["late_ticks"] == 1
 
 
-def test_ticks_whose_replies_are_lost_count_as_late():
+def test_ticks_whose_replies_are_lost_count_as_late() -> None:
     """They wait for 0.8 of a period, less what they took to ask."""
     sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
     config = load_config("emulated-xm430", sets).config
@@ -173,7 +173,9 @@ def test_ticks_whose_replies_are_lost_count_as_late():
 
 
 @pytest.mark.parametrize("accounts", [b"", b"0 0 0\n"], ids=["empty", "switched off"])
-def test_a_kernel_that_does_not_account_for_waiting_is_found_out(accounts, monkeypatch, tmp_path):
+def test_a_kernel_that_does_not_account_for_waiting_is_found_out(
+    accounts, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     kept = tmp_path / "schedstat"
     kept.write_bytes(accounts)
     monkeypatch.setattr(thread_counters, "_opened", lambda _path: os.open(kept, os.O_RDONLY))
@@ -188,7 +190,7 @@ def test_a_kernel_that_does_not_account_for_waiting_is_found_out(accounts, monke
     assert grown.run_delay_ns == 0
 
 
-def test_sleeps_are_told_as_long_as_they_were(ticks):
+def test_sleeps_are_told_as_long_as_they_were(ticks) -> None:
     for k in range(100):
         deadline = k * 20 * PERIOD
         waiter = SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000)
@@ -201,7 +203,7 @@ def test_sleeps_are_told_as_long_as_they_were(ticks):
 class Stall:
     """A simulated clock that stands still for nobody: the given tick takes 7 ms longer."""
 
-    def __init__(self, monkeypatch, clock, at, error=None):
+    def __init__(self, monkeypatch, clock, at, error=None) -> None:
         from haptic_wall.controller.runtime import tick
 
         plain, seen = tick.Tick._follow_guard, []
@@ -218,7 +220,7 @@ class Stall:
 
 
 @pytest.mark.parametrize("error", [None, TorqueLostError("the watchdog came first")])
-def test_a_run_tells_when_and_how_long(error, monkeypatch):
+def test_a_run_tells_when_and_how_long(error, monkeypatch: pytest.MonkeyPatch) -> None:
     """The tick that ends a run is explained like any other: its delay may be why it ended."""
     clock = SimulatedClock()
     Stall(monkeypatch, clock, 700, error)
@@ -244,13 +246,13 @@ DISTURBED = {Cause.OTHER, Cause.KERNEL, Cause.WORK, Cause.UNKNOWN}
 """What a stall is rightly called when something else made most of it"""
 
 
-def collect():
+def collect() -> None:
     end = time.thread_time() + STALL_S
     while time.thread_time() < end:
         gc.collect()
 
 
-def touch_pages():
+def touch_pages() -> None:
     end = time.thread_time() + STALL_S
     while time.thread_time() < end:
         with mmap.mmap(-1, 1 << 20) as pages:
@@ -259,13 +261,13 @@ def touch_pages():
                 pages[place] = 1
 
 
-def compute():
+def compute() -> None:
     end = time.thread_time() + STALL_S
     while time.thread_time() < end:
         pass
 
 
-def block():
+def block() -> None:
     time.sleep(STALL_S)
 
 
@@ -313,13 +315,13 @@ def undisturbed():
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def stay():
+def stay() -> None:
     end = time.monotonic() + STALL_S
     while time.monotonic() < end:
         pass
 
 
-def crowded_out(causes):
+def crowded_out(causes) -> None:
     """In a thread of its own: share a core with a busy process, and give way to it."""
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
@@ -343,7 +345,7 @@ def crowded_out(causes):
         (block, Cause.BLOCKED),
     ],
 )
-def test_a_provoked_stall_is_called_by_its_name(act, cause):
+def test_a_provoked_stall_is_called_by_its_name(act, cause) -> None:
     with undisturbed():
         causes = provoked_until(cause, act)
     assert cause in causes
@@ -351,7 +353,7 @@ def test_a_provoked_stall_is_called_by_its_name(act, cause):
 
 
 @pytest.mark.realtime
-def test_another_process_on_the_core_is_called_so():
+def test_another_process_on_the_core_is_called_so() -> None:
     causes = set()
     thread = threading.Thread(target=crowded_out, args=[causes])
     thread.start()
@@ -360,7 +362,7 @@ def test_another_process_on_the_core_is_called_so():
 
 
 @pytest.mark.realtime
-def test_a_run_that_was_stopped_and_continued_says_so(tmp_path):
+def test_a_run_that_was_stopped_and_continued_says_so(tmp_path: Path) -> None:
     """The whole program: the loop's process is stopped for longer than a period, and resumed."""
     words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--plot=run.png"]
     words += ["--set=safety.heartbeat_s=5", "--set=loop.warm_up_s=0.5"]
