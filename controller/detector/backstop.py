@@ -48,7 +48,7 @@ class Cause(IntEnum):
     LONGER = 0
     """A half-cycle became longer in the probe."""
     STOPPED = 1
-    """The motion stopped in the probe, and the wall was suspected, or the motion returned."""
+    """The motion stopped in the probe, returned, and stopped again."""
     BEYOND_HANDS = 2
     """No hand moves a shaft so fast, so sharply, or so regularly."""
 
@@ -323,8 +323,7 @@ class Backstop:
         elif not settings.acts:
             return
         elif self._loaded:
-            possible = settings.light < seen.inertia < settings.heavy
-            own = self._streak >= self._tuning.regular_loaded and possible
+            own = self._streak >= self._tuning.regular_loaded and seen.inertia > settings.light
             if (self.steady or own) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
@@ -439,18 +438,18 @@ class Backstop:
             self._stopped()
         elif verdict == Verdict.HAND or (verdict == Verdict.CHANGED and self.suspected):
             self._somebody_moves_it()
-        elif verdict == Verdict.CHANGED:
+        elif verdict in (Verdict.CHANGED, Verdict.DOUBTFUL):
             self.phase = Phase.RETURNING
 
     def _stopped(self) -> None:
         """Process a motion that has stopped in the probe.
 
-        It was the wall's if that was suspected, or if it returns and stops again.
+        It was the wall's if it returns and stops again.
         """
         before = self._probe.before
         recent = self._time - self._stop.at < self._tuning.again_s
         again = recent and alike(before, self._stop, self._probing)
-        if again or (self.suspected and before.amplitude >= self._settings.threshold):
+        if again:
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)
@@ -495,7 +494,8 @@ class Backstop:
         if self._hand_after_all(seen):
             self._was_wrong()
         elif size >= settings.threshold and self._own(seen) and self._is_last():
-            self.failed = not settings.bounces or motion.gain > 0.0
+            if self._count >= self._tuning.reduced_half_cycles:
+                self.failed = not settings.bounces or motion.gain > self._tuning.reduced_gain
         elif self._softest:
             as_large = seen.amplitude > self._tuning.hand_smallest * self._probe.before.amplitude
             hand = as_large and not (self.small_cycle or self._beyond_hands(seen))

@@ -158,6 +158,35 @@ def took_longer(answer: Answer, tuning: ProbeTuning, *, contacts: bool) -> bool:
     return long and second < longest and amplitude < largest and explained
 
 
+def is_clear(answer: Answer, tuning: ProbeTuning, *, contacts: bool) -> bool:
+    """Whether a longer answer is as even as a wall makes it; else a second one must confirm it.
+
+    Args:
+        answer: Of the probe.
+        tuning: What the answers of walls and hands are.
+        contacts: It was of contacts with a one-sided wall.
+    """
+    first, second, inertia, amplitude = answer
+    shortest, longest = min(first, second), max(first, second)
+    if contacts:
+        return (
+            shortest > tuning.clear_contact
+            and longest < tuning.clear_longest_contact
+            and tuning.clear_lightest_contact < inertia < tuning.clear_heaviest_contact
+            and amplitude < tuning.clear_deepest
+        )
+    if amplitude < 1.0 and shortest > tuning.clear_smaller and inertia > tuning.clear_explained:
+        return True
+    return (
+        shortest > tuning.clear
+        and longest < tuning.clear_longest
+        and first + second > tuning.clear_both
+        and second < tuning.clear_ratio * first
+        and tuning.clear_lightest < inertia < tuning.clear_heaviest
+        and amplitude < tuning.clear_largest
+    )
+
+
 def as_unsure(one: Answer, other: Answer, tuning: ProbeTuning) -> bool:
     """Whether two probes have the same answer, which a hand's motion seldom gives twice.
 

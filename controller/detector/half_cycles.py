@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Protocol
 
 from haptic_wall.controller.detector.tuning import HalfCycleTuning
@@ -52,7 +53,7 @@ class HalfCycles:
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
         gain: 0; only contacts have one. ``gaining``: likewise.
-        load: Mean torque over the last two half-cycles [N·m]: the load that the wall holds.
+        load: Mean torque over the last four half-cycles [N·m]: the load that the wall holds.
     """
 
     __slots__ = (
@@ -60,8 +61,8 @@ class HalfCycles:
         "_extreme",
         "_hysteresis",
         "_impulse",
-        "_impulse_before",
         "_impulse_then",
+        "_impulses",
         "_largest",
         "_last",
         "_least",
@@ -139,7 +140,8 @@ class HalfCycles:
         self._impulse = 0.0
         self._square = 0.0
         self._moment_then = 0.0
-        self._impulse_then = self._impulse_before = 0.0
+        self._impulse_then = 0.0
+        self._impulses: deque[float] = deque(maxlen=4)
         self._square_then = 0.0
 
     def forget(self) -> None:
@@ -218,9 +220,10 @@ class HalfCycles:
         virial = self._moment_then - half * self._impulse_then
         self.pull = -virial / (self.duration * max(self.amplitude, self._least))
         self.inertia = -virial / self._square_then if self._square_then > 0.0 else 0.0
-        both = self.duration + self.duration_2
-        self.load = (self._impulse_then + self._impulse_before) / both
-        self._impulse_before = self._impulse_then
+        impulses = self._impulses
+        impulses.append(self._impulse_then)
+        spanned = self.duration + self.duration_2 + self.duration_3 + self.duration_4
+        self.load = sum(impulses) / spanned
         # Shift the sums from the old start to the new one.
         impulse = self._impulse - self._impulse_then
         self._moment = self._moment - self._moment_then - (end - start) * impulse

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 
 from haptic_wall.controller.detector.evidence import (
@@ -10,6 +11,7 @@ from haptic_wall.controller.detector.evidence import (
     Sighting,
     alike,
     as_unsure,
+    is_clear,
     took_longer,
 )
 from haptic_wall.controller.detector.half_cycles import Repeated
@@ -29,6 +31,8 @@ class Verdict(IntEnum):
     """A hand moves the shaft."""
     CHANGED = 4
     """This is another motion than before."""
+    DOUBTFUL = 5
+    """It became longer, but so unevenly that a second probe must confirm it."""
 
 
 class Probe:
@@ -41,6 +45,7 @@ class Probe:
     __slots__ = (
         "_contacts",
         "_count",
+        "_doubted",
         "_fading",
         "_first",
         "_still",
@@ -65,6 +70,7 @@ class Probe:
         self._count = 0
         self._first = self._fading = 0.0
         self._unsure: tuple[Answer, Sighting] | None = None
+        self._doubted = NEVER
         self.before = NEVER
 
     def begin(self, motion: Repeated, *, within: bool) -> None:
@@ -110,8 +116,11 @@ class Probe:
     def _both(self, answer: Answer, amplitude: float) -> Verdict:
         """Judge the first two half-cycles, with their mean amplitude [rad]."""
         tuning, before = self._tuning, self.before
-        if took_longer(answer, tuning, contacts=self._contacts) or self._twice_unsure(answer):
+        if self._twice_unsure(answer):
             return Verdict.WALL
+        if took_longer(answer, tuning, contacts=self._contacts):
+            clear = is_clear(answer, tuning, contacts=self._contacts)
+            return Verdict.WALL if clear or self._doubted_before() else Verdict.DOUBTFUL
         if answer.amplitude < tuning.collapsed:
             return Verdict.STOPPED if answer.first > tuning.quicker else Verdict.CHANGED
         if answer.second >= tuning.longest and not self._contacts:
@@ -121,6 +130,14 @@ class Probe:
             return Verdict.HAND
         self._fading = amplitude  # it may be a load that swings on its transmission
         return Verdict.OPEN
+
+    def _doubted_before(self) -> bool:
+        """Whether a probe of this motion has just become longer, too."""
+        last, self._doubted = self._doubted, self.before
+        recent = self.before.at - last.at < self._tuning.confirmed_s
+        return (
+            recent and abs(math.log(self.before.cycle / last.cycle)) < self._tuning.confirmed_period
+        )
 
     def _twice_unsure(self, answer: Answer) -> bool:
         """Whether the last probe of this motion had the same doubtful answer."""

@@ -116,7 +116,7 @@ class Watch:
         self._size = math.nan
         self._stiffness = math.nan
         self._sent = 0.0
-        self._entered: tuple[float, float, int] | None = None
+        self._entered: tuple[float, float, float] | None = None
         self.own: OwnMotion | None = None
         if settings.backstop is not None:
             self.own = OwnMotion(settings.backstop, settings.bounces, settings.side)
@@ -225,7 +225,13 @@ class Watch:
         """Restore the guard's gains, and restart the watch."""
         if self.own is not None:
             self.own.raise_again()
+        self._restart()
+
+    def _restart(self) -> None:
+        """Discard the detector's observations, with the energies since the entry of a contact."""
         self._detector.restart()
+        if self._entered is not None:
+            self._entered = 0.0, 0.0, -math.inf  # this contact is not judged any more
 
     def resume(self) -> None:
         """Restart the watch after a pause without torque; reductions stay."""
@@ -242,7 +248,7 @@ class Watch:
         """Take an alarm of the detector back: a probe has found that a hand moves the shaft."""
         if self._detector.alarm:
             self.taken_back += 1
-            self._detector.restart()
+            self._restart()
         if self.own is not None and self.own.counts[2] == self.own.counts[3]:
             self.state, self.frequency_hz, self.amplitude, self.first_alarm_s = self._before
 

@@ -245,3 +245,12 @@ def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for() -> Non
         for k in range(2000)
     )
     assert ended > 40
+
+
+def test_the_load_is_the_mean_over_two_cycles() -> None:
+    """Pushes that alternate, as of a hand that taps, are no load."""
+    positions = cosine(5.0, 0.1, 1.0, 0.0)
+    steady, _ = watched(positions, [0.5] * len(positions))
+    assert steady.load == pytest.approx(0.5)
+    turns = [1.0 if (k // 200) % 2 else -1.0 for k in range(len(positions))]  # each cycle
+    assert abs(watched(positions, turns)[0].load) < 0.1

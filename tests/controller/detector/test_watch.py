@@ -199,8 +199,11 @@ def test_passivity_control_is_off_unless_asked_for(tmp_path: Path) -> None:
     assert np.all(rows["damping"] == 0.0)
 
 
-def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05):
-    """The watch after a contact: 0.1 rad in and out again, with these measured torques [N·m]."""
+def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05, deepest=None):
+    """The watch after a contact: 0.1 rad in and out again, with these measured torques [N·m].
+
+    ``deepest`` is called with the watch at the deepest point.
+    """
     detector = DetectorSettings(1e-3)
     watch = Watch(WatchSettings(detector, answer, 0.0, side=side, heavy=0.02))
     watch.own = OwnMotion(BACKSTOP, replace(BACKSTOP, bounces=True), side)
@@ -211,6 +214,8 @@ def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05):
         watch.passed(1)
         torque = (torque_in if k < ticks else torque_out) if depth > 0.0 else 0.0
         watch.sample(side * depth, wall, -side * torque)
+        if k == ticks and deepest is not None:
+            deepest(watch)
     return watch
 
 
@@ -220,6 +225,12 @@ def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side) -> Non
     assert contact_with(0.2, 2.0, side=side).failed
     assert not contact_with(2.0, 0.2, side=side).failed, "it has taken energy"
     assert not contact_with(2.0, 2.1, side=side).failed, "0.01 J is allowed"
+
+
+def test_a_contact_whose_first_half_is_forgotten_ends_no_run() -> None:
+    """The full wall is asked for, or an alarm is taken back, while the shaft is inside."""
+    assert not contact_with(2.0, 0.2, deepest=Watch.raise_again).failed
+    assert not contact_with(0.2, 2.0, deepest=Watch.raise_again).failed
 
 
 def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands() -> None:
