@@ -46,7 +46,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables.models import MODELS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.open import open_servo
-from scripts.whole_program import hardware_of
+from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
@@ -140,14 +140,9 @@ def last_lines(text: str) -> str:
 
 def beside_an_emulated_bus(command: str, folder: str) -> str:
     """Return the output of a run beside an emulated bus at its port, pushed by a hand."""
-    words = [sys.executable, "-m", "haptic_wall.controller.cli.main", *shlex.split(command)[1:]]
+    words = [*PROGRAM, *shlex.split(command)[1:]]
     link = str(load_config("emulated-port").config.servo.port)
-    emulator = subprocess.Popen(
-        [*words[:3], "emulate", "--link", link, "--set", "servo.hand=push"], stdout=subprocess.PIPE
-    )
-    assert emulator.stdout is not None
-    try:
-        emulator.stdout.readline()
+    with emulated_bus("--link", link, "--set", "servo.hand=push"):
         done = subprocess.run(
             words,
             cwd=folder,
@@ -156,9 +151,6 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
             text=True,
             check=True,
         )
-    finally:
-        emulator.terminate()
-        emulator.wait()
     return done.stdout
 
 

@@ -20,7 +20,7 @@ from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.witness import Row, Witness
+from haptic_wall.hw.emulated.witness import Event, Witness
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings
 
@@ -42,9 +42,9 @@ class Notes(Witness):
 
     def __init__(self) -> None:
         super().__init__(io.StringIO())
-        self.rows: list[Row] = []
+        self.rows: list[Event] = []
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Event) -> None:
         """Keep a row."""
         self.rows.append(row)
 
@@ -56,7 +56,7 @@ class Rehearsed:
     result: Result
     ticks: np.ndarray
     """Rows of the telemetry, warm-up included"""
-    truth: list[Row]
+    truth: list[Event]
     """The witness's rows, to some time after the end"""
     given_ns: int
     """When the faults were given: the loop's grid begins a period later [ns]"""

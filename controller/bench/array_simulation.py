@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
-from haptic_wall.controller.bench.rows import Row, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -27,7 +27,7 @@ _KINDS = {"linear servos": False, "servos with friction and encoder": True}
 
 
 @dataclass(frozen=True, slots=True)
-class Wall:
+class ArrayWall:
     """A two-sided wall on a servo of its own, released at ``servo.position``."""
 
     servo: TrueServo
@@ -65,7 +65,7 @@ def measure() -> Section:
                 "the program's own loop, which also guards, watches and logs",
             ),
             ratio(f"ratio, {what}", single, many, "few walls: an array pays from some ten on"),
-            Row(
+            Measurement(
                 f"largest difference of position from them alone, {what}",
                 float(np.max(np.abs(apart))),
                 "rad",
@@ -76,7 +76,7 @@ def measure() -> Section:
     return Section((*rows, *compared), tuple(notes))
 
 
-def random_walls(rough: bool, count: int) -> list[Wall]:
+def random_walls(rough: bool, count: int) -> list[ArrayWall]:
     """Return walls that differ in everything: servo, delay, stiffness, damping and kick.
 
     Equal walls reverse in the same period, which costs a fraction of the time of random ones.
@@ -96,7 +96,7 @@ def random_walls(rough: bool, count: int) -> list[Wall]:
     stiffness = random.uniform(0.1, 0.95, count) * limit
     kick = 10 ** random.uniform(-2.0, 0.0, count)
     return [
-        Wall(
+        ArrayWall(
             TrueServo(
                 inertia=m,
                 damping=b,
@@ -116,7 +116,7 @@ def random_walls(rough: bool, count: int) -> list[Wall]:
     ]
 
 
-def together(walls: list[Wall], periods: int) -> FloatArray:
+def together(walls: list[ArrayWall], periods: int) -> FloatArray:
     """Return the last measured positions [rad] of walls simulated as one array, in their order."""
     many, start, order = _as_arrays(walls)
     found = np.empty(len(walls))
@@ -130,7 +130,7 @@ def _run(many: Walls, start: FloatArray, periods: int) -> FloatArray:
     return loops.measured
 
 
-def _as_arrays(walls: list[Wall]) -> tuple[Walls, FloatArray, IntArray]:
+def _as_arrays(walls: list[ArrayWall]) -> tuple[Walls, FloatArray, IntArray]:
     """Return one block in order of delays, with the start positions and that order."""
     servos, one = [wall.servo for wall in walls], np.ones(len(walls))
     delay_ns = np.array([round(servo.delay * 1e9) for servo in servos])
@@ -157,11 +157,11 @@ def _as_arrays(walls: list[Wall]) -> tuple[Walls, FloatArray, IntArray]:
     return many.take(order), start[order], order
 
 
-def _each_alone(walls: list[Wall]) -> list[float]:
+def _each_alone(walls: list[ArrayWall]) -> list[float]:
     return [alone(wall, _PERIODS_ALONE // _COMPARED) for wall in walls[:_COMPARED]]
 
 
-def alone(wall: Wall, periods: int) -> float:
+def alone(wall: ArrayWall, periods: int) -> float:
     """Return the last measured position [rad] of one simulated servo and wall."""
     clock = SimulatedClock()
     body = open_servo(ServoSettings(true=wall.servo), clock)

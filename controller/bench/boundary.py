@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.bench.rows import Row, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -74,7 +74,7 @@ def measure() -> Section:
             "ms/setting",
             "fractional delays, which that way cannot do without another model",
         ),
-        Row(
+        Measurement(
             "largest relative difference of the two answers",
             apart,
             "1",

@@ -28,7 +28,7 @@ from haptic_wall.controller.bench.bus_clients import (
     vendors,
 )
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus
-from haptic_wall.controller.bench.rows import Histogram, Row, Section, ratio
+from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, ratio
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
 from haptic_wall.hw.dynamixel.serial_line import FdLine
@@ -62,7 +62,7 @@ def measure() -> Section:
             "rustypot is not installed, so nothing is compared with it: pip install "
             "-e '.[bench]' in the clone adds it, up to Python 3.13"
         )
-    rows: list[Row] = []
+    rows: list[Measurement] = []
     drawn: list[Histogram] = []
     for count in _COUNTS:
         ids = range(1, count + 1)
@@ -112,11 +112,11 @@ def _taking_turns(
     return times
 
 
-def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
+def _rows(what: str, clients: Mapping[str, _Times]) -> list[Measurement]:
     rows = []
     for name, times in clients.items():
         rows += [
-            Row(
+            Measurement(
                 f"{name}, {what}",
                 statistics.median(times.rounds),
                 "µs/cycle",
@@ -124,7 +124,7 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Row]:
                 "emulated wire at 4 Mbit/s and the emulator's own time; and a pseudo-terminal's "
                 "bytes are carried by a kernel thread, which a client that spins may keep waiting",
             ),
-            Row(
+            Measurement(
                 f"{name}, {what}, processor time",
                 statistics.median(times.busy),
                 "µs/cycle",

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from haptic_wall.controller.bench.rows import Row, Section
+from haptic_wall.controller.bench.rows import Measurement, Section
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
 
@@ -35,8 +35,8 @@ def measure() -> Section:
     median, p99 = np.percentile(1e-3 * spent, [50, 99])
     return Section(
         (
-            Row("detector and acting torque, a tick, median", float(median), "µs", _NOT),
-            Row("the same, 99 % of ticks", float(p99), "µs", _NOT),
+            Measurement("detector and acting torque, a tick, median", float(median), "µs", _NOT),
+            Measurement("the same, 99 % of ticks", float(p99), "µs", _NOT),
         )
     )
 

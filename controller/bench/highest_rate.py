@@ -22,7 +22,7 @@ _SHOWS_NOT: Final = (
 )
 
 
-class Search:
+class RateSearch:
     """Bisects, on a logarithmic scale, the range of the highest rate.
 
     Args:
@@ -61,7 +61,7 @@ def measure() -> Section:
     notes = []
     with emulated_bus() as path:
         for number in range(_ROUNDS):
-            searches = {name: Search(_LOW_HZ, _HIGH_HZ) for name in LOOPS}
+            searches = {name: RateSearch(_LOW_HZ, _HIGH_HZ) for name in LOOPS}
             for _ in range(_STEPS):
                 for name, loop in LOOPS.items():
                     searches[name].tell(holds(loop, path, searches[name].rate_hz))

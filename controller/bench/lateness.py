@@ -22,7 +22,7 @@ import numpy as np
 from haptic_wall.controller.bench import cyclictest
 from haptic_wall.controller.bench.bins import percentile
 from haptic_wall.controller.bench.lateness_client import PERIOD_NS, Orders
-from haptic_wall.controller.bench.rows import Histogram, Row, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.plan import Plan
@@ -134,7 +134,7 @@ def _clients(core: int) -> tuple[dict[str, Client], list[str]]:
     return clients, notes
 
 
-def _rows(name: str, seen: _Seen) -> list[Row]:
+def _rows(name: str, seen: _Seen) -> list[Measurement]:
     shows_not = _SHOWS_NOT.get(name, _SHOWS_NOT_PEOPLE)
     rows = [
         over_rounds(f"{name}, lateness, p{q:g}", seen.percentile(q), "µs", shows_not)
@@ -150,7 +150,7 @@ def _rows(name: str, seen: _Seen) -> list[Row]:
     return rows
 
 
-def _compared(seen: Mapping[str, _Seen]) -> list[Row]:
+def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
     """Return our p99 over cyclictest's of the same round."""
     # It reports whole µs, rounded down: 0 only means below 1.
     theirs = [max(p99, 1.0) for p99 in seen[_YARDSTICK].percentile(99.0)]

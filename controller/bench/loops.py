@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from haptic_wall.controller.errors import PlatformError
+from haptic_wall.controller.processes import emulator
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.supervisor import Supervisor
@@ -74,26 +75,14 @@ def emulated_bus(
         cores: Cores on which it runs; None: those that a loop does not use.
 
     Raises:
-        PlatformError: It did not start.
+        ServoError: It did not start.
     """
-    arguments = [
-        "haptic_wall.controller.cli.main",
-        "emulate",
-        "--die-with-parent",
-        "--baud",
-        str(BAUD),
-    ]
-    for i in ids:
-        arguments += ["--servo", f"XM430-W350:{i}"]
+    servos = [word for i in ids for word in ("--servo", f"XM430-W350:{i}")]
+    arguments = [*emulator.EMULATE, "--baud", str(BAUD), *servos, *options]
     apart = pick_cores()[1] if cores is None else cores
-    emulator = Child("the emulated bus", [*arguments, *options], None, cores=apart)
-    try:
-        path = first_line(emulator, START_S)
-        if path is None:
-            raise PlatformError(f"{emulator.name} did not start: it {emulator.exit_text()}")
+    with emulator.emulated_bus(arguments, apart) as (_, path):
+        assert path is not None
         yield path
-    finally:
-        emulator.dismiss(START_S)
 
 
 def bare(path: str, seconds: float, rate_hz: float) -> Ran:

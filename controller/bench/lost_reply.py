@@ -19,7 +19,7 @@ from typing import Final
 
 from haptic_wall.controller.bench.bus_clients import rustypot
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
-from haptic_wall.controller.bench.rows import Histogram, Row, Section
+from haptic_wall.controller.bench.rows import Histogram, Measurement, Section
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
@@ -108,7 +108,7 @@ def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
     return taken
 
 
-def _whole_program() -> tuple[list[Row], list[float]]:
+def _whole_program() -> tuple[list[Measurement], list[float]]:
     """Return its rows, and each wait in periods."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
@@ -125,7 +125,7 @@ def _whole_program() -> tuple[list[Row], list[float]]:
     periods = [1e9 * each / _PERIOD_NS for each in taken]
     rows = [
         *_figures(what, periods),
-        Row(
+        Measurement(
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
             ran.missed,
             "1",
@@ -135,10 +135,10 @@ def _whole_program() -> tuple[list[Row], list[float]]:
     return rows, periods
 
 
-def _figures(what: str, periods: list[float]) -> list[Row]:
+def _figures(what: str, periods: list[float]) -> list[Measurement]:
     return [
-        Row(f"{what}, median", statistics.median(periods), "periods", _SHOWS_NOT),
-        Row(f"{what}, longest", max(periods), "periods", _SHOWS_NOT),
+        Measurement(f"{what}, median", statistics.median(periods), "periods", _SHOWS_NOT),
+        Measurement(f"{what}, longest", max(periods), "periods", _SHOWS_NOT),
     ]
 
 

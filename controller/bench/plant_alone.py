@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from haptic_wall.controller.bench.rows import Row, interleaved, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.settings import TrueServo
@@ -78,7 +78,7 @@ def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float
     )
 
 
-def beside_peers() -> tuple[list[Row], list[str]]:
+def beside_peers() -> tuple[list[Measurement], list[str]]:
     """Return the rates of all, the differences of their answers, and what is not compared."""
     notes = list(_NOTES)
     peers = {**_scipy(), **_mujoco(notes)}
@@ -112,7 +112,7 @@ def beside_peers() -> tuple[list[Row], list[str]]:
             )
         )
         rows.append(
-            Row(
+            Measurement(
                 f"largest difference of position from {name}",
                 apart,
                 "rad",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Measurement:
     """One figure."""
 
     name: str
@@ -39,13 +39,13 @@ class Histogram:
 class Section:
     """Result of one section."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Measurement, ...]
     notes: tuple[str, ...] = ()
     """Missing measurements, and the reasons"""
     histograms: tuple[Histogram, ...] = ()
 
 
-def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Row:
+def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Measurement:
     """Return a row of one value a round: the median, and the quartiles.
 
     Args:
@@ -55,12 +55,12 @@ def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -
         shows_not: A conclusion that it does not support.
     """
     if len(values) == 1:
-        return Row(name, values[0], unit, shows_not, values[0], values[0])
+        return Measurement(name, values[0], unit, shows_not, values[0], values[0])
     low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return Row(name, middle, unit, shows_not, low, high)
+    return Measurement(name, middle, unit, shows_not, low, high)
 
 
-def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Row:
+def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Measurement:
     """Return ours over theirs, round by round: the machine's other work affects both alike.
 
     Args:

@@ -13,7 +13,7 @@ from haptic_wall.controller.bench.loops import (
     emulated_bus,
     wall_run,
 )
-from haptic_wall.controller.bench.rows import Histogram, Row, Section, over_rounds
+from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds
 from haptic_wall.controller.bench.stage_times import STAGES
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes.children import Child, first_line
@@ -47,7 +47,7 @@ def measure() -> Section:
                 whole.setdefault(name, []).append(_whole_run(preset, *sets))
             for name, (preset, *sets) in servos.items():
                 timed.setdefault(name, []).append(_timed_run(preset, *sets))
-    rows: list[Row] = []
+    rows: list[Measurement] = []
     for name, works in whole.items():
         rows += _whole_rows(name, works)
     for name in servos:
@@ -89,7 +89,7 @@ def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
     return dict(figures)
 
 
-def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Row]:
+def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Measurement]:
     return [
         over_rounds(
             f"{name}: work of a tick, {percentile}",
@@ -102,7 +102,7 @@ def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Row]:
     ]
 
 
-def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Row]:
+def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Measurement]:
     rows = [
         over_rounds(
             f"{name}: {stage}, {percentile}",

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from haptic_wall.controller.bench.rows import Row, Section
+from haptic_wall.controller.bench.rows import Measurement, Section
 from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW, Telemetry
 from haptic_wall.controller.runtime.telemetry import Row as TickRow
 
@@ -50,7 +50,7 @@ def measure() -> Section:
         cold = once_a_while(ways, _COLD_TURNS)
         sizes = _sizes([name for name in ways if name != _NOTHING], Path(folder), stack)
     rows = [
-        Row(
+        Measurement(
             "a call of nothing, once every millisecond",
             cold[_NOTHING],
             "µs",
@@ -59,19 +59,19 @@ def measure() -> Section:
     ]
     for name in sizes:
         rows += [
-            Row(
+            Measurement(
                 f"{name}, one row, once every millisecond",
                 cold[name],
                 "µs",
                 "a loop's other work, which takes its share of the caches as well",
             ),
-            Row(
+            Measurement(
                 f"{name}, one row, in a row",
                 hot[name],
                 "µs",
                 "a loop, which writes one a period, when the caches hold something else",
             ),
-            Row(
+            Measurement(
                 f"{name}, size of a row",
                 sizes[name],
                 "B",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
 from haptic_wall.controller.bench.loops import BAUD, LOOPS, emulated_bus
-from haptic_wall.controller.bench.rows import Histogram, Row, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
 from haptic_wall.hw.dynamixel.codec import Instruction
@@ -122,7 +122,7 @@ def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
     return of_the_bus
 
 
-def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
+def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
     what = "deviation of torque frames' intervals from the period"
     rows = []
     for percentile in (50, 99):
@@ -145,7 +145,7 @@ def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
     return rows
 
 
-def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Row]:
+def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]:
     return [
         over_rounds(
             f"{name}, intervals left out because the emulated bus was held up",

@@ -102,12 +102,12 @@ def _measured(
     """Execute the steps, in about so many seconds; write the report unless nothing was measured."""
     from haptic_wall.controller.experiments.commission.report import report
     from haptic_wall.controller.experiments.commission.sequence import run_steps
-    from haptic_wall.controller.experiments.commission.steps import Bench
+    from haptic_wall.controller.experiments.commission.steps import StepContext
     from haptic_wall.controller.report.commission.picture import PLOTS
 
     with writing("--out", store.folder):
         with moving(loaded.config, seconds):
-            ended = run_steps(Bench(loaded.config, loaded.name, reach, store, say, PLOTS))
+            ended = run_steps(StepContext(loaded.config, loaded.name, reach, store, say, PLOTS))
         with (
             on_signals(signal.SIG_IGN),  # a held Ctrl-C must not cost the report
             working("writing the report", DRAWING_S),
@@ -177,7 +177,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     """Write the page; return the report's data."""
     from haptic_wall.controller.experiments.commission.report import report
     from haptic_wall.controller.experiments.commission.store import ALLOWED
-    from haptic_wall.controller.experiments.commission.verdict import Question
+    from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
     from haptic_wall.controller.experiments.kept_folder import without_link
     from haptic_wall.controller.report.commission.page import page
     from haptic_wall.controller.report.commission.picture import draw_allowed
@@ -188,7 +188,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
     allowed: Path | None = picture
     try:
         with whole(without_link(picture), PICTURE, force=True) as part:
-            draw_allowed(Question.of(ended.config, data["delay"]), data, part)
+            draw_allowed(GuardQuestion.of(ended.config, data["delay"]), data, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
         say(f"the picture of the verdict could not be drawn ({error}); the report is without it")
         allowed = None

@@ -208,7 +208,7 @@ def _from_sweep(
     found: Identified | None,
 ) -> dict[str, Any]:
     """Return the boundary's results beside those of the motion or the belief."""
-    from haptic_wall.controller.experiments.identify.boundary_fit import Loop, fit_boundary
+    from haptic_wall.controller.experiments.identify.boundary_fit import KnownLoop, fit_boundary
     from haptic_wall.controller.experiments.identify.identification import Estimated
     from haptic_wall.controller.experiments.identify.text import (
         believed,
@@ -227,7 +227,7 @@ def _from_sweep(
         damping, delay = found.damping, found.delay
     # The boundary was measured in commanded torque.
     known = (Estimated(damping.value / gain, damping.stderr / gain), delay)
-    loop = Loop(
+    loop = KnownLoop(
         inertia=inertia / gain,
         coulomb=coulomb / gain,
         period=measured_with.period_s,

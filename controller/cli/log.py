@@ -26,7 +26,7 @@ from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import WHOLE, LogRows, Stretch
+from haptic_wall.controller.logs.rows import WHOLE, LogRows, TimeSpan
 from haptic_wall.controller.logs.summary import summarised
 from haptic_wall.controller.system.file_kinds import LOG, PICTURE, Kind, table
 from haptic_wall.controller.system.whole_file import whole
@@ -115,7 +115,7 @@ def command(
         answer(summary_text(full, metadata.get("cut"), log.name))
 
 
-def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
+def _stretch(start_s: float | None, end_s: float | None) -> TimeSpan:
     for option, value in (("--from", start_s), ("--to", end_s)):
         if value is not None and not 0.0 <= value < math.inf:
             raise UserError(
@@ -123,7 +123,7 @@ def _stretch(start_s: float | None, end_s: float | None) -> Stretch:
             )
     if start_s is not None and end_s is not None and start_s >= end_s:
         raise UserError(f"--to: found {end_s:g}, wanted more than --from, which is {start_s:g}")
-    return Stretch(-math.inf if start_s is None else start_s, math.inf if end_s is None else end_s)
+    return TimeSpan(-math.inf if start_s is None else start_s, math.inf if end_s is None else end_s)
 
 
 def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:

@@ -27,7 +27,7 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MAR
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.maps.maps import CriticalMap, Setting
+    from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapSettings
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -86,11 +86,11 @@ def command(
     """
     from haptic_wall.controller.experiments.maps.maps import (
         MapInterruptedError,
-        Setting,
+        MapSettings,
         critical_map,
     )
 
-    setting = Setting.of(asked.config)
+    setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
@@ -136,7 +136,7 @@ def command(
         sys.exit(INTERRUPTED)
 
 
-def _default_dampings(setting: Setting, steps: list[int]) -> list[float]:
+def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
     import numpy as np
 
     from haptic_wall.controller.theory import max_virtual_damping

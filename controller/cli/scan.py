@@ -16,7 +16,7 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.examine.adapter import kind_of_port, only_adapter
-from haptic_wall.hw.dynamixel.examine.search import IDS, LIKELY_FIRST, Search, scan
+from haptic_wall.hw.dynamixel.examine.search import IDS, LIKELY_FIRST, BaudSearch, scan
 from haptic_wall.hw.dynamixel.holders import is_terminal
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 
@@ -73,7 +73,7 @@ def _refuse_no_port(path: str) -> None:
             )
 
 
-def _report(path: str, searches: list[Search]) -> dict[str, Any]:
+def _report(path: str, searches: list[BaudSearch]) -> dict[str, Any]:
     servos = sorted(servo for one in searches for servo in one.servos)
     return {
         "port": path,

@@ -23,7 +23,7 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+    from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
     from haptic_wall.controller.experiments.sweep.result import PointResult
     from haptic_wall.controller.settings.config import Config
 
@@ -97,7 +97,7 @@ def command(
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
     from haptic_wall.controller.experiments.sweep.store import PNG, SweepStore
-    from haptic_wall.controller.experiments.sweep.store import Asked as SweepAsked
+    from haptic_wall.controller.experiments.sweep.store import SweepSettings as SweepAsked
     from haptic_wall.controller.experiments.sweep.sweep import expected_s, experiment_config, sweep
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
     from haptic_wall.controller.processes.run_report import exit_status
@@ -148,12 +148,12 @@ def command(
         sys.exit(INTERRUPTED if tripped is None else exit_status(tripped.stop_reason))
 
 
-def _settings(dampings: list[float], steps: list[float]) -> tuple[Setting, ...]:
-    from haptic_wall.controller.experiments.sweep.plan import Setting
+def _settings(dampings: list[float], steps: list[float]) -> tuple[PlanePoint, ...]:
+    from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 
     whole = whole_periods(steps, _MOST_STEPS)
     # Each once: results are kept by point.
-    return tuple(dict.fromkeys(Setting(b, n) for n in whole for b in dampings))
+    return tuple(dict.fromkeys(PlanePoint(b, n) for n in whole for b in dampings))
 
 
 def _folder(asked: Asked, *, fresh: bool) -> Path:
@@ -170,9 +170,9 @@ def _folder(asked: Asked, *, fresh: bool) -> Path:
 
 def _announce(
     config: Config,
-    settings: tuple[Setting, ...],
+    settings: tuple[PlanePoint, ...],
     options: Options,
-    done: dict[Setting, PointResult],
+    done: dict[PlanePoint, PointResult],
 ) -> None:
     """Announce the motions."""
     from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s
@@ -206,7 +206,7 @@ class _Progress:
         self._done = self._before = before
         self._began = time.monotonic()
 
-    def point(self, _setting: Setting, result: PointResult) -> None:
+    def point(self, _setting: PlanePoint, result: PointResult) -> None:
         self._done += 1
         left = self._total - self._done
         pace = (time.monotonic() - self._began) / (self._done - self._before)

@@ -32,8 +32,8 @@ KICKS = "measured: detector-table, After a kick"
 KICKS_HANDS = "measured: detector-table, After a kick and Hands on walls at nine tenths"
 CYCLES = "measured: detector-table, Sustained oscillations and Hands on walls at nine tenths"
 ANSWERS = (
-    "measured: of 96 answers of walls 95 are so, of 24 longer ones of hands 6 (leaving out that of a"
-    " motion that became smaller)"
+    "measured: of 96 answers of walls 95 are so, of 24 longer ones of hands 6 (leaving out that of"
+    " a motion that became smaller)"
 )
 CONTACT_ANSWERS = (
     "measured: of 19 answers of bouncing walls 16 are so, of 17 longer ones of hands 6"

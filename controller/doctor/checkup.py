@@ -27,9 +27,9 @@ from haptic_wall.hw.dynamixel.examine.adapter import examine_port
 from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
 from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
 from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
-from haptic_wall.hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
 from haptic_wall.hw.dynamixel.examine.replies import Replies
-from haptic_wall.hw.dynamixel.examine.search import Found, opened
+from haptic_wall.hw.dynamixel.examine.search import FoundServo, opened
 from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
 from haptic_wall.hw.dynamixel.settings import DynamixelSettings
@@ -164,7 +164,7 @@ class _Checkup:
 
     # The servo
 
-    def _set_up(self, settings: DynamixelSettings, found: Found) -> bool:
+    def _set_up(self, settings: DynamixelSettings, found: FoundServo) -> bool:
         """Check model, firmware and registers; return whether torque is off, for the timing."""
         model = self._model(settings, found)
         if model is None:
@@ -173,7 +173,7 @@ class _Checkup:
         self._tell(f"registers of {name_of(found)}")
         self._firmware(model, found.firmware)
         with opened(settings.port, found.baud, self._clock) as line:
-            servo = Contact.of(line, found.baud, found.id, settings.port, model)
+            servo = ServoAccess.of(line, found.baud, found.id, settings.port, model)
             if not self._status_level(servo):
                 self.report.leave_out("registers")
                 return False
@@ -185,7 +185,7 @@ class _Checkup:
         self._add(*(judgement.finding for judgement in judged))
         return next(j.finding.ok for j in judged if j.finding.name == "torque")
 
-    def _model(self, settings: DynamixelSettings, found: Found) -> Model | None:
+    def _model(self, settings: DynamixelSettings, found: FoundServo) -> Model | None:
         """Return the found model, judged against the configured one; None: unknown."""
         model = model_by_number(found.model_number)
         number = found.model_number
@@ -215,7 +215,7 @@ class _Checkup:
         wanted = f"at least {WATCHDOG_FIRMWARE}"
         self._add(Finding("firmware", ok, str(firmware), wanted, fix))
 
-    def _status_level(self, servo: Contact) -> bool:
+    def _status_level(self, servo: ServoAccess) -> bool:
         """Whether the servo replies to reads and writes; otherwise no other check is possible."""
         register = servo.table.registers["status_return_level"]
         try:
@@ -234,7 +234,7 @@ class _Checkup:
         return level > 0
 
     def _judge(
-        self, servo: Contact, settings: DynamixelSettings, model: Model, firmware: int
+        self, servo: ServoAccess, settings: DynamixelSettings, model: Model, firmware: int
     ) -> list[Judgement]:
         constant = settings.torque_constant or model.torque_constant or 0.0
         examined = read_all(servo, model, firmware)
@@ -242,7 +242,7 @@ class _Checkup:
         self._return_delay_ns = delay * RETURN_DELAY_UNIT_NS
         return judge(examined, settings.torque_limit, constant)
 
-    def _mend(self, servo: Contact, judged: list[Judgement]) -> bool:
+    def _mend(self, servo: ServoAccess, judged: list[Judgement]) -> bool:
         """Make the possible and permitted repairs; return whether any was tried."""
         tried = False
         for finding, repair in in_order_of_repair(judged):

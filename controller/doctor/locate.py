@@ -9,12 +9,12 @@ from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.examine.adapter import examine_latency_timer
 from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
-from haptic_wall.hw.dynamixel.examine.registers import Contact
+from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
 from haptic_wall.hw.dynamixel.examine.search import (
     IDS,
     LIKELY_FIRST,
-    Found,
-    Search,
+    BaudSearch,
+    FoundServo,
     opened,
     scan,
     search,
@@ -52,7 +52,7 @@ class Locator:
         self._consent = consent
         self._change_baud = change_baud
 
-    def find(self, settings: DynamixelSettings) -> Found | None:
+    def find(self, settings: DynamixelSettings) -> FoundServo | None:
         """Return where the servo replies: at the configured rate, else at another; None: nowhere.
 
         Args:
@@ -102,7 +102,7 @@ class Locator:
         self._add(Finding("servo answers", False, found, wanted, fix))
         return None
 
-    def _look(self, settings: DynamixelSettings) -> Search:
+    def _look(self, settings: DynamixelSettings) -> BaudSearch:
         """Search at the configured rate; with the port open, check its latency timer as well."""
         try:
             with opened(settings.port, settings.baud, self._clock) as line:
@@ -115,11 +115,11 @@ class Locator:
                 self._add(timer)
                 return search(line, settings.baud, {settings.id}, to_the_end=False)
         except BaudRefusedError as error:
-            return Search(settings.baud, [], 0, str(error))
+            return BaudSearch(settings.baud, [], 0, str(error))
 
     def _elsewhere(
-        self, settings: DynamixelSettings, found: Found, wanted: str, refused: bool
-    ) -> Found:
+        self, settings: DynamixelSettings, found: FoundServo, wanted: str, refused: bool
+    ) -> FoundServo:
         """Report that the servo replies at another rate, and change its rate on request.
 
         It never sets a rate that the adapter does not support: the servo would be unreachable.
@@ -142,7 +142,9 @@ class Locator:
         self._add(Finding("servo answers", False, f"at {found.baud} bit/s", wanted, fix))
         return found
 
-    def _set_baud(self, settings: DynamixelSettings, found: Found) -> tuple[Change, Found]:
+    def _set_baud(
+        self, settings: DynamixelSettings, found: FoundServo
+    ) -> tuple[Change, FoundServo]:
         """Write Baud Rate, and find the servo again."""
         name, before = "baud rate", str(found.baud)
         model = model_by_number(found.model_number)
@@ -150,7 +152,7 @@ class Locator:
         if model is None or value > model.registers["baud_rate"].maximum:
             return Change(name, before, f"{settings.baud} is none it can have", False), found
         with opened(settings.port, found.baud, self._clock) as line:
-            table = Contact.of(line, found.baud, found.id, settings.port, model).table
+            table = ServoAccess.of(line, found.baud, found.id, settings.port, model).table
             try:
                 if table.read("torque_enable"):
                     return Change(name, before, "its torque is on, so it is locked", False), found
@@ -172,6 +174,6 @@ class Locator:
         return self._consent is not None and self._consent(question)
 
 
-def name_of(servo: Found) -> str:
+def name_of(servo: FoundServo) -> str:
     """Return a servo's model, id and baud rate, for people."""
     return f"{servo.model or 'unknown model'} id {servo.id} at {servo.baud} bit/s"

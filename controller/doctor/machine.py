@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptic_wall.controller.runtime.lateness.machine_setup import Found
+from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
 from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
 from haptic_wall.hw.dynamixel.examine.replies import percentile
@@ -55,7 +55,7 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
     )
 
 
-def judge_setup(setup: Sequence[Found]) -> list[Finding]:
+def judge_setup(setup: Sequence[SettingState]) -> list[Finding]:
     """Judge whether kernel, core and processor are set up for a loop; advice only.
 
     Args:

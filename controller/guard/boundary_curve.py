@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import DelayParts
-from haptic_wall.controller.guard.limits import Found, evaluate_box, passive_over_delays
+from haptic_wall.controller.guard.limits import PlantLimits, evaluate_box, passive_over_delays
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import critical_point, max_virtual_damping, peak
@@ -50,7 +50,7 @@ class Curve:
 
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
-    found: Found
+    found: PlantLimits
     passive: FloatArray
     """[N·m/rad]"""
     frequency: FloatArray

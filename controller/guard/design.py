@@ -14,7 +14,7 @@ import numpy as np
 from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
 from haptic_wall.controller.guard.limits import (
     LOOKED_UP,
-    Found,
+    PlantLimits,
     evaluate,
     evaluate_box,
     quantisation_limit,
@@ -35,7 +35,7 @@ def improvements(
     settings: GuardSettings,
     situation: Situation,
     parts: Sequence[DelayParts],
-    found: Found,
+    found: PlantLimits,
     changes: Sequence[Change],
     thorough: bool = False,
 ) -> list[list[Improvement]]:
@@ -99,12 +99,12 @@ def improvements(
     return [sorted(answer, key=lambda each: -each.stiffness) for answer in answers]
 
 
-def _append(answers: list[list[Improvement]], change: Change, found: Found) -> None:
+def _append(answers: list[list[Improvement]], change: Change, found: PlantLimits) -> None:
     for i, answer in enumerate(answers):
         answer.append(_improvement(change, found, i))
 
 
-def _improvement(change: Change, found: Found, i: int) -> Improvement:
+def _improvement(change: Change, found: PlantLimits, i: int) -> Improvement:
     binding, stiffness = found.limits(i).smallest()
     return Improvement(change, stiffness, binding, float(found.damping[i]))
 

@@ -16,7 +16,12 @@ import numpy as np
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.design import improvements
 from haptic_wall.controller.guard.explain import REMEDIES, explain
-from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box, unstable_nominally
+from haptic_wall.controller.guard.limits import (
+    LOOKED_UP,
+    PlantLimits,
+    evaluate_box,
+    unstable_nominally,
+)
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import Improvement
 from haptic_wall.controller.guard.types import (
@@ -106,7 +111,7 @@ def _explained(
     situation: Situation,
     before_device: FloatArray,
     inserted: float,
-    found: Found,
+    found: PlantLimits,
     reduced: bool,
 ) -> list[Decision]:
     """Return the decisions with their reasons and the limit that each remedy would give."""

@@ -39,7 +39,7 @@ servo is known exactly."""
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class PlantLimits:
     """Permitted damping and stiffness limits of each plant, in commanded units."""
 
     ceiling: FloatArray
@@ -58,11 +58,11 @@ class Found:
 
         return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
 
-    def take(self, index: IntArray) -> Found:
+    def take(self, index: IntArray) -> PlantLimits:
         """Return the results of the plants at ``index``."""
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         chosen: dict[str, Any] = {n: None if v is None else v[index] for n, v in every.items()}
-        return Found(**chosen)
+        return PlantLimits(**chosen)
 
     def smallest(self) -> FloatArray:
         """Return the smallest limit of each plant [N·m/rad]."""
@@ -78,7 +78,7 @@ def evaluate(
     plants: Plants,
     tolerance: float = 1e-4,
     asked: FloatArray | None = None,
-) -> Found:
+) -> PlantLimits:
     """Compute the permitted damping and the stiffness limits at it.
 
     Args:
@@ -113,7 +113,7 @@ def evaluate(
                 m, b, acting, t, t_d, n, exact=exact, ceiling=nothing_stable
             )
         )
-    return Found(
+    return PlantLimits(
         ceiling=ceiling,
         damping=damping,
         linear=linear_limit(b, acting, t, t_d, n) / g,
@@ -131,7 +131,7 @@ def evaluate_box(
     corners: Plants,
     tolerance: float = 1e-4,
     asked: FloatArray | None = None,
-) -> Found:
+) -> PlantLimits:
     """Compute the same as ``evaluate``, with each limit the least over the whole belief.
 
     The permitted damping comes from the corners, where the ceiling is least. At that damping each
@@ -167,7 +167,7 @@ def evaluate_box(
 
 
 _MOST_EVALUATED = 64
-_evaluated: dict[tuple[object, ...], Found] = {}
+_evaluated: dict[tuple[object, ...], PlantLimits] = {}
 """Cached results, without the quantisation limit. A servo may report its torque limit only after
 its start, with torque on; that change alone must not cause a new evaluation."""
 
@@ -179,7 +179,7 @@ def _evaluate_box(
     corners: Plants,
     tolerance: float,
     asked: FloatArray | None,
-) -> Found:
+) -> PlantLimits:
     """Compute ``evaluate_box`` without the cache."""
     at_corner = evaluate(request, settings, situation, corners, tolerance, asked)
     box = Box.of(situation)

@@ -18,14 +18,14 @@ from haptic_wall.controller.logs.upgrade import upgraded
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class TimeSpan:
     """The time from ``start_s`` up to, but without, ``end_s``, since the log's first row [s]."""
 
     start_s: float = -math.inf
     end_s: float = math.inf
 
 
-WHOLE = Stretch()
+WHOLE = TimeSpan()
 JOINT_NS = 1_000_000_000
 """Time between two logs joined in one file, whenever they were written [ns]"""
 
@@ -48,12 +48,12 @@ class LogRows:
     """Deadline of the log's first row [ns]; 0: it has none"""
     metadata: Mapping[str, Any]
     """Of their log, the first where logs are joined"""
-    stretch: Stretch = WHOLE
+    stretch: TimeSpan = WHOLE
     watched: bool = True
     """The rows contain the detector's state; those of the first versions do not"""
 
     @classmethod
-    def of(cls, log: LogReader, stretch: Stretch = WHOLE) -> LogRows:
+    def of(cls, log: LogReader, stretch: TimeSpan = WHOLE) -> LogRows:
         """Return the rows of a log in a stretch; the log's first row has time 0.
 
         Raises:

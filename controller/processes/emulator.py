@@ -12,6 +12,8 @@ from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.settings import ServoSettings
 
+EMULATE = ("haptic_wall.controller.cli.main", "emulate", "--die-with-parent")
+"""The command, after ``python -m``"""
 START_S = 60.0
 """How long the bus may take to start [s]"""
 END_S = 2.0
@@ -28,8 +30,8 @@ def emulator_arguments(
         witness: Where the bus keeps a record; None: nowhere.
         force: A file of ours that is there may be replaced.
     """
-    arguments = ["haptic_wall.controller.cli.main", "emulate", "--die-with-parent"]
-    arguments += ["--servo", f"{settings.model}:{settings.id}", "--baud", str(settings.baud)]
+    arguments = [*EMULATE, "--servo", f"{settings.model}:{settings.id}"]
+    arguments += ["--baud", str(settings.baud)]
     arguments += ["--seed", str(settings.fault_seed)]
     for fault in settings.faults:
         arguments += ["--fault", fault]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_wall.controller.runtime.telemetry import State, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Word
 
 START_S = 60.0
 """Time allowed for the loop to start [s]: the checked start-up, and the guard's mathematics."""
@@ -51,15 +51,15 @@ class LoopWatch:
         if self._words[Word.STOP]:
             self.asked()
         state = self._words[Word.STATE]
-        end_s = REPORT_S if state == State.TORQUE_OFF else END_S
+        end_s = REPORT_S if state == LoopState.TORQUE_OFF else END_S
         if self._asked is not None and now - max(self._asked, self._awake) > end_s:
             return f"did not end within {end_s:g} s of being asked to"
-        if state == State.STARTING:
+        if state == LoopState.STARTING:
             if now - self._started > START_S:
                 return f"did not start within {START_S:g} s"
             return None
         silent = now - max(self._words[Word.HEARTBEAT_NS] * 1e-9, self._awake)
-        if state == State.RUNNING:
+        if state == LoopState.RUNNING:
             if silent > self._heartbeat_s:
                 return f"gave no sign of life for {silent:.2g} s"
         elif silent > end_s:  # it has left the grid and only has to end

@@ -29,7 +29,7 @@ from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.row_count import RowCount
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
-from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
@@ -231,7 +231,7 @@ class Supervisor:
                 self._cut_unconfirmed()
             return stop_reason(self._result["stop_reason"])
         if self._refused is not None:
-            if self._words[Word.STATE] not in (State.STARTING, State.TORQUE_OFF):
+            if self._words[Word.STATE] not in (LoopState.STARTING, LoopState.TORQUE_OFF):
                 self._cut_unconfirmed()
             return End.REFUSED
         return self._cut(loop, Trip.LOOP_DIED, "")

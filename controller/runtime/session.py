@@ -21,7 +21,7 @@ from haptic_wall.controller.runtime.assembly import (
 )
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
-from haptic_wall.controller.runtime.lateness.machine_setup import Found
+from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.loop import Grid
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
@@ -32,7 +32,7 @@ from haptic_wall.controller.runtime.session_report import (
     missed_warnings,
     trip_figures,
 )
-from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
@@ -75,7 +75,7 @@ class Result:
     """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
     checks: list[Check] = field(default_factory=list)
-    setup: list[Found] = field(default_factory=list)
+    setup: list[SettingState] = field(default_factory=list)
     """The machine's settings, where the loop has a process of its own"""
     facts: dict[str, float | None] = field(default_factory=dict)
     """The servo's values that the oscillation watch uses; None: not known"""
@@ -115,7 +115,7 @@ def run_session(
     """Run the wall until the duration is over, a stop is requested, or a trip ends it.
 
     The result contains errors of the run and of its report. When an error is raised torque is off,
-    unless ``Word.STATE`` is ``State.TORQUE_UNKNOWN``: then torque off could not be read back.
+    unless ``Word.STATE`` is ``LoopState.TORQUE_UNKNOWN``: then torque off could not be read back.
 
     Args:
         config: The effective configuration.
@@ -211,7 +211,7 @@ class _Session:
             self._late,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
-        telemetry.words[Word.STATE] = State.RUNNING
+        telemetry.words[Word.STATE] = LoopState.RUNNING
 
     def run(self, duration_s: float | None) -> None:
         """Serve the grid until the end, and switch the torque off."""
@@ -288,9 +288,9 @@ def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
     """Switch the torque off; return whether that was read back, and set ``Word.STATE``."""
     words = telemetry.words
     words[Word.HEARTBEAT_NS] = clock.now_ns()  # the supervisor's time-out starts here
-    words[Word.STATE] = State.STOPPING
+    words[Word.STATE] = LoopState.STOPPING
     torque_off = servo.stop()
-    words[Word.STATE] = State.TORQUE_OFF if torque_off else State.TORQUE_UNKNOWN
+    words[Word.STATE] = LoopState.TORQUE_OFF if torque_off else LoopState.TORQUE_UNKNOWN
     return torque_off
 
 

@@ -121,7 +121,7 @@ class Word(IntEnum):
     HEARTBEAT_NS = 1
     """Time of the loop's last tick (loop)."""
     STATE = 2
-    """A ``State`` (loop)."""
+    """A ``LoopState`` (loop)."""
     STOP = 3
     """Not 0: end the run with torque off (supervisor)."""
     CUT = 4
@@ -147,7 +147,7 @@ class Word(IntEnum):
 _HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as an enum member
 
 
-class State(IntEnum):
+class LoopState(IntEnum):
     """State of the loop."""
 
     STARTING = 0

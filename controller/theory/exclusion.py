@@ -66,7 +66,7 @@ class Family:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Exclusion:
     """The result of a proof that a family has no poles on the unit circle."""
 
     proved: bool
@@ -111,7 +111,7 @@ class _Boxes:
         )
 
 
-def exclude(family: Family, budget: int) -> Outcome:
+def exclude(family: Family, budget: int) -> Exclusion:
     """Try to prove that no member has a pole on the unit circle, at any gain and stiffness.
 
     Args:
@@ -120,7 +120,7 @@ def exclude(family: Family, budget: int) -> Outcome:
     """
     shortest, longest = family.delay
     if 2 * _FIRST_SPLIT * (longest - shortest) > budget:
-        return Outcome(False, 0, (family.edge[1], longest))
+        return Exclusion(False, 0, (family.edge[1], longest))
     boxes, looked_at = _first(family), 0
     while True:
         looked_at += boxes.whole.size
@@ -133,7 +133,7 @@ def exclude(family: Family, budget: int) -> Outcome:
         rest = low.take(left_low).split(along_low[left_low])
         rest = rest.followed_by(high.take(left).split(along[left]))
         if rest.whole.size == 0:
-            return Outcome(True, looked_at, None)
+            return Exclusion(True, looked_at, None)
         if rest.whole.size < _FEW:
             along = np.concatenate([np.tile(along_low[left_low], 2), np.tile(along[left], 2)])
             rest = rest.split(along)
@@ -141,7 +141,7 @@ def exclude(family: Family, budget: int) -> Outcome:
             nearest = high if np.any(left) else low
             worst = int(np.argmin(np.where(left, here, np.inf))) if np.any(left) else 0
             _, x, fraction = nearest.centre[:, worst].tolist()
-            return Outcome(False, looked_at, (x, int(nearest.whole[worst]) + fraction))
+            return Exclusion(False, looked_at, (x, int(nearest.whole[worst]) + fraction))
         boxes = rest
 
 

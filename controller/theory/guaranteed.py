@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass, fields, replace
 
 from haptic_wall.controller.theory.checks import number, positive, scalar
-from haptic_wall.controller.theory.exclusion import Outcome
+from haptic_wall.controller.theory.exclusion import Exclusion
 from haptic_wall.controller.theory.ranges import Member, Ranges
-from haptic_wall.controller.theory.worst_member import Search, closed_in
+from haptic_wall.controller.theory.worst_member import WorstSearch, closed_in
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ def is_stable_over(
         ValueError: An argument is outside of its domain; the message names it.
     """
     k = scalar(positive, "stiffness", stiffness)
-    search = Search.of(ranges, virtual_damping, period, velocity_samples)
+    search = WorstSearch.of(ranges, virtual_damping, period, velocity_samples)
     least, worst = search.stiffness()
     if least <= k:
         return Verdict(False, worst, 0)
@@ -132,7 +132,7 @@ def guaranteed_limit(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    search = Search.of(ranges, virtual_damping, period, velocity_samples)
+    search = WorstSearch.of(ranges, virtual_damping, period, velocity_samples)
     return GuaranteedLimit(*closed_in(search.stiffness, search.proof, _share(tolerance)))
 
 
@@ -150,9 +150,9 @@ def guaranteed_damping_ceiling(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    search = Search.of(ranges, 0.0, period, velocity_samples)
+    search = WorstSearch.of(ranges, 0.0, period, velocity_samples)
 
-    def proof(virtual_damping: float) -> Outcome:
+    def proof(virtual_damping: float) -> Exclusion:
         return replace(search, virtual_damping=virtual_damping).proof(0.0)
 
     return GuaranteedCeiling(*closed_in(search.ceiling, proof, _share(tolerance)))
@@ -191,7 +191,7 @@ def cost_of_each_unknown(
         limit = all_unknown if known_too == ranges else limit_of(known_too)
         lost = _lost(all_unknown.stiffness, limit.stiffness)
         unknowns.append(UnknownCost(field.name, value, limit, lost))
-    known, _ = Search.of(
+    known, _ = WorstSearch.of(
         Ranges(*((value, value) for value in astuple(nominal))),
         virtual_damping,
         period,

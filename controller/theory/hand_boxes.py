@@ -41,7 +41,7 @@ class Box(NamedTuple):
     """[N·m/rad]"""
 
 
-class Wall(NamedTuple):
+class HeldWall(NamedTuple):
     """A two-sided wall and its device, in SI units."""
 
     inertia: float
@@ -53,7 +53,7 @@ class Wall(NamedTuple):
     samples: int
 
 
-def doubt(wall: Wall, box: Box) -> float | None:
+def doubt(wall: HeldWall, box: Box) -> float | None:
     """Find the frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
 
     Returns None where no hand can reach it at any angle. Cells of angles in which this cannot be
@@ -79,7 +79,7 @@ def doubt(wall: Wall, box: Box) -> float | None:
     return float(theta[worst]) / wall.period
 
 
-def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> FloatArray:
+def _clear(wall: HeldWall, box: Box, theta: FloatArray, half_cell: FloatArray) -> FloatArray:
     """Return the least distance of 1 + L from 0 over the hands of the box, for each angle's cell.
 
     Args:
@@ -111,7 +111,7 @@ def _clear(wall: Wall, box: Box, theta: FloatArray, half_cell: FloatArray) -> Fl
     return clear
 
 
-def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
+def _angles(wall: HeldWall, box: Box) -> tuple[FloatArray, FloatArray]:
     """Return angles around the circle, and half the cell of each.
 
     They start at the lowest of three angles: a tenth of the frequency of the greatest mass on the
@@ -137,7 +137,7 @@ def _angles(wall: Wall, box: Box) -> tuple[FloatArray, FloatArray]:
     return 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
 
 
-def _weights(wall: Wall, w: FloatArray, width: FloatArray) -> tuple[ComplexArray, FloatArray]:
+def _weights(wall: HeldWall, w: FloatArray, width: FloatArray) -> tuple[ComplexArray, FloatArray]:
     """Return C_n at the aliases ``w`` (angles × aliases), its largest change within ``width``."""
     n = wall.samples
     theta = w * wall.period

@@ -25,7 +25,7 @@ from haptic_wall.controller.theory.checks import (
     scalar,
 )
 from haptic_wall.controller.theory.coupled import Hand, coupled_limit, is_stable
-from haptic_wall.controller.theory.hand_boxes import Box, Wall, doubt
+from haptic_wall.controller.theory.hand_boxes import Box, HeldWall, doubt
 from haptic_wall.controller.theory.passivity import passive_limit
 
 _REFINEMENTS = 12
@@ -85,7 +85,7 @@ def stable_hands(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    wall = Wall(
+    wall = HeldWall(
         scalar(positive, "inertia", inertia),
         scalar(positive, "damping", damping),
         scalar(positive, "stiffness", stiffness),
@@ -131,13 +131,13 @@ def stable_hands(
     return HandVerdict(None, worst, limit)
 
 
-def _hand(wall: Wall, mass: float, damping: float, spring: float) -> Hand:
+def _hand(wall: HeldWall, mass: float, damping: float, spring: float) -> Hand:
     return Hand(
         max(float(mass) - wall.inertia, 0.0), max(float(damping) - wall.damping, 0.0), float(spring)
     )
 
 
-def _limit(wall: Wall, hand: Hand) -> float:
+def _limit(wall: HeldWall, hand: Hand) -> float:
     _, _, _, big_b, period, delay, n_samples = wall
     limit = coupled_limit(
         wall.inertia, wall.damping, big_b, period, delay, hand, velocity_samples=n_samples
@@ -145,7 +145,7 @@ def _limit(wall: Wall, hand: Hand) -> float:
     return float(limit)
 
 
-def _at(wall: Wall, box: Box, share: FloatArray) -> tuple[float, float, float]:
+def _at(wall: HeldWall, box: Box, share: FloatArray) -> tuple[float, float, float]:
     """Return the hand at the given fractions (0 to 1) of the ranges, on a geometric scale."""
     (m0, m1), (b0, b1), (k0, k1) = box
     x0, x1 = math.asinh(k0 / wall.stiffness), math.asinh(k1 / wall.stiffness)
@@ -156,11 +156,11 @@ def _at(wall: Wall, box: Box, share: FloatArray) -> tuple[float, float, float]:
     )
 
 
-def _middle(wall: Wall, box: Box) -> tuple[float, float, float]:
+def _middle(wall: HeldWall, box: Box) -> tuple[float, float, float]:
     return _at(wall, box, np.full(3, 0.5))
 
 
-def _halves(wall: Wall, box: Box, w: float) -> tuple[Box, Box] | None:
+def _halves(wall: HeldWall, box: Box, w: float) -> tuple[Box, Box] | None:
     """Halve the box along the side that spreads the impedance most at ``w``; None for a point."""
     (m0, m1), (b0, b1), (k0, k1) = box
     spread = ((m1 - m0) * w, b1 - b0, (k1 - k0) / w)
@@ -173,7 +173,7 @@ def _halves(wall: Wall, box: Box, w: float) -> tuple[Box, Box] | None:
     return Box(*first), Box(*second)
 
 
-def _worst(wall: Wall, box: Box) -> tuple[Hand, float]:
+def _worst(wall: HeldWall, box: Box) -> tuple[Hand, float]:
     """Find the lowest critical stiffness on a grid over the box, then around the lowest point."""
     found: dict[tuple[float, float, float], float] = {}
 

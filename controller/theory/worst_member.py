@@ -9,7 +9,7 @@ import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray, number, positive, samples, scalar
 from haptic_wall.controller.theory.exact import critical_stiffness, max_virtual_damping
-from haptic_wall.controller.theory.exclusion import Family, Outcome, exclude
+from haptic_wall.controller.theory.exclusion import Exclusion, Family, exclude
 from haptic_wall.controller.theory.ranges import Member, Ranges
 
 _BUDGET = 100_000  # boxes for one proof, under a second
@@ -20,7 +20,7 @@ _MOST_WHOLE = 64  # delays that the search evaluates
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class WorstSearch:
     """Search for the worst member, and the proof that no other is worse."""
 
     ranges: Ranges
@@ -31,7 +31,7 @@ class Search:
     @classmethod
     def of(
         cls, ranges: Ranges, virtual_damping: float, period: float, velocity_samples: int
-    ) -> Search:
+    ) -> WorstSearch:
         """Return the search for checked arguments.
 
         Raises:
@@ -50,7 +50,7 @@ class Search:
         inertia, damping = self.ranges.inertia, self.ranges.damping
         return float(np.sqrt(inertia[0] / inertia[1])), damping[1] / damping[0]
 
-    def proof(self, stiffness: float) -> Outcome:
+    def proof(self, stiffness: float) -> Exclusion:
         """Try to prove that all members are stable up to a stiffness."""
         inertia, damping = self.ranges.inertia[0], self.ranges.damping[0]
         low, high = self.edge
@@ -124,7 +124,7 @@ class Search:
 
 def closed_in(
     least: Callable[[tuple[float, float] | None], tuple[float, Member]],
-    proof: Callable[[float], Outcome],
+    proof: Callable[[float], Exclusion],
     tolerance: float,
 ) -> tuple[float, float, Member, int]:
     """Lower the limit to prove, by counterexamples or by doubt, until it is proved.

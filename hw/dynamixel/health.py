@@ -54,7 +54,7 @@ _BLOCKS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class DrivingRange:
     """The range in which a servo may be driven: its own limits, read at the start."""
 
     watchdog: int
@@ -126,7 +126,7 @@ class HealthWatch:
         self._strikes = dict.fromkeys(("supply", "temperature"), 0)
         self.due_ns = 0
         """Time of the next poll [ns]"""
-        self.bounds: Bounds | None = None
+        self.bounds: DrivingRange | None = None
         """Set by the start; no poll before"""
 
     def forget(self) -> None:

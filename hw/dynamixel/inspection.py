@@ -10,7 +10,7 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.checklist import Checklist
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
-from haptic_wall.hw.dynamixel.health import Bounds
+from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.sdk import Table
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.errors import ServoLostError
@@ -150,7 +150,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
     )
 
 
-def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> Bounds:
+def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> DrivingRange:
     """Judge supply and temperature by the servo's own limits; return the limits for the run.
 
     Args:
@@ -158,7 +158,7 @@ def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> 
         checklist: Receives the checks.
         watchdog: Setting of Bus Watchdog [20 ms].
     """
-    bounds = Bounds(
+    bounds = DrivingRange(
         watchdog=watchdog,
         lowest=table.read("min_voltage_limit"),
         highest=table.read("max_voltage_limit"),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.hw.dynamixel.checklist import Checklist
-from haptic_wall.hw.dynamixel.health import Bounds
+from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.inspection import (
     identify,
     judge_supply_and_heat,
@@ -48,7 +48,7 @@ class Ready:
     checks: list[Check]
     current_limit: int
     """The servo's own, in the model's current unit"""
-    bounds: Bounds
+    bounds: DrivingRange
     """The range in which it may be driven"""
     law: TorqueLaw
     """Between torque and goal current, at the present supply"""

@@ -34,7 +34,7 @@ _NEVER_NS = 1 << 62
 """Time of the replies of a disconnected servo [ns]"""
 
 
-class State(NamedTuple):
+class TrueState(NamedTuple):
     """The true state, which no client can read."""
 
     position: float
@@ -158,11 +158,11 @@ class EmulatedServo:
             return None
         return self._heard_ns + value * WATCHDOG_UNIT_NS
 
-    def state(self, now_ns: int) -> State:
+    def state(self, now_ns: int) -> TrueState:
         """Return the true state at ``now_ns`` [ns]."""
         mechanism = self.mechanism
         self.drive.advance(now_ns)
-        return State(mechanism.position, mechanism.velocity, mechanism.torque)
+        return TrueState(mechanism.position, mechanism.velocity, mechanism.torque)
 
     def heard(self, now_ns: int) -> None:
         """Process the arrival of an instruction for itself, for all, or for a list with its id.

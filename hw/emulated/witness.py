@@ -22,20 +22,20 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import NamedTuple, Self, TextIO
 
-from haptic_wall.hw.emulated.servo import State
+from haptic_wall.hw.emulated.servo import TrueState
 
 COLUMNS = "time_s,event,id,instruction,position_rad,velocity_rad_s,torque_nm,error,params,fault"
 _SECOND_NS = 1_000_000_000
 
 
-class Row(NamedTuple):
+class Event(NamedTuple):
     """One event; ``instruction`` and ``error`` are None for a ``state``."""
 
     time_ns: int
     event: str
     id: int
     instruction: int | None
-    state: State
+    state: TrueState
     error: int | None
     params: bytes
     fault: str = ""
@@ -52,7 +52,7 @@ class Witness:
 
     def __init__(self, file: TextIO) -> None:
         self._file = file
-        self._rows: deque[Row] = deque()
+        self._rows: deque[Event] = deque()
         self.failure: OSError | None = None
         """Why the record is incomplete; None: it is complete"""
         self._try(lambda: file.write(COLUMNS + "\n"))
@@ -73,7 +73,7 @@ class Witness:
         """Return the number of rows that are not written yet."""
         return len(self._rows)
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Event) -> None:
         """Add a row; call in the order of time."""
         if self.failure is None:
             self._rows.append(row)
@@ -103,7 +103,7 @@ class Witness:
             self._rows.clear()
 
 
-def _line(row: Row) -> str:
+def _line(row: Event) -> str:
     seconds, rest = divmod(row.time_ns, _SECOND_NS)
     position, velocity, torque = row.state
     instruction = "" if row.instruction is None else int(row.instruction)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.witness import Row, Witness
+from haptic_wall.hw.emulated.witness import Event, Witness
 
 
 class WitnessRows:
@@ -26,7 +26,7 @@ class WitnessRows:
         if self._witness is not None:
             state = self._concerned(ids[0] if ids else None).state(now_ns)
             self._witness.add(
-                Row(now_ns, event, frame.id, frame.instruction, state, frame.error, frame.params)
+                Event(now_ns, event, frame.id, frame.instruction, state, frame.error, frame.params)
             )
 
     def fault(self, now_ns: int, name: str, id_: int | None, instruction: int | None) -> None:
@@ -34,14 +34,14 @@ class WitnessRows:
         if self._witness is not None:
             state = self._concerned(id_).state(now_ns)
             shown = BROADCAST if id_ is None else id_
-            self._witness.add(Row(now_ns, "fault", shown, instruction, state, None, b"", name))
+            self._witness.add(Event(now_ns, "fault", shown, instruction, state, None, b"", name))
 
     def states(self, now_ns: int) -> None:
         """Record the state of every servo."""
         if self._witness is not None:
             for servo in self._servos:
                 state = servo.state(now_ns)
-                self._witness.add(Row(now_ns, "state", servo.id, None, state, None, b""))
+                self._witness.add(Event(now_ns, "state", servo.id, None, state, None, b""))
 
     def _concerned(self, id_: int | None) -> EmulatedServo:
         return next((servo for servo in self._servos if servo.id == id_), self._servos[0])

@@ -29,7 +29,7 @@ LEAD_IN_SPEED = 2.0
 """[rad/s] Largest speed of the lead-in; in ``LEAD_IN_S`` that is 1 rad."""
 
 
-class Stretch(NamedTuple):
+class ReferenceStretch(NamedTuple):
     """A linear stretch of the reference."""
 
     reference: float
@@ -100,16 +100,18 @@ class ScriptedOperator:
             )
         ]
 
-    def pull(self, elapsed_ns: int) -> Stretch:
+    def pull(self, elapsed_ns: int) -> ReferenceStretch:
         """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
         since_ns = elapsed_ns - self._lead_in_ns
         if since_ns < 0:
             slope = self._lead_in_slope
-            return Stretch(self._origin + slope * elapsed_ns * 1e-9, slope, self._lead_in_ns)
+            return ReferenceStretch(
+                self._origin + slope * elapsed_ns * 1e-9, slope, self._lead_in_ns
+            )
         phase_ns = since_ns % self._period_ns
         index = bisect_right(self._knots_ns, phase_ns) - 1
         start_ns, slope = self._knots_ns[index], self._slopes[index]
-        return Stretch(
+        return ReferenceStretch(
             self._references[index] + slope * (phase_ns - start_ns) * 1e-9,
             slope,
             elapsed_ns - phase_ns + self._knots_ns[index + 1],

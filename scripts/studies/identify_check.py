@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.experiments.commission.verdict import ASKED, Question
+from haptic_wall.controller.experiments.commission.verdict import ASKED, GuardQuestion
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
@@ -150,7 +150,7 @@ def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
     """The largest stiffness without virtual damping of a belief [N·m/rad]."""
     raw = config.model_dump(mode="json")
     raw["model"] = model
-    decided = Question.of(Config.model_validate(raw), None).decide(ASKED, 0.0)
+    decided = GuardQuestion.of(Config.model_validate(raw), None).decide(ASKED, 0.0)
     return decided.stiffness
 
 

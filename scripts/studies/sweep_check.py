@@ -23,7 +23,7 @@ import numpy as np
 
 from haptic_wall.controller.bench.loops import FORGIVING
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
-from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.experiments.testbed import Testbed
@@ -83,7 +83,7 @@ def measured(case: Case) -> PointResult:
     config = experiment_config(load_config("simulated", sets).config)
     with tempfile.TemporaryDirectory() as folder:
         bed = Testbed(config, Path(folder))
-        setting = Setting(case.virtual_damping, case.delay_steps)
+        setting = PlanePoint(case.virtual_damping, case.delay_steps)
         return PointSearch(bed, setting, Options(kick=case.kick)).run()
 
 
@@ -198,7 +198,7 @@ def on_the_bus(case: tuple[float, int]) -> Witnessed:
     assert servo.inertia is not None and servo.damping is not None
     with tempfile.TemporaryDirectory() as folder:
         bed = Testbed(config, Path(folder), witness=True)
-        point = PointSearch(bed, Setting(damping, steps), Options()).run()
+        point = PointSearch(bed, PlanePoint(damping, steps), Options()).run()
         if point.measured is None:
             return Witnessed(point, math.nan, math.nan, os.getloadavg()[1])
         delays = [witnessed_delay(bed.folder / log, point.measured) for log in point.logs]

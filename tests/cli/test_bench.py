@@ -24,7 +24,13 @@ from haptic_wall.controller.bench import (
     plant_alone,
 )
 from haptic_wall.controller.bench.machine import ProcessorTime
-from haptic_wall.controller.bench.rows import Histogram, Row, Section, interleaved, over_rounds
+from haptic_wall.controller.bench.rows import (
+    Histogram,
+    Measurement,
+    Section,
+    interleaved,
+    over_rounds,
+)
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
@@ -32,8 +38,8 @@ from haptic_wall.controller.errors import PlatformError
 FOUND = Section(
     (
         over_rounds("first <loop>, p99", [12.25, 11.0, 14.5], "µs", "a wire"),
-        Row("settings in a second", 423456.0, "settings/s", "single settings"),
-        Row("ratio", 0.875, "1", "anything else"),
+        Measurement("settings in a second", 423456.0, "settings/s", "single settings"),
+        Measurement("ratio", 0.875, "1", "anything else"),
     ),
     ("somebody is not installed",),
     (Histogram("made-up lateness", "µs", {"ours": [0.5, 1.0, 900.0], "theirs": [20.0, 30.0]}),),

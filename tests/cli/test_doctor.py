@@ -15,7 +15,7 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.examine import search
-from haptic_wall.hw.dynamixel.examine.registers import Contact
+from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
 from haptic_wall.hw.dynamixel.examine.search import opened
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
@@ -70,7 +70,7 @@ def at(port):
 
 def set_registers(port, **values) -> None:
     with opened(port, 4_000_000, MonotonicClock()) as line:
-        table = Contact.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
+        table = ServoAccess.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
         for name, value in values.items():
             table.write(name, value)
 
@@ -246,7 +246,7 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
 ) -> None:
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
-            table = Contact.of(line, 4_000_000, 2, port, MODELS["XM430-W350"]).table
+            table = ServoAccess.of(line, 4_000_000, 2, port, MODELS["XM430-W350"]).table
             table.sdk.write_unanswered(MODELS["XM430-W350"].registers["id"], 1)
         _, checks, wrong, _ = report(capsys, *at(port))
     assert wrong == {"servo answers"}

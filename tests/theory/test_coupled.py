@@ -10,7 +10,7 @@ import pytest
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
 from haptic_wall.controller.theory.arcs import least_reach
 from haptic_wall.controller.theory.coupled import Hand, coupled_limit, is_stable
-from haptic_wall.controller.theory.hand_boxes import Box, Wall, doubt
+from haptic_wall.controller.theory.hand_boxes import Box, HeldWall, doubt
 from haptic_wall.controller.theory.hands import HandRange, stable_hands
 from tests.theory.oracles import Loop, radius
 
@@ -173,9 +173,9 @@ def test_a_hand_with_a_pole_on_the_circle_is_never_excluded(
     hand = Hand(damping=damping)
     k = float(coupled_limit(m, b, big_b, PERIOD, delay, hand))
     point = Box((m, m), (b + damping, b + damping), (0.0, 0.0))
-    found = doubt(Wall(m, b, k, big_b, PERIOD, delay, 1), point)
+    found = doubt(HeldWall(m, b, k, big_b, PERIOD, delay, 1), point)
     assert found is not None
-    assert doubt(Wall(m, b, 0.9 * k, big_b, PERIOD, delay, 1), point) is None
+    assert doubt(HeldWall(m, b, 0.9 * k, big_b, PERIOD, delay, 1), point) is None
 
 
 def test_wrong_hands_are_refused_by_name() -> None:

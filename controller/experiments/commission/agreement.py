@@ -9,7 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.boundary_fit import Loop, fit_boundary, read_points
+from haptic_wall.controller.experiments.identify.boundary_fit import (
+    KnownLoop,
+    fit_boundary,
+    read_points,
+)
 from haptic_wall.controller.experiments.identify.identification import Estimated
 from haptic_wall.controller.experiments.identify.text import boundary_report, comparison
 from haptic_wall.controller.experiments.sweep.device import Device
@@ -168,7 +172,7 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
     gain = identify["torque_gain"]["value"]
     # The boundary is measured in commanded torque.
     damping = Estimated(*(identify["damping"][key] / gain for key in ("value", "stderr")))
-    loop = Loop(
+    loop = KnownLoop(
         inertia=identify["inertia"]["value"] / gain,
         coulomb=identify["coulomb"]["value"] / gain,
         period=config.period_s,

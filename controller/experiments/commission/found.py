@@ -12,7 +12,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from haptic_wall.controller.experiments.commission.outcome import Outcome, Step
+from haptic_wall.controller.experiments.commission.outcome import Step, StepOutcome
 from haptic_wall.controller.experiments.kept_folder import first_wrong
 from haptic_wall.controller.experiments.sweep.result import PointResult
 
@@ -116,10 +116,10 @@ _DATA: Mapping[Step, type[BaseModel]] = {
     "rendered": _Rendered,
     "sweep": _Sweep,
 }
-_OUTCOME = TypeAdapter(Outcome)
+_OUTCOME = TypeAdapter(StepOutcome)
 
 
-def read_outcome(text: str | bytes, step: Step) -> Outcome:
+def read_outcome(text: str | bytes, step: Step) -> StepOutcome:
     """Return a step's outcome from the text of its JSON file.
 
     Args:

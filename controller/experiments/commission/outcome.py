@@ -22,7 +22,7 @@ State = Literal["done", "failed", "skipped"]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StepOutcome:
     """The outcome of one step, as its JSON file stores it."""
 
     step: Step
@@ -41,7 +41,7 @@ class Outcome:
     """File name of the PNG beside the JSON file"""
 
 
-def done(outcomes: Mapping[Step, Outcome], step: Step) -> dict[str, Any] | None:
+def done(outcomes: Mapping[Step, StepOutcome], step: Step) -> dict[str, Any] | None:
     """Return a step's result; None if it is not done."""
     outcome = outcomes.get(step)
     return outcome.data if outcome is not None and outcome.state == "done" else None

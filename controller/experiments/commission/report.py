@@ -12,7 +12,7 @@ from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done
 from haptic_wall.controller.experiments.commission.sequence import Ended
 from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG, SWEEP
-from haptic_wall.controller.experiments.commission.verdict import Question, verdict
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
 from haptic_wall.controller.experiments.sweep.store import JSON
 
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
@@ -33,7 +33,7 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
     """
     config, outcomes = ended.config, ended.outcomes
     found = {step: done(outcomes, step) for step in STEPS}
-    question = Question.of(config, found["delay"])
+    question = GuardQuestion.of(config, found["delay"])
     config_file = folder / CONFIG
     complete = all(
         step in outcomes and (outcomes[step].state == "done" or step == "doctor") for step in STEPS

@@ -8,9 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from haptic_wall.controller.errors import HapticWallError
-from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, Outcome, Step, done
+from haptic_wall.controller.experiments.commission.outcome import (
+    STEPS,
+    TITLES,
+    Step,
+    StepOutcome,
+    done,
+)
 from haptic_wall.controller.experiments.commission.plan import has_doctor
-from haptic_wall.controller.experiments.commission.steps import RUN, Bench, identified
+from haptic_wall.controller.experiments.commission.steps import RUN, StepContext, identified
 from haptic_wall.controller.experiments.commission.store import settings_of
 from haptic_wall.controller.experiments.kept_folder import without_link
 from haptic_wall.controller.experiments.testbed import (
@@ -33,7 +39,7 @@ _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
 class Ended:
     """A commissioning, as far as it came."""
 
-    outcomes: Mapping[Step, Outcome]
+    outcomes: Mapping[Step, StepOutcome]
     """Of the steps that were reached"""
     config: Config
     """With the identified model, where there is one"""
@@ -47,7 +53,7 @@ class Ended:
         return next((o.exit_status for o in self.outcomes.values() if o.exit_status), 0)
 
 
-def run_steps(bench: Bench) -> Ended:
+def run_steps(bench: StepContext) -> Ended:
     """Execute every step that is not done yet.
 
     Args:
@@ -57,7 +63,7 @@ def run_steps(bench: Bench) -> Ended:
         OSError: Results could not be written.
         UserError: A file of an earlier commissioning was changed.
     """
-    outcomes: dict[Step, Outcome] = {}
+    outcomes: dict[Step, StepOutcome] = {}
     config = bench.config
     interrupted = False
     for step in STEPS:
@@ -72,7 +78,7 @@ def run_steps(bench: Bench) -> Ended:
             try:
                 with interrupting():
                     outcome, shown = (
-                        (Outcome(step, "skipped", basis, why_not), ())
+                        (StepOutcome(step, "skipped", basis, why_not), ())
                         if why_not is not None
                         else _taken(step, replace(bench, config=config), basis)
                     )
@@ -100,14 +106,14 @@ def run_steps(bench: Bench) -> Ended:
     return Ended(outcomes, config, interrupted)
 
 
-def _is_kept(outcome: Outcome, bench: Bench) -> bool:
+def _is_kept(outcome: StepOutcome, bench: StepContext) -> bool:
     """Whether an earlier step need not be repeated."""
     if outcome.step == "doctor":  # the testbed is examined again before new motions
         return bench.store.complete
     return outcome.state == "done"
 
 
-def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> str | None:
+def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) -> str | None:
     """Return why a step cannot be executed; None: it can."""
     for earlier in outcomes.values():
         if earlier.ends_all:
@@ -123,7 +129,7 @@ def _obstacle(step: Step, outcomes: Mapping[Step, Outcome], config: Config) -> s
     return None
 
 
-def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ...]]:
+def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tuple[Any, ...]]:
     """Execute a step; return its outcome, errors included, and the data of its plot.
 
     Raises:
@@ -132,9 +138,9 @@ def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ..
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
 
-    def failed(error: Exception | str, status: int, ends_all: bool = False) -> Outcome:
+    def failed(error: Exception | str, status: int, ends_all: bool = False) -> StepOutcome:
         seconds = time.monotonic() - began
-        return Outcome(step, "failed", basis, str(error), status, ends_all, seconds)
+        return StepOutcome(step, "failed", basis, str(error), status, ends_all, seconds)
 
     try:
         data, shown = RUN[step](bench)
@@ -150,10 +156,10 @@ def _taken(step: Step, bench: Bench, basis: str) -> tuple[Outcome, tuple[Any, ..
         status = HARDWARE if not data["reached"] else WRONG
         outcome = failed(_fatal_text(data), status, ends_all=True)
         return replace(outcome, data=data), ()
-    return Outcome(step, "done", basis, seconds=seconds, data=data), shown
+    return StepOutcome(step, "done", basis, seconds=seconds, data=data), shown
 
 
-def _drawn(outcome: Outcome, shown: tuple[Any, ...], bench: Bench) -> Outcome:
+def _drawn(outcome: StepOutcome, shown: tuple[Any, ...], bench: StepContext) -> StepOutcome:
     """Draw the picture of a stored step, if possible; return the outcome."""
     picture = bench.picture(outcome.step)
     try:

@@ -27,9 +27,9 @@ from haptic_wall.controller.experiments.rendered.rendering import (
     rendering_report,
 )
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import Setting
+from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import Asked, SweepStore
+from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config, sweep
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
@@ -59,7 +59,7 @@ them. With any other one a run would be refused, or could not be trusted."""
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class StepContext:
     """Configuration, folder and settings that every step uses."""
 
     config: Config
@@ -82,7 +82,7 @@ class Bench:
         return self.store.folder / picture_name(step)
 
 
-class Measured(NamedTuple):
+class StepResult(NamedTuple):
     """The result of a step."""
 
     data: dict[str, Any]
@@ -90,7 +90,7 @@ class Measured(NamedTuple):
     """Data for its plot; empty: no picture"""
 
 
-def run_doctor(bench: Bench) -> Measured:
+def run_doctor(bench: StepContext) -> StepResult:
     """Examine the testbed; ``fatal`` names the findings to repair before any motion.
 
     Raises:
@@ -101,7 +101,7 @@ def run_doctor(bench: Bench) -> Measured:
     )
 
     report = examine(bench.config, bench.tell, None, change_baud=False)
-    return Measured(
+    return StepResult(
         {
             "checks": [finding._asdict() for finding in report.findings.checks],
             "not_examined": report.not_examined,
@@ -112,12 +112,12 @@ def run_doctor(bench: Bench) -> Measured:
     )
 
 
-def run_identify(bench: Bench) -> Measured:
+def run_identify(bench: StepContext) -> StepResult:
     """Identify the servo; write the configuration with the result at once."""
     found = identify(bench.config, bench.logs, bench.reach, bench.tell)
     text = identified_config(bench.config, found, bench.name)
     bench.store.keep_config(text)
-    return Measured({**identify_report(found), "config_text": text}, (found,))
+    return StepResult({**identify_report(found), "config_text": text}, (found,))
 
 
 def identified(text: str, config: Config) -> Config:
@@ -147,20 +147,20 @@ def identified(text: str, config: Config) -> Config:
     return found
 
 
-def run_delay(bench: Bench) -> Measured:
+def run_delay(bench: StepContext) -> StepResult:
     """Measure the loop's delay, and whether inserted delays are recovered."""
     config = bench.config
     found = measure_delay(config, bench.logs, DELAY_STEPS, BURSTS, 0, bench.tell)
-    return Measured(delay_report(found, config.period_s, config.belief().delay.high), (found,))
+    return StepResult(delay_report(found, config.period_s, config.belief().delay.high), (found,))
 
 
-def run_rendered(bench: Bench) -> Measured:
+def run_rendered(bench: StepContext) -> StepResult:
     """Measure the rendered wall."""
     found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
-    return Measured(rendering_report(found), (found,))
+    return StepResult(rendering_report(found), (found,))
 
 
-def run_sweep(bench: Bench) -> Measured:
+def run_sweep(bench: StepContext) -> StepResult:
     """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
     Raises:
@@ -168,14 +168,14 @@ def run_sweep(bench: Bench) -> Measured:
     """
     config = experiment_config(bench.config)
     settings = short_sweep(config)
-    asked = Asked(config, settings, OPTIONS)
+    asked = SweepSettings(config, settings, OPTIONS)
     folder = bench.store.folder / SWEEP
     try:
         store = SweepStore(folder, asked, fresh=False)
     except UserError:  # of an older model
         store = SweepStore(folder, asked, fresh=True)
 
-    def progress(setting: Setting, point: PointResult) -> None:
+    def progress(setting: PlanePoint, point: PointResult) -> None:
         said = point.reason if point.measured is None else f"{point.measured:.4g} N·m/rad"
         bench.tell(
             f"{len(store.done)}/{len(settings)}  B {setting.virtual_damping:g},"
@@ -186,10 +186,10 @@ def run_sweep(bench: Bench) -> Measured:
     if not finished:
         raise ExperimentInterruptedError(f"interrupted; {len(store.done)} points are kept")
     store.write()
-    return Measured(store.report(bench.name), (store.points(), Device.of(config)))
+    return StepResult(store.report(bench.name), (store.points(), Device.of(config)))
 
 
-RUN: dict[Step, Callable[[Bench], Measured]] = {
+RUN: dict[Step, Callable[[StepContext], StepResult]] = {
     "doctor": run_doctor,
     "identify": run_identify,
     "delay": run_delay,

@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.commission.found import (
     picture_name,
     read_outcome,
 )
-from haptic_wall.controller.experiments.commission.outcome import STEPS, Outcome, Step
+from haptic_wall.controller.experiments.commission.outcome import STEPS, Step, StepOutcome
 from haptic_wall.controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
 from haptic_wall.controller.settings.config import Config
 
@@ -90,7 +90,7 @@ class CommissionStore:
         only_look: bool = False,
     ) -> None:
         self.folder = folder
-        self.outcomes: dict[Step, Outcome] = {}
+        self.outcomes: dict[Step, StepOutcome] = {}
         self._encode = encode
         if folder.exists() and not folder.is_dir():
             raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
@@ -211,7 +211,7 @@ class CommissionStore:
             with suppress(OSError):  # it has foreign files
                 self.folder.rmdir()
 
-    def keep(self, outcome: Outcome) -> Outcome:
+    def keep(self, outcome: StepOutcome) -> StepOutcome:
         """Store one step; the file on disk is never partial.
 
         Returns:

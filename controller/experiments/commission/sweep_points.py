@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from haptic_wall.controller.experiments.holding import sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import Options, Setting, reach
+from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, reach
 from haptic_wall.controller.settings.config import Config
 
 OPTIONS = Options(kick=None, repeats=1, tolerance=0.02)
@@ -20,7 +20,7 @@ _ROOM = 0.9
 _HALVINGS = 3
 
 
-def short_sweep(config: Config) -> tuple[Setting, ...]:
+def short_sweep(config: Config) -> tuple[PlanePoint, ...]:
     """Return points at zero, a third and two thirds of the useful virtual damping, at two delays.
 
     The useful damping ends at half the ceiling, at the damping at which one encoder count commands
@@ -34,7 +34,7 @@ def short_sweep(config: Config) -> tuple[Setting, ...]:
     found = []
     for steps in (config.delay.steps, config.delay.steps + _MORE):
         top = _sensible(config, device, steps)
-        found += [Setting(float(f"{share * top:.3g}"), steps) for share in _SHARES]
+        found += [PlanePoint(float(f"{share * top:.3g}"), steps) for share in _SHARES]
     return tuple(dict.fromkeys(found))
 
 
@@ -56,7 +56,7 @@ def _sensible(config: Config, device: Device, steps: int) -> float:
 
 def _has_room(device: Device, damping: float, steps: int, delay: float) -> bool:
     # The largest of the measured fractions must be possible.
-    setting = Setting(_SHARES[-1] * damping, steps)
+    setting = PlanePoint(_SHARES[-1] * damping, steps)
     if device.exact(setting.virtual_damping, delay) <= 0.0:
         return False
     planned = reach(device, setting, delay, OPTIONS.kick)

@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.holding import sample_age, torque_limit_
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.guard.limits import LOOKED_UP, Found, evaluate_box
+from haptic_wall.controller.guard.limits import LOOKED_UP, PlantLimits, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import age_bins_ns
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
@@ -27,7 +27,7 @@ _POINTS, _ROUNDS = 65, 4
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class GuardQuestion:
     """The request to the guard, with the measured age of the samples."""
 
     config: Config
@@ -37,7 +37,7 @@ class Question:
     settings: GuardSettings
 
     @classmethod
-    def of(cls, config: Config, delay: Mapping[str, Any] | None) -> Question:
+    def of(cls, config: Config, delay: Mapping[str, Any] | None) -> GuardQuestion:
         """Return the question for a model, and a measured delay where there is one.
 
         Args:
@@ -73,7 +73,7 @@ class Question:
         delays = [self.inserted + self.age]
         return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
 
-    def limits(self, damping: FloatArray, capped: bool = True) -> Found:
+    def limits(self, damping: FloatArray, capped: bool = True) -> PlantLimits:
         """Return the limits over the virtual damping.
 
         Args:
@@ -103,7 +103,7 @@ class Question:
         return DelayParts(self.situation.period, named)
 
 
-def verdict(question: Question, identified: bool) -> dict[str, Any]:
+def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
     """Return the possible stiffness, its damping, the binding limit and its improvements.
 
     Args:

@@ -55,7 +55,7 @@ class BoundaryPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class KnownLoop:
     """The known parameters of the loop."""
 
     inertia: float
@@ -144,7 +144,7 @@ def _column(listed: list[dict[str, Any]], name: str, needed: bool) -> FloatArray
     return np.array([math.nan if value is None else float(value) for value in values], float)
 
 
-def fit_boundary(points: BoundaryPoints, loop: Loop) -> BoundaryFit:
+def fit_boundary(points: BoundaryPoints, loop: KnownLoop) -> BoundaryFit:
     """Fit damping and delay of the exact boundary to the points.
 
     Args:
@@ -198,7 +198,7 @@ def _friction(points: BoundaryPoints, coulomb: float) -> FloatArray:
 
 
 def _exact(
-    points: BoundaryPoints, loop: Loop, helped: FloatArray, damping: float, late: float
+    points: BoundaryPoints, loop: KnownLoop, helped: FloatArray, damping: float, late: float
 ) -> FloatArray:
     return critical_stiffness(
         loop.inertia,

@@ -30,11 +30,11 @@ _LATEST_S = 0.03
 """Longest delay in the search for the start [s]"""
 _VISIBLE = 4.0
 """Least ratio of a visible backlash to its standard error"""
-_LEAST_PLAY = 1e-6
+_LEAST_BACKLASH = 1e-6
 """Smallest backlash [rad]"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """Least relative uncertainty of each value: the spring's reaction contains rounding too"""
-NAMES = ("inertia", "damping", "coulomb", "delay", "play")
+NAMES = ("inertia", "damping", "coulomb", "delay", "backlash")
 
 
 class NoFitError(Exception):
@@ -53,8 +53,8 @@ class Fit:
     """[N·m]"""
     delay: float
     """From sending a torque until it acts [s]"""
-    play: float
-    """Backlash [rad]; 0 where none was fitted"""
+    backlash: float
+    """Between shaft and encoder [rad]; 0 where none was fitted"""
     stderr: tuple[float, ...]
     """Of the five, in order; 0 for a backlash that was not fitted"""
     residual: float
@@ -81,21 +81,21 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     start = start_of(motion, speed, acceleration)
     pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
-    without, speeds = fitted(pieces, start, speeds, with_play=False)
+    without, speeds = fitted(pieces, start, speeds, with_backlash=False)
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
-    return visible_play(without, speeds) or without
+    return visible_backlash(without, speeds) or without
 
 
-def visible_play(without: Fit, speeds: FloatArray) -> Fit | None:
+def visible_backlash(without: Fit, speeds: FloatArray) -> Fit | None:
     """Return the fit with backlash; None: no backlash is visible.
 
     Args:
         without: The fit without.
         speeds: Of its pieces [rad/s].
     """
-    begun = replace(without, play=max(2.0 * without.residual, _LEAST_PLAY))
-    found, _ = fitted(without.pieces, begun, speeds, with_play=True)
-    return found if found.play > _VISIBLE * found.stderr[4] + _LEAST_PLAY else None
+    begun = replace(without, backlash=max(2.0 * without.residual, _LEAST_BACKLASH))
+    found, _ = fitted(without.pieces, begun, speeds, with_backlash=True)
+    return found if found.backlash > _VISIBLE * found.stderr[4] + _LEAST_BACKLASH else None
 
 
 def window_of(motion: Motion) -> int:
@@ -186,7 +186,7 @@ def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit
 
 
 def fitted(
-    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_play: bool, thorough: bool = True
+    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_backlash: bool, thorough: bool = True
 ) -> tuple[Fit, FloatArray]:
     """Return the fit that starts at another one, and the initial speeds of the pieces.
 
@@ -194,20 +194,20 @@ def fitted(
         pieces: The recorded motion.
         start: Its loads are fitted too, where it has any.
         speeds: Initial guess for each piece [rad/s].
-        with_play: Fit the backlash.
+        with_backlash: Fit the backlash.
         thorough: Iterate to convergence; else until an iteration brings little.
     """
-    count = 5 if with_play else 4
+    count = 5 if with_backlash else 4
     begin = np.array([getattr(start, name) for name in NAMES[:count]])
     model = OutputError(pieces, begin, start.loads)
     values, speeds = least_squares(model, speeds, thorough)
     linear = model.linear(values, speeds)
     left = linear.left[pieces.held]
-    five = [*values[:count].tolist(), *([] if with_play else [0.0])]
-    inertia, damping, coulomb, delay, play = five
+    five = [*values[:count].tolist(), *([] if with_backlash else [0.0])]
+    inertia, damping, coulomb, delay, backlash = five
     period = float(np.median(np.diff(pieces.motion.sampled)))
     all_errors = standard_errors(linear, period)
-    errors = [*all_errors[:count], *([] if with_play else [0.0])]
+    errors = [*all_errors[:count], *([] if with_backlash else [0.0])]
     loads = start.loads
     if loads is not None:
         static, fading, *weights = values[count:].tolist()
@@ -223,7 +223,7 @@ def fitted(
         damping,
         coulomb,
         delay,
-        play,
+        backlash,
         stderr=tuple(
             float(np.hypot(error, share * value))
             for error, share, value in zip(errors, _SURE, five, strict=True)

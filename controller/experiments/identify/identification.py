@@ -183,7 +183,7 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
         delay=Estimated(max(fit.delay, 0.0), fit.stderr[3]),
         torque_gain=Estimated(1.0, 0.0) if gain is None else Estimated(gain.value, gain.stderr),
         gain_measured=gain is not None,
-        backlash=Estimated(fit.play, fit.stderr[4]) if fit.play > 0.0 else None,
+        backlash=Estimated(fit.backlash, fit.stderr[4]) if fit.backlash > 0.0 else None,
         residual=fit.residual,
         rounding=rounding,
         warnings=warnings,

@@ -21,7 +21,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
     smoothed,
     start_of,
     torque_on,
-    visible_play,
+    visible_backlash,
     window_of,
 )
 from haptic_wall.controller.experiments.identify.loads import Loads
@@ -77,7 +77,7 @@ def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
     explained = _LEFT * max(step / math.sqrt(12.0), _UNQUANTISED)
     known: tuple[Fit, FloatArray] | None = None
     if before is not None and before.loads is not None:
-        known = fitted(pieces, _restarted(before), speeds, with_play=False, thorough=False)
+        known = fitted(pieces, _restarted(before), speeds, with_backlash=False, thorough=False)
         known = _trimmed(*known, explained)
     if known is None or known[0].residual > _KNOWN * explained:
         start = _weighed_start(motion, speed, acceleration)
@@ -87,7 +87,7 @@ def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
         if known is None or found[0].residual < known[0].residual:
             known = found
     fit, speeds = known
-    played = visible_play(fit, speeds) if fit.residual > explained else None
+    played = visible_backlash(fit, speeds) if fit.residual > explained else None
     return played or _without_doubtful_stiction(fit, speeds)
 
 
@@ -119,8 +119,10 @@ def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, Float
         if np.all(kept):
             break
         pieces = taken(pieces, kept)
-        fit, speeds = fitted(pieces, _restarted(fit), speeds[kept], with_play=False, thorough=False)
-    return fitted(fit.pieces, _restarted(fit), speeds, with_play=False)
+        fit, speeds = fitted(
+            pieces, _restarted(fit), speeds[kept], with_backlash=False, thorough=False
+        )
+    return fitted(fit.pieces, _restarted(fit), speeds, with_backlash=False)
 
 
 def _restarted(fit: Fit) -> Fit:
@@ -131,18 +133,18 @@ def _restarted(fit: Fit) -> Fit:
 
 def _searched(start: Fit, pieces: Pieces, speeds: FloatArray) -> tuple[Fit, FloatArray]:
     """Return the fit with friction at rest and cogging, and the speeds of its pieces."""
-    fit, speeds = fitted(pieces, start, speeds, with_play=False, thorough=False)
+    fit, speeds = fitted(pieces, start, speeds, with_backlash=False, thorough=False)
     for _ in range(_ROUNDS):
         before = fit.residual
         stuck = _with_stiction(fit, speeds)
-        fit, speeds = fitted(pieces, stuck, speeds, with_play=False, thorough=False)
+        fit, speeds = fitted(pieces, stuck, speeds, with_backlash=False, thorough=False)
         begun = _with_cogging(fit)
-        cogged, its_speeds = fitted(pieces, begun, speeds, with_play=False, thorough=False)
+        cogged, its_speeds = fitted(pieces, begun, speeds, with_backlash=False, thorough=False)
         if cogged.residual**2 < _BETTER * fit.residual**2:
             fit, speeds = cogged, its_speeds
         if fit.residual**2 > _BETTER * before**2:
             break
-    return fitted(pieces, _with_stiction(fit, speeds), speeds, with_play=False)
+    return fitted(pieces, _with_stiction(fit, speeds), speeds, with_backlash=False)
 
 
 def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
@@ -152,10 +154,10 @@ def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
     for fading in _FADINGS[1::2]:
         loads = replace(fit.loads, static=fit.coulomb, fading=fading)
         begun = replace(fit, coulomb=_LOWER * fit.coulomb, loads=loads)
-        found = fitted(fit.pieces, begun, speeds, with_play=False, thorough=False)
+        found = fitted(fit.pieces, begun, speeds, with_backlash=False, thorough=False)
         if found[0].residual ** 2 < _BETTER * best[0].residual ** 2:
             best = found
-    return best if best[0] is fit else fitted(fit.pieces, best[0], best[1], with_play=False)
+    return best if best[0] is fit else fitted(fit.pieces, best[0], best[1], with_backlash=False)
 
 
 def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:

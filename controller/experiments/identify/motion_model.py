@@ -71,7 +71,7 @@ class Parameters:
     """[N·m]"""
     delay: FloatArray
     """From sending a torque until it acts [s]"""
-    play: FloatArray
+    backlash: FloatArray
     """Backlash between shaft and encoder, full width [rad]"""
     static: FloatArray | None = None
     """Friction at rest [N·m]; None: as in motion"""
@@ -143,7 +143,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     phi, psi, kept = (np.moveaxis(r, (2, 3), (0, 1)) for r in response)
     held, lengths = np.moveaxis(torques, (2, 3), (0, 1)), np.moveaxis(lengths, (2, 3), (0, 1))
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
-    half = np.broadcast_to(0.5 * parameters.play, speeds.shape)
+    half = np.broadcast_to(0.5 * parameters.backlash, speeds.shape)
     drag, first = coulomb, coulomb
     if fading is not None:
         first = np.where(fading > _NO_SPEED, static, coulomb)

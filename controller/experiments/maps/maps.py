@@ -34,7 +34,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class MapSettings:
     """The servo and the loop of a map; can be sent to other processes."""
 
     servo: TrueServo
@@ -47,7 +47,7 @@ class Setting:
     """N of the velocity difference"""
 
     @classmethod
-    def of(cls, config: Config) -> Setting:
+    def of(cls, config: Config) -> MapSettings:
         """Return the setting of a configuration, whose simulated or emulated servo is the truth.
 
         Raises:
@@ -110,7 +110,7 @@ class Setting:
 class CriticalMap:
     """The simulated critical stiffness, with the theory's limits, arrays of delays × dampings."""
 
-    setting: Setting
+    setting: MapSettings
     virtual_damping: FloatArray
     """B [N·m·s/rad]"""
     delay_steps: IntArray
@@ -153,7 +153,7 @@ class MapInterruptedError(KeyboardInterrupt):
 
 
 def critical_map(
-    setting: Setting,
+    setting: MapSettings,
     virtual_dampings: Sequence[float],
     delay_steps: Sequence[int],
     kicks: Sequence[float],
@@ -219,7 +219,11 @@ def critical_map(
 
 
 def compute(
-    setting: Setting, virtual_damping: FloatArray, steps: int, kick: FloatArray, tolerance: float
+    setting: MapSettings,
+    virtual_damping: FloatArray,
+    steps: int,
+    kick: FloatArray,
+    tolerance: float,
 ) -> FloatArray:
     """Compute one task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
     walls = setting.walls(np.repeat(virtual_damping, kick.size), steps)
@@ -238,7 +242,7 @@ def _check(damping: FloatArray, steps: IntArray, kick: FloatArray, tolerance: fl
 
 
 def _theory(
-    setting: Setting, damping: FloatArray, steps: IntArray, kick: FloatArray
+    setting: MapSettings, damping: FloatArray, steps: IntArray, kick: FloatArray
 ) -> CriticalMap:
     """Return the map with the theory's limits filled in."""
     servo, period, samples = setting.servo, setting.period, setting.velocity_samples

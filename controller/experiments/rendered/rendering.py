@@ -26,7 +26,7 @@ from haptic_wall.controller.experiments.rendered.contact_transient import (
 )
 from haptic_wall.controller.experiments.rendered.drag import Drag, drag, drag_phases
 from haptic_wall.controller.experiments.rendered.rows import (
-    Row,
+    Comparison,
     contact_rows,
     free_rows,
     stiffness_rows,
@@ -61,7 +61,7 @@ class Rendering:
     requested: Request
     binding: str | None
     """Name of the limit that bound the stiffness; None: no limit did"""
-    rows: tuple[Row, ...]
+    rows: tuple[Comparison, ...]
     static: StaticStiffness | None
     drag: Drag | None
     contacts: tuple[Contact, ...]

@@ -20,7 +20,7 @@ _NOT_MOVED = "the shaft did not follow at two speeds both ways"
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Comparison:
     """One line of the comparison."""
 
     name: str
@@ -50,7 +50,7 @@ def stiffness_rows(
     push: Push | None,
     static: StaticStiffness | None,
     shaken: Shaken,
-) -> list[Row]:
+) -> list[Comparison]:
     """Return the spring in commanded and in true torque, the gain between them, and the backlash.
 
     Args:
@@ -72,10 +72,10 @@ def stiffness_rows(
             if push is None
             else "the spring gave way by less than the encoder can tell"
         )
-        rows.append(Row("static stiffness", "N·m/rad", stiffness, None, None, note))
+        rows.append(Comparison("static stiffness", "N·m/rad", stiffness, None, None, note))
     else:
         rows.append(
-            Row(
+            Comparison(
                 "static stiffness",
                 "N·m/rad",
                 stiffness,
@@ -85,7 +85,7 @@ def stiffness_rows(
             )
         )
         rows.append(
-            Row(
+            Comparison(
                 "static stiffness, true",
                 "N·m/rad",
                 stiffness,
@@ -95,15 +95,17 @@ def stiffness_rows(
             )
         )
     believed = config.belief().torque_gain.value
-    rows.append(Row("torque gain", "1", believed, gain, gain_error, by_inertia))
+    rows.append(Comparison("torque gain", "1", believed, gain, gain_error, by_inertia))
     lost = lost_motion(fit)
     rows.append(
-        Row("lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: play")
+        Comparison(
+            "lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: play"
+        )
     )
     return rows
 
 
-def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
+def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Comparison]:
     """Return the delay, and the free shaft's resistance, against the belief."""
     belief = config.belief()
     gain = belief.torque_gain.value
@@ -114,8 +116,8 @@ def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
         + float(np.mean([step.age for step in delay.steps]))
     )
     return [
-        Row("delay", "s", expected, delay.lag, delay.stderr, "from sample to motion"),
-        Row(
+        Comparison("delay", "s", expected, delay.lag, delay.stderr, "from sample to motion"),
+        Comparison(
             "drag, Coulomb",
             "N·m",
             belief.coulomb.value / gain,
@@ -123,7 +125,7 @@ def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Row]:
             moved.coulomb_stderr if moved else None,
             "in commanded torque; expected: model.coulomb" if moved else _NOT_MOVED,
         ),
-        Row(
+        Comparison(
             "drag, viscous",
             "N·m·s/rad",
             belief.damping.value / gain,
@@ -139,7 +141,7 @@ def contact_rows(
     struck: Sequence[Contact],
     predicted: Sequence[Contact],
     worst: float,
-) -> list[Row]:
+) -> list[Comparison]:
     """Return the results of contacts by approach speed, scaled to the mean speed of entry.
 
     Args:
@@ -156,7 +158,7 @@ def contact_rows(
         simulated = [c for c in predicted if _nearest(approach, c) == wanted]
         if not real:
             note = "the shaft did not coast into the wall"
-            rows.append(Row(f"contact at {wanted:.2g} rad/s", "rad", None, None, None, note))
+            rows.append(Comparison(f"contact at {wanted:.2g} rad/s", "rad", None, None, None, note))
             continue
         speed = float(np.mean([c.entry for c in real]))
         for name, (unit, values) in _VALUES.items():
@@ -189,12 +191,12 @@ def _row(
     value: Callable[[Contact, float], float],
     real: Sequence[Contact],
     simulated: Sequence[Contact],
-) -> Row:
+) -> Comparison:
     found = np.array([value(contact, speed) for contact in real])
     found = found[np.isfinite(found)]
     expected = np.array([value(contact, speed) for contact in simulated])
     expected = expected[np.isfinite(expected)]
-    return Row(
+    return Comparison(
         name,
         unit,
         float(np.mean(expected)) if expected.size else None,

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from haptic_wall.controller.experiments.steps.torque_steps import Step
 from haptic_wall.controller.theory.checks import FloatArray
@@ -31,7 +32,6 @@ _USUAL = 0.25
 """
 _WIDTH = 1e-4
 """Relative width of the differences for derivatives."""
-_ITERATIONS, _HALVINGS = 30, 12
 _ENOUGH = 1e-9
 """Least relative improvement of the squares for another iteration."""
 
@@ -236,32 +236,26 @@ def scale_of(steps: Sequence[Step], gain: float) -> FloatArray:
 def _least_squares(
     steps: Sequence[Step], values: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise by Gauss-Newton with step halving; return values and their Jacobian.
+    """Return the values of the least squares, and their Jacobian.
 
     The lag stays where most steps have samples on both sides: outside, the fit diverges to lags at
     which a torque has always acted, or never will.
     """
-    earliest = float(np.median([step.time[0] for step in steps]))
-    latest = float(np.median([step.time[-1] for step in steps]))
-    rest = np.concatenate(residuals(steps, values))
-    jacobian = np.zeros((rest.size, values.size))
-    for _ in range(_ITERATIONS):
-        jacobian = jacobian_of(steps, values, scale)
-        change = -np.linalg.lstsq(jacobian * scale, rest, rcond=None)[0] * scale
-        for _ in range(_HALVINGS):
-            if earliest < values[LAG] + change[LAG] < latest:
-                with np.errstate(over="ignore", invalid="ignore"):  # a very large decay overflows
-                    tried = np.concatenate(residuals(steps, values + change))
-                    if tried @ tried <= rest @ rest:
-                        break
-            change /= 2.0
-        else:
-            break  # only rounding is left
-        gained = 1.0 - (tried @ tried) / (rest @ rest)
-        values, rest = values + change, tried
-        if gained < _ENOUGH:
-            break
-    return values, jacobian
+    low, high = np.full(4, -np.inf), np.full(4, np.inf)
+    low[LAG] = np.median([step.time[0] for step in steps])
+    high[LAG] = np.median([step.time[-1] for step in steps])
+    with np.errstate(over="ignore", invalid="ignore"):  # a very large decay overflows
+        found = least_squares(
+            lambda values: np.concatenate(residuals(steps, values)),
+            values,
+            lambda values: jacobian_of(steps, values, scale),
+            bounds=(low, high),
+            x_scale=scale,
+            ftol=_ENOUGH,
+            xtol=None,
+            gtol=None,
+        )
+    return found.x, found.jac
 
 
 def _gain_scale(steps: Sequence[Step], lag: float) -> float:
@@ -298,8 +292,7 @@ def covariance_of(jacobian: FloatArray, residuals: list[FloatArray]) -> FloatArr
     """Return the covariance of the common values, from the scatter between the steps.
 
     Residuals of one step are correlated (they are mostly the encoder's rounding), those of two
-    steps are
-    not: the sandwich estimate from the steps' gradients.
+    steps are not: the sandwich estimate from the steps' gradients.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     ends = np.cumsum([part.size for part in residuals])

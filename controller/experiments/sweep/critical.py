@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
 from haptic_wall.controller.experiments.sweep.plan import (
     Options,
-    Setting,
+    PlanePoint,
     hold_spring,
     reach,
     trial_phase,
@@ -80,7 +80,7 @@ class PointSearch:
     def __init__(
         self,
         bed: Testbed,
-        setting: Setting,
+        setting: PlanePoint,
         options: Options,
         tell: Callable[[str], None] = lambda _text: None,
     ) -> None:

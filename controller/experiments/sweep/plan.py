@@ -55,7 +55,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class PlanePoint:
     """One point of the plane."""
 
     virtual_damping: float
@@ -77,7 +77,7 @@ class Reach:
     """Name of that limit"""
 
 
-def reach(device: Device, setting: Setting, delay: float, kick: float | None) -> Reach:
+def reach(device: Device, setting: PlanePoint, delay: float, kick: float | None) -> Reach:
     """Return the range of stiffnesses at a point, and the kick.
 
     Args:
@@ -130,7 +130,7 @@ def _balanced(stiffness: FloatArray, amplitude: FloatArray, kick: float) -> floa
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class HoldingSpring:
     """The soft spring that moves the shaft and holds it before the release."""
 
     stiffness: float
@@ -155,7 +155,7 @@ class Hold:
         )
 
 
-def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Hold:
+def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> HoldingSpring:
     """Return a surely stable spring: far below the limit in the belief's worst corner.
 
     Args:
@@ -175,7 +175,7 @@ def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Ho
     limit = float(critical_stiffness(*loop, device.velocity_samples))
     stiffness = min(inertia * rate * rate, _SURE * limit)
     rate = float(np.sqrt(stiffness / device.heaviest))
-    return Hold(
+    return HoldingSpring(
         stiffness=stiffness,
         damping=added,
         torque=device.coulomb,
@@ -185,7 +185,7 @@ def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Ho
 
 
 def trial_phase(
-    device: Device, setting: Setting, delay: float, stiffness: float, kick: float
+    device: Device, setting: PlanePoint, delay: float, stiffness: float, kick: float
 ) -> Phase:
     """Return the wall itself, about the program's start, until its motion is decided."""
     at = np.array([stiffness])

@@ -21,7 +21,7 @@ from haptic_wall.controller.experiments.kept_folder import (
     made,
     replaced,
 )
-from haptic_wall.controller.experiments.sweep.plan import Options, Setting
+from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.settings.config import Config
 
@@ -51,11 +51,11 @@ _HEAD, _POINTS = TypeAdapter(_Head), TypeAdapter(_Points)
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SweepSettings:
     """All settings on which a sweep's results depend."""
 
     config: Config
-    settings: tuple[Setting, ...]
+    settings: tuple[PlanePoint, ...]
     options: Options
 
     @property
@@ -85,10 +85,10 @@ class SweepStore:
         UserError: The folder holds a sweep of other settings, or cannot be used.
     """
 
-    def __init__(self, folder: Path, asked: Asked, fresh: bool) -> None:
+    def __init__(self, folder: Path, asked: SweepSettings, fresh: bool) -> None:
         self.folder = folder
         self._asked = asked
-        self.done: dict[Setting, PointResult] = {}
+        self.done: dict[PlanePoint, PointResult] = {}
         made(folder, LOGS)
         path = folder / JSON
         if os.path.lexists(path) and not fresh:
@@ -117,9 +117,9 @@ class SweepStore:
                 f" ({first_wrong(error)}); {again}"
             ) from None
         for point in points:
-            self.done[Setting(point.virtual_damping, point.delay_steps)] = point
+            self.done[PlanePoint(point.virtual_damping, point.delay_steps)] = point
 
-    def add(self, setting: Setting, result: PointResult) -> None:
+    def add(self, setting: PlanePoint, result: PointResult) -> None:
         """Store one more point; the file on disk is never partial.
 
         Raises:
@@ -182,7 +182,7 @@ class SweepStore:
             writer.writerows({key: _cell(value) for key, value in row.items()} for row in points)
 
 
-def _summary(asked: Asked) -> str:
+def _summary(asked: SweepSettings) -> str:
     """Describe the sweep in a few words, for a reader of the folder."""
     kick = "chosen kicks" if asked.options.kick is None else f"kick {asked.options.kick:g} rad"
     return f"{asked.config.servo.kind} servo, {len(asked.settings)} points, {kick}"

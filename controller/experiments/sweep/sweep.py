@@ -14,9 +14,9 @@ from haptic_wall.controller.experiments.processes import cores, not_from_the_ter
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import (
-    Hold,
+    HoldingSpring,
     Options,
-    Setting,
+    PlanePoint,
     hold_spring,
     reach,
     trial_phase,
@@ -34,7 +34,7 @@ _RUNS, _START_S = 3, 4.0
 _SETTLE_S = 1.2
 """Approximate duration of the soft spring's phase [s]"""
 
-Progress = Callable[[Setting, PointResult], None]
+Progress = Callable[[PlanePoint, PointResult], None]
 
 
 def experiment_config(config: Config) -> Config:
@@ -48,7 +48,7 @@ def experiment_config(config: Config) -> Config:
 def sweep(
     config: Config,
     store: SweepStore,
-    settings: tuple[Setting, ...],
+    settings: tuple[PlanePoint, ...],
     options: Options,
     *,
     tell: Callable[[str], None] = lambda _text: None,
@@ -95,7 +95,7 @@ def sweep(
 def _side_by_side(
     config: Config,
     store: SweepStore,
-    left: list[Setting],
+    left: list[PlanePoint],
     options: Options,
     folder: Path,
     count: int,
@@ -103,7 +103,7 @@ def _side_by_side(
 ) -> None:
     text = config.model_dump_json()
     with processes(count) as pool:
-        places: dict[Future[PointResult], Setting] = {}
+        places: dict[Future[PointResult], PlanePoint] = {}
         try:
             with not_from_the_terminal():
                 for setting in left:
@@ -117,13 +117,13 @@ def _side_by_side(
                 future.cancel()
 
 
-def measure(config: str, folder: Path, setting: Setting, options: Options) -> PointResult:
+def measure(config: str, folder: Path, setting: PlanePoint, options: Options) -> PointResult:
     """Measure one point in a process of its own; the configuration comes as JSON."""
     bed = Testbed(Config.model_validate_json(config), folder)
     return PointSearch(bed, setting, options).run()
 
 
-def expected_s(config: Config, settings: tuple[Setting, ...], options: Options) -> float:
+def expected_s(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
     """Return the approximate duration of the points in real time [s]."""
     device = Device.of(config)
     total = 0.0
@@ -137,7 +137,7 @@ def expected_s(config: Config, settings: tuple[Setting, ...], options: Options) 
     return total
 
 
-def excursion(config: Config, settings: tuple[Setting, ...], options: Options) -> float:
+def excursion(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
     """Return the largest expected excursion of the shaft from its start [rad].
 
     The soft spring catches a motion that has grown to a trial's end.
@@ -150,7 +150,7 @@ def excursion(config: Config, settings: tuple[Setting, ...], options: Options) -
             continue
         at = reach(device, setting, delay, options.kick)
         phase = trial_phase(device, setting, delay, at.predicted, at.kick)
-        hold: Hold = hold_spring(device, setting.delay_steps, device.period, at.kick)
+        hold: HoldingSpring = hold_spring(device, setting.delay_steps, device.period, at.kick)
         ratio = (at.predicted / hold.stiffness) ** 0.5
         furthest = max(furthest, (phase.reach or 0.0) * (1.0 + ratio) ** 0.5 + at.kick)
     return furthest

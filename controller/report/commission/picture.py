@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.steps import Plot
-from haptic_wall.controller.experiments.commission.verdict import Question
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
@@ -52,7 +52,7 @@ _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
 )
 
 
-def draw_allowed(question: Question, report: Mapping[str, Any], path: Path) -> None:
+def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path) -> None:
     """Draw the allowed stiffness, and the report's walls, as PNG.
 
     Args:

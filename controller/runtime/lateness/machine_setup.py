@@ -15,7 +15,7 @@ _ENOUGH_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SettingState:
     """The state of one setting, and a better one for a loop."""
 
     name: str
@@ -25,7 +25,7 @@ class Found:
     """How to change it; empty: it is fine"""
 
 
-def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
+def machine_setup(core: int, root: Path = Path("/")) -> list[SettingState]:
     """Return the settings of this machine that make a loop late; never a reason to refuse.
 
     Unknown settings (in a container, on another processor) are omitted.
@@ -39,13 +39,13 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
     isolated = core in _cores(_text(cpu / "isolated"))
     line = f"isolcpus={core} nohz_full={core} rcu_nocbs={core}"
     rows = [
-        Found(
+        SettingState(
             "kernel",
             "PREEMPT_RT" if preempt else "no PREEMPT_RT",
             "PREEMPT_RT",
             "" if preempt else "a kernel with PREEMPT_RT bounds the wake-up's lateness",
         ),
-        Found(
+        SettingState(
             "core isolation",
             f"core {core} is {'isolated' if isolated else 'shared'}",
             "a core of its own",
@@ -55,12 +55,12 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
     governor = _text(cpu / f"cpu{core}/cpufreq/scaling_governor")
     if governor:
         fix = "" if governor == "performance" else "`sudo cpupower frequency-set -g performance`"
-        rows.append(Found("frequency scaling", governor, "performance", fix))
+        rows.append(SettingState("frequency scaling", governor, "performance", fix))
     siblings = _cores(_text(cpu / f"cpu{core}/topology/thread_siblings_list")) - {core}
     if siblings:
         other = ", ".join(map(str, sorted(siblings)))
         rows.append(
-            Found(
+            SettingState(
                 "core's other half",
                 f"core {core} shares its hardware with core {other}",
                 "nothing runs there",
@@ -73,11 +73,13 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[Found]:
         chosen = pages.partition("[")[2].partition("]")[0]
         fix = "`echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled`"
         rows.append(
-            Found("huge pages", chosen, "madvise or never", fix if chosen == "always" else "")
+            SettingState(
+                "huge pages", chosen, "madvise or never", fix if chosen == "always" else ""
+            )
         )
     if is_virtual(root):
         rows.append(
-            Found(
+            SettingState(
                 "host",
                 "a virtual machine: its host can stall all of it",
                 "a machine of its own",
@@ -94,7 +96,7 @@ def is_virtual(root: Path = Path("/")) -> bool:
     return "hypervisor" in flags.split() or bool(_text(root / "sys/hypervisor/type"))
 
 
-def start_table(settings: Sequence[Setting], setup: Sequence[Found]) -> str:
+def start_table(settings: Sequence[Setting], setup: Sequence[SettingState]) -> str:
     """Return the settings wanted and granted: one line when all were granted, else a table.
 
     Args:
@@ -118,7 +120,7 @@ def start_table(settings: Sequence[Setting], setup: Sequence[Found]) -> str:
     return "\n".join([*lines, f"  {tail}"] if tail else lines)
 
 
-def _throttle(kernel: Path) -> list[Found]:
+def _throttle(kernel: Path) -> list[SettingState]:
     runtime, period = (_text(kernel / f"sched_rt_{name}_us") for name in ("runtime", "period"))
     if not (runtime and period):
         return []
@@ -126,7 +128,9 @@ def _throttle(kernel: Path) -> list[Found]:
     found = "never" if share < 0 else f"after {100 * share:.3g} % of {int(period) / 1e6:g} s"
     enough = share < 0 or share >= _ENOUGH_SHARE
     fix = "" if enough else "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
-    return [Found("throttling", f"real-time processes are halted {found}", "95 % or never", fix)]
+    return [
+        SettingState("throttling", f"real-time processes are halted {found}", "95 % or never", fix)
+    ]
 
 
 def _text(path: Path) -> str:

@@ -44,7 +44,7 @@ _BOOT_NS: Final = 3_000_000_000
 _BOOT_STEP_NS: Final = 100_000_000
 
 
-class Contact(NamedTuple):
+class ServoAccess(NamedTuple):
     """A servo, with both ways of access."""
 
     line: Line
@@ -54,7 +54,7 @@ class Contact(NamedTuple):
     """Samples, and longer registers"""
 
     @classmethod
-    def of(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Contact:
+    def of(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> ServoAccess:
         """Return the servo with this id on a line.
 
         Args:
@@ -68,7 +68,7 @@ class Contact(NamedTuple):
         return cls(line, table, Link(line, servo_id))
 
 
-def read_all(servo: Contact, model: Model, firmware: int) -> Examined:
+def read_all(servo: ServoAccess, model: Model, firmware: int) -> Examined:
     """Read the registers to judge.
 
     Args:
@@ -85,7 +85,7 @@ def read_all(servo: Contact, model: Model, firmware: int) -> Examined:
     return Examined(model, firmware, values)
 
 
-def _image(servo: Contact) -> bytes:
+def _image(servo: ServoAccess) -> bytes:
     """Return all registers up to the temperature, in one reply.
 
     A reply names neither its register nor its request; one of this length can only be the answer to
@@ -109,7 +109,7 @@ def _decode(image: bytes, register: Register) -> int:
     return register.decode(image[register.address : register.address + register.size])
 
 
-def mend(servo: Contact, name: str, repair: Repair) -> Change:
+def mend(servo: ServoAccess, name: str, repair: Repair) -> Change:
     """Write one register, or reboot, and read back the result.
 
     Args:
@@ -131,7 +131,7 @@ def mend(servo: Contact, name: str, repair: Repair) -> Change:
     return Change(name, str(before), str(after), after == wanted)
 
 
-def _reboot(servo: Contact, name: str) -> Change:
+def _reboot(servo: ServoAccess, name: str) -> Change:
     table, clock = servo.table, servo.line.clock
     register = table.registers["hardware_error_status"]
     image = _image(servo)
@@ -157,7 +157,7 @@ def _reboot(servo: Contact, name: str) -> Change:
         return Change(name, f"0x{before:02x}", found, after == 0)
 
 
-def set_status_level(servo: Contact) -> Change:
+def set_status_level(servo: ServoAccess) -> Change:
     """Make a servo reply to writes, and to reads, which it does not at level 0."""
     table = servo.table
     register = table.registers["status_return_level"]

@@ -38,7 +38,7 @@ _REQUEST, _REPLY = 10, 14
 """Bytes of a ping and of its reply"""
 
 
-class Found(NamedTuple):
+class FoundServo(NamedTuple):
     """A servo that replies."""
 
     baud: int
@@ -53,18 +53,20 @@ class Found(NamedTuple):
         return None if model is None else model.name
 
 
-class Search(NamedTuple):
+class BaudSearch(NamedTuple):
     """The servos found at one baud rate."""
 
     baud: int
-    servos: list[Found]
+    servos: list[FoundServo]
     garbled: int
     """Pieces that are no valid frame: two servos with one id, noise, or another protocol"""
     refused: str = ""
     """Why the rate was not tried: the adapter does not support it"""
 
 
-def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: bool = True) -> Search:
+def search(
+    line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: bool = True
+) -> BaudSearch:
     """Return the servos that reply at a line's present rate.
 
     Args:
@@ -91,7 +93,7 @@ def search(line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: boo
         line.write(encode(servo_id, Instruction.PING))
         heard.listen((_REQUEST + _REPLY) * byte_ns + _ANSWER_NS, until=servo_id)
     heard.listen(_HOLD_NS)  # bytes that an adapter still holds
-    return Search(baud, sorted(heard.servos.values()), heard.garbled)
+    return BaudSearch(baud, sorted(heard.servos.values()), heard.garbled)
 
 
 def scan(
@@ -100,7 +102,7 @@ def scan(
     ids: Collection[int],
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
-) -> Generator[Search]:
+) -> Generator[BaudSearch]:
     """Search a port at several rates in sequence; its settings are restored at the end.
 
     Args:
@@ -121,7 +123,7 @@ def scan(
                 with opened(path, baud, clock) as line:
                     found = search(line, baud, ids)
             except BaudRefusedError as error:
-                found = Search(baud, [], 0, str(error))
+                found = BaudSearch(baud, [], 0, str(error))
             yield found
 
 
@@ -154,7 +156,7 @@ class _Listener:
     """Collects the replies to pings, whenever and in whatever order they come."""
 
     def __init__(self, line: Line, baud: int) -> None:
-        self.servos: dict[int, Found] = {}
+        self.servos: dict[int, FoundServo] = {}
         self._line = line
         self._baud = baud
         self._parser = Parser()
@@ -179,4 +181,4 @@ class _Listener:
     def _take(self, frame: Frame) -> None:
         if frame.instruction == Instruction.STATUS and len(frame.params) == 3:
             number = int.from_bytes(frame.params[:2], "little")
-            self.servos[frame.id] = Found(self._baud, frame.id, number, frame.params[2])
+            self.servos[frame.id] = FoundServo(self._baud, frame.id, number, frame.params[2])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import telemetry_row, torque_frames
-from haptic_wall.controller.bench.highest_rate import Search, holds, kept_up
+from haptic_wall.controller.bench.highest_rate import RateSearch, holds, kept_up
 from haptic_wall.controller.bench.loops import LOOPS, Ran, emulated_bus
 from haptic_wall.controller.bench.lost_reply import request_to_torque_s, waits_ns
 from haptic_wall.controller.bench.report import measured
@@ -76,14 +76,14 @@ class TestHighestRate:
     @pytest.mark.parametrize("capacity_hz", [520.0, 1234.0, 4700.0, 7990.0])
     def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz) -> None:
         # The range 500 to 8000 Hz halved six times: 16^(1/64) = 1.044.
-        search = Search(500.0, 8000.0)
+        search = RateSearch(500.0, 8000.0)
         for _ in range(6):
             search.tell(search.rate_hz <= capacity_hz)
         found = search.held_hz or 500.0
         assert found <= capacity_hz < found * 1.05
 
     def test_a_loop_that_holds_no_rate_has_none(self) -> None:
-        search = Search(500.0, 8000.0)
+        search = RateSearch(500.0, 8000.0)
         for _ in range(6):
             search.tell(False)
         assert search.held_hz is None

@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.identify.boundary_fit import (
     BoundaryPoints,
-    Loop,
+    KnownLoop,
     fit_boundary,
     read_points,
 )
@@ -39,7 +39,7 @@ def points(dampings, delays, coulomb=0.0, kick=0.05, noise=0.0, seed=0):
 
 
 def loop(coulomb=0.0, lag=0.001):
-    return Loop(M, coulomb, T, 1, lag)
+    return KnownLoop(M, coulomb, T, 1, lag)
 
 
 def test_the_boundary_gives_back_damping_and_delay() -> None:

@@ -10,7 +10,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import testbed
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import Options, Setting, hold_spring
+from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.logs.file import read_log
@@ -27,7 +27,7 @@ def config(*sets, preset="simulated"):
 
 def search(folder, damping, steps, *sets, preset="simulated", **options):
     bed = Testbed(config(*sets, preset=preset), folder)
-    return PointSearch(bed, Setting(damping, steps), Options(**{"repeats": 1, **options})).run()
+    return PointSearch(bed, PlanePoint(damping, steps), Options(**{"repeats": 1, **options})).run()
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
 
 
 def test_the_shaft_stays_within_what_is_announced(tmp_path: Path) -> None:
-    setting, options = Setting(0.02, 1), Options(kick=0.05, repeats=1)
+    setting, options = PlanePoint(0.02, 1), Options(kick=0.05, repeats=1)
     effective = config(*LINEAR)
     point = PointSearch(Testbed(effective, tmp_path), setting, options).run()
     furthest = 0.0
@@ -208,8 +208,10 @@ def test_the_shaft_stays_within_what_is_announced(tmp_path: Path) -> None:
 
 def test_real_time_is_estimated_from_what_will_be_played() -> None:
     effective = config("loop.clock=monotonic")
-    one = expected_s(effective, (Setting(0.02, 1),), Options())
-    two = expected_s(effective, (Setting(0.02, 1), Setting(0.02, 2), Setting(9.0, 2)), Options())
+    one = expected_s(effective, (PlanePoint(0.02, 1),), Options())
+    two = expected_s(
+        effective, (PlanePoint(0.02, 1), PlanePoint(0.02, 2), PlanePoint(9.0, 2)), Options()
+    )
     assert 20.0 < one < 200.0
     assert 1.5 * one < two < 3.0 * one  # nothing is tried over the ceiling
 

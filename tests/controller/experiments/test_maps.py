@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.maps.maps import MapInterruptedError, Setting, critical_map
+from haptic_wall.controller.experiments.maps.maps import (
+    MapInterruptedError,
+    MapSettings,
+    critical_map,
+)
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.settings.load import load_config
 
@@ -37,7 +41,7 @@ class AtOnce(Executor):
 @pytest.fixture(scope="module")
 def setting():
     sets = ("wall.side=both", "servo.coulomb=0.1", "servo.torque_step=0")
-    return Setting.of(load_config("simulated", sets).config)
+    return MapSettings.of(load_config("simulated", sets).config)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +163,7 @@ def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting) -> None:
 
 def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     sets = ("servo.delay=0.00125", "wall.velocity_samples=2")
-    setting = Setting.of(load_config("paper-table2", sets).config)
+    setting = MapSettings.of(load_config("paper-table2", sets).config)
     found = critical_map(setting, [0.1], [0, 1], [0.01], executor=AtOnce())
     np.testing.assert_allclose(found.delay, [0.00125, 0.00225])
     np.testing.assert_allclose(found.stiffness[:, :, 0], found.exact, rtol=1e-3)
@@ -168,7 +172,7 @@ def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
 
 def test_a_real_servo_has_no_known_truth() -> None:
     with pytest.raises(UserError, match="wanted a simulated or an emulated one"):
-        Setting.of(load_config("xm430-w350", ()).config)
+        MapSettings.of(load_config("xm430-w350", ()).config)
 
 
 @pytest.mark.parametrize(

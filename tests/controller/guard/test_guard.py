@@ -18,7 +18,7 @@ from haptic_wall.controller.guard.guard import (
     Situation,
     decide,
 )
-from haptic_wall.controller.guard.limits import Found
+from haptic_wall.controller.guard.limits import PlantLimits
 from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.guard.sentences import MEANING, sentences
 from haptic_wall.controller.guard.types import Limits
@@ -299,5 +299,5 @@ def test_errors_name_what_is_wrong(make: object, message: str) -> None:
 
 def test_every_limit_has_a_name_a_value_and_a_meaning() -> None:
     assert [field.name for field in fields(Limits)] == list(LimitName)
-    assert {*LimitName} <= {field.name for field in fields(Found)}
+    assert {*LimitName} <= {field.name for field in fields(PlantLimits)}
     assert {*MEANING} == {*LimitName}

@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, START_S, LoopWatch
-from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 
 LOOK_S = 0.02
 HEARTBEAT_S = 0.1
@@ -36,7 +36,7 @@ class Loop:
 
 
 def test_a_silent_loop_is_overdue_after_its_heartbeat() -> None:
-    loop = Loop(State.RUNNING)
+    loop = Loop(LoopState.RUNNING)
     assert loop.after(10.0) is None
     loop.beats = False
     assert loop.after(HEARTBEAT_S) is None
@@ -44,7 +44,7 @@ def test_a_silent_loop_is_overdue_after_its_heartbeat() -> None:
 
 
 def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None:
-    loop = Loop(State.RUNNING)
+    loop = Loop(LoopState.RUNNING)
     loop.now += 5.0  # both were stopped, and it looks before the loop could beat
     assert loop.watch.overdue(loop.now) is None
     assert loop.after(10.0) is None
@@ -56,7 +56,7 @@ def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None
 
 @pytest.mark.parametrize("ask", ["stop", "bus"])
 def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask) -> None:
-    loop = Loop(State.RUNNING)
+    loop = Loop(LoopState.RUNNING)
     loop.after(1.0)
     if ask == "stop":
         loop.words[Word.STOP] = 1
@@ -67,7 +67,7 @@ def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask) -> None:
 
 
 def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> None:
-    loop = Loop(State.STOPPING)
+    loop = Loop(LoopState.STOPPING)
     loop.beats = False
     assert loop.after(END_S - LOOK_S) is None
     assert "of its last period" in loop.after(3 * LOOK_S)
@@ -76,7 +76,7 @@ def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> N
 @pytest.mark.parametrize("stop", [0, 1])
 def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop) -> None:
     """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
-    loop = Loop(State.TORQUE_OFF)
+    loop = Loop(LoopState.TORQUE_OFF)
     loop.words[Word.STOP] = stop
     loop.beats = False
     assert loop.after(REPORT_S - LOOK_S) is None
@@ -84,7 +84,7 @@ def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop) -> None:
 
 
 def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end() -> None:
-    loop = Loop(State.STARTING)
+    loop = Loop(LoopState.STARTING)
     loop.beats = False
     assert loop.after(START_S - LOOK_S) is None
     assert "did not start" in loop.after(3 * LOOK_S)

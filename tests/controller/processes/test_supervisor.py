@@ -18,7 +18,7 @@ from haptic_wall.controller.processes import emulator, supervisor
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
-from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import ServoError
@@ -113,7 +113,7 @@ class Stage:
     def child(self, *arguments):
         child = Child(*arguments)
         if child.name == "loop":
-            self.words[Word.STATE] = State.RUNNING
+            self.words[Word.STATE] = LoopState.RUNNING
             self.words[Word.HEARTBEAT_NS] = time.monotonic_ns()
             self.loop_acts(child)
         return child
@@ -199,7 +199,7 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(
     assert "being asked to" in explanation(ended, stage.plan.config.servo)
 
 
-@pytest.mark.parametrize("state", [State.STARTING, State.RUNNING, State.STOPPING])
+@pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.RUNNING, LoopState.STOPPING])
 def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
     stage, state, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -287,7 +287,7 @@ def refused(stage, state):
     return str(raised.value)
 
 
-@pytest.mark.parametrize("state", [State.TORQUE_UNKNOWN, State.STOPPING, State.RUNNING])
+@pytest.mark.parametrize("state", [LoopState.TORQUE_UNKNOWN, LoopState.STOPPING, LoopState.RUNNING])
 @pytest.mark.parametrize(
     ("confirmed", "words"),
     [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
@@ -302,7 +302,7 @@ def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
     assert words in message
 
 
-@pytest.mark.parametrize("state", [State.STARTING, State.TORQUE_OFF])
+@pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.TORQUE_OFF])
 def test_a_refused_start_without_torque_is_left_alone(stage, state) -> None:
     assert refused(stage, state) == "The servo answers no more: check the cable."
     assert stage.cuts == []
@@ -322,7 +322,7 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(
         return start(name, *arguments)
 
     monkeypatch.setattr(supervisor, "Child", child)
-    message = refused(stage, State.STARTING)
+    message = refused(stage, LoopState.STARTING)
     assert "check the cable" in message
     assert "the emulated bus ended with -9; start it again" in message
 
@@ -331,7 +331,7 @@ def test_a_refused_start_tells_what_became_of_the_log(
     stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(supervisor.RecorderMonitor, "end", lambda _: ["the log is incomplete"])
-    assert "the log is incomplete" in refused(stage, State.STARTING)
+    assert "the log is incomplete" in refused(stage, LoopState.STARTING)
 
 
 def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
@@ -340,7 +340,7 @@ def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
 
     def refuse(loop) -> None:
-        stage.words[Word.STATE] = State.TORQUE_UNKNOWN
+        stage.words[Word.STATE] = LoopState.TORQUE_UNKNOWN
         loop.say("refused", message="The servo answers no more: check the cable.")
 
     stage.loop_acts = refuse

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_wall.controller.experiments.maps.maps import Setting, critical_map
+from haptic_wall.controller.experiments.maps.maps import MapSettings, critical_map
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import maps as map_plot
 from haptic_wall.controller.settings.load import load_config
@@ -26,7 +26,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
     def picture(*_: object) -> Iterator[Figure]:
         yield figure
 
-    setting = Setting.of(load_config("paper-table2", ()).config)
+    setting = MapSettings.of(load_config("paper-table2", ()).config)
     with ThreadPoolExecutor(1) as pool:
         found = critical_map(setting, dampings, [1], [0.01], executor=pool, tolerance=0.1)
     monkeypatch.setattr(map_plot, "picture", picture)

@@ -12,7 +12,7 @@ from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime import session
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Surroundings, run_session
-from haptic_wall.controller.runtime.telemetry import State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
@@ -80,7 +80,7 @@ def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
     monkeypatch.setattr(DynamixelServo, "request", lost)
     with pytest.raises(ServoLostError):
         scene.run()
-    assert scene.words[Word.STATE] == (State.TORQUE_UNKNOWN if deaf else State.TORQUE_OFF)
+    assert scene.words[Word.STATE] == (LoopState.TORQUE_UNKNOWN if deaf else LoopState.TORQUE_OFF)
     assert scene.truth.memory["torque_enable"] == 0, "what was sent was heard"
     assert scene.words[Word.HEARTBEAT_NS] > 0, "or its end would be called overdue at once"
 
@@ -97,7 +97,7 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
     monkeypatch.setattr("haptic_wall.hw.dynamixel.startup.prove_the_sign", push)
     with pytest.raises(type(error)):
         scene.run()
-    assert scene.words[Word.STATE] == State.TORQUE_UNKNOWN
+    assert scene.words[Word.STATE] == LoopState.TORQUE_UNKNOWN
 
 
 def test_a_check_that_fails_leaves_torque_known_to_be_off(scene) -> None:
@@ -111,7 +111,7 @@ def test_a_check_that_fails_leaves_torque_known_to_be_off(scene) -> None:
     scene.opener = weak
     with pytest.raises(UnfitServoError):
         scene.run()
-    assert scene.words[Word.STATE] == State.TORQUE_OFF
+    assert scene.words[Word.STATE] == LoopState.TORQUE_OFF
 
 
 def test_what_never_answered_was_never_driven(scene) -> None:
@@ -125,7 +125,7 @@ def test_what_never_answered_was_never_driven(scene) -> None:
     scene.opener = unplugged
     with pytest.raises(ServoMissingError):
         scene.run()
-    assert scene.words[Word.STATE] == State.STARTING, "nothing to be cut"
+    assert scene.words[Word.STATE] == LoopState.STARTING, "nothing to be cut"
 
 
 def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene) -> None:
@@ -139,7 +139,7 @@ def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene) -> 
     scene.opener = exchanged
     with pytest.raises(StrangeServoError, match="nothing was written to it"):
         scene.run()
-    assert scene.words[Word.STATE] == State.STARTING, "the supervisor writes nothing either"
+    assert scene.words[Word.STATE] == LoopState.STARTING, "the supervisor writes nothing either"
 
 
 def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,7 +149,7 @@ def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch: pytest.M
     monkeypatch.setattr(session, "guard_schedule", broken)
     with pytest.raises(ZeroDivisionError):
         scene.run()
-    assert scene.words[Word.STATE] == State.STARTING
+    assert scene.words[Word.STATE] == LoopState.STARTING
     assert scene.sent == 0
 
 
@@ -168,7 +168,7 @@ def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
     assert result.torque_off
     assert (result.ticks, result.missed) == (100, 0)
     assert result.guard is None
-    assert scene.words[Word.STATE] == State.TORQUE_OFF
+    assert scene.words[Word.STATE] == LoopState.TORQUE_OFF
 
 
 def test_a_defect_after_a_trip_does_not_hide_the_trip(

@@ -11,7 +11,7 @@ from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
-from haptic_wall.hw.emulated.servo import EmulatedServo, State
+from haptic_wall.hw.emulated.servo import EmulatedServo, TrueState
 from haptic_wall.hw.settings import TrueServo
 
 BAUD = 4_000_000
@@ -26,7 +26,7 @@ class SpyLine:
         self.clock = line.clock
         self.wrong_way = False
         self.frames: list[bytes] = []
-        self.states: list[State] = []
+        self.states: list[TrueState] = []
         self.closed = 0
         self._line = line
         self._servo = servo
@@ -82,7 +82,7 @@ class Bench:
         self.servo = DynamixelServo(self.settings, self.line)
 
     @property
-    def state(self) -> State:
+    def state(self) -> TrueState:
         """The truth now."""
         self.memory_line.wait(self.clock.now_ns())  # first let what is under way happen
         return self.truth.state(self.clock.now_ns())

@@ -18,7 +18,7 @@ from haptic_wall.hw.dynamixel.examine import adapter as adapters
 from haptic_wall.hw.dynamixel.examine.cycles import Series, run_series
 from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
-from haptic_wall.hw.dynamixel.examine.registers import Contact, mend, read_all, set_status_level
+from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
 from haptic_wall.hw.dynamixel.examine.replies import time_replies
 from haptic_wall.hw.dynamixel.examine.search import search
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
@@ -74,8 +74,8 @@ class Bus:
     def close(self) -> None:
         pass
 
-    def contact(self) -> Contact:
-        return Contact.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
+    def contact(self) -> ServoAccess:
+        return ServoAccess.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
 
     def set(self, **values: int) -> None:
         """Set registers as a client would have, by the vendor's SDK."""

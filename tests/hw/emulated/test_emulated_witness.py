@@ -8,8 +8,8 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.codec.frames import Frame
-from haptic_wall.hw.emulated.servo import State
-from haptic_wall.hw.emulated.witness import Row, Witness
+from haptic_wall.hw.emulated.servo import TrueState
+from haptic_wall.hw.emulated.witness import Event, Witness
 from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
 
 
@@ -107,7 +107,7 @@ class FullDisk(io.StringIO):
 
 def test_a_full_disk_ends_the_record_and_nothing_else() -> None:
     witness = Witness(FullDisk())
-    row = Row(1_234_567_890, "state", 1, None, State(0.1, 0.2, 0.3), None, b"")
+    row = Event(1_234_567_890, "state", 1, None, TrueState(0.1, 0.2, 0.3), None, b"")
     for _ in range(20):
         witness.add(row)
         witness.write(1)

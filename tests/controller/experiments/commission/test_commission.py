@@ -13,10 +13,10 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.sequence import run_steps
-from haptic_wall.controller.experiments.commission.steps import Bench, Measured
+from haptic_wall.controller.experiments.commission.steps import StepContext, StepResult
 from haptic_wall.controller.experiments.commission.store import CommissionStore, settings_of
 from haptic_wall.controller.experiments.identify.identification import UnidentifiableError
-from haptic_wall.controller.experiments.sweep.plan import Setting
+from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[4]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
 PNG = b"\x89PNG\r\n\x1a\n"
 """How one begins"""
-SWEPT = (Setting(0.0, 3), Setting(0.09, 3), Setting(0.18, 3))
+SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 """Points that are measured in a few trials"""
 
 
@@ -249,14 +249,14 @@ def steps_taken(monkeypatch, ends):
             called.append(name)
             if name in ends:
                 raise ends[name]
-            return Measured(DATA[name](bench))
+            return StepResult(DATA[name](bench))
 
         return run
 
     for name in DATA:
         monkeypatch.setitem(steps.RUN, name, step(name))
     # What is planned and drawn has tests of its own, and takes most of the time.
-    monkeypatch.setattr(plan, "short_sweep", lambda _config: (Setting(0.0, 3),))
+    monkeypatch.setattr(plan, "short_sweep", lambda _config: (PlanePoint(0.0, 3),))
     monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: path.write_bytes(PNG))
     return called if ends != {} else [*DATA]
 
@@ -494,7 +494,7 @@ def test_what_is_fatal_ends_it_with_the_fix_before_anything_moves(
 ) -> None:
     called = steps_taken(monkeypatch, {"nothing": None})
     wrong = doctor_data("direction", fatal=["direction"])
-    monkeypatch.setitem(steps.RUN, "doctor", lambda _bench: Measured(wrong))
+    monkeypatch.setitem(steps.RUN, "doctor", lambda _bench: StepResult(wrong))
     status, report = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 1
     assert called == []
@@ -519,7 +519,7 @@ def test_what_costs_only_stiffness_is_told_and_does_not_end_it(
 ) -> None:
     called = steps_taken(monkeypatch, {"nothing": None})
     found = doctor_data("return delay", fatal=[])
-    monkeypatch.setitem(steps.RUN, "doctor", lambda _: Measured(found))
+    monkeypatch.setitem(steps.RUN, "doctor", lambda _: StepResult(found))
     status, _ = report_of(tmp_path, capsys, *REAL, "--yes")
     assert status == 0
     assert called[-1] == "sweep"
@@ -577,13 +577,13 @@ def test_results_are_kept_as_each_is_known(tmp_path: Path, monkeypatch: pytest.M
 
     def looks(_bench):
         assert (tmp_path / "config.yaml").exists() and (tmp_path / "identify.json").exists()
-        return Measured(delay_data(_bench))
+        return StepResult(delay_data(_bench))
 
     steps_taken(monkeypatch, {"nothing": None})
     monkeypatch.setitem(steps.RUN, "delay", looks)
     config = load_config(SIMULATED[0], ["loop.clock=simulated"]).config
     store = CommissionStore(tmp_path, settings_of(config, 0.6), "it", json.dumps, False)
-    assert run_steps(Bench(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
+    assert run_steps(StepContext(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
 
 
 def fails(*_given) -> NoReturn:
@@ -600,7 +600,7 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
         assert name == "simulated" and path.parent == tmp_path
         fails()
 
-    monkeypatch.setitem(steps.RUN, "delay", lambda bench: Measured(delay_data(bench), (None,)))
+    monkeypatch.setitem(steps.RUN, "delay", lambda bench: StepResult(delay_data(bench), (None,)))
     monkeypatch.setitem(picture.PLOTS, "delay", kept)
     monkeypatch.setattr(picture, "draw_allowed", lambda _q, _r, path: fails(path))
     assert call("commission", *SIMULATED, "--out", tmp_path, "--json") == 0
@@ -618,7 +618,7 @@ def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
         raise KeyboardInterrupt
 
     steps_taken(monkeypatch, {"nothing": None})
-    monkeypatch.setitem(steps.RUN, "delay", lambda bench: Measured(delay_data(bench), (None,)))
+    monkeypatch.setitem(steps.RUN, "delay", lambda bench: StepResult(delay_data(bench), (None,)))
     monkeypatch.setitem(picture.PLOTS, "delay", interrupts)
     status, report = report_of(tmp_path, capsys)
     assert status == 130

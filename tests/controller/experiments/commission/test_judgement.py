@@ -5,7 +5,7 @@ import pytest
 
 from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.commission.verdict import Question, verdict
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
@@ -13,7 +13,7 @@ from haptic_wall.controller.settings.load import load_config
 
 
 def question(name="simulated", *sets):
-    return Question.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
+    return GuardQuestion.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_the_measured_age_makes_it_softer() -> None:
     parts = {"parts": {"age": {"guard": 0.0006}}}
     late = {"parts": {"age": {"guard": 0.003}}}
     young, old = (
-        verdict(Question.of(config, d), True)["plain"]["commanded"] for d in (parts, late)
+        verdict(GuardQuestion.of(config, d), True)["plain"]["commanded"] for d in (parts, late)
     )
     assert old["stiffness"] < 0.5 * young["stiffness"]
 

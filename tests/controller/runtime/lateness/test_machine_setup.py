@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.runtime.lateness.machine_setup import (
-    Found,
+    SettingState,
     is_virtual,
     machine_setup,
     start_table,
@@ -15,8 +15,8 @@ from haptic_wall.controller.runtime.realtime import Setting
 CORE = Setting("core", "core 1", "core 1", True, "")
 FIFO = Setting("scheduler", "SCHED_FIFO 80", "SCHED_FIFO 80, reset on fork", True, "")
 REFUSED = Setting("memory", "all memory locked", "refused: no rights", False, "sudo prlimit")
-SHARED = Found("core isolation", "core 1 is shared", "a core of its own", "isolcpus=1")
-WELL = Found("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
+SHARED = SettingState("core isolation", "core 1 is shared", "a core of its own", "isolcpus=1")
+WELL = SettingState("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
 
 
 def put(root, **files) -> None:
