@@ -244,7 +244,8 @@ def _least_squares(
     low, high = np.full(4, -np.inf), np.full(4, np.inf)
     low[LAG] = np.median([step.time[0] for step in steps])
     high[LAG] = np.median([step.time[-1] for step in steps])
-    with np.errstate(over="ignore", invalid="ignore"):  # a very large decay overflows
+    # A very large decay overflows; squares that are zero divide.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         found = least_squares(
             lambda values: np.concatenate(residuals(steps, values)),
             values,
