@@ -1,4 +1,4 @@
-"""The result of a benchmark section as plain data, and how its times are measured."""
+"""The result of a benchmark section as plain data, and functions that take its times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One figure."""
+    """One number of the report; with quartiles where it was measured in several rounds."""
 
     name: str
     """The measured quantity"""
@@ -26,7 +26,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Series of samples to be drawn over each other."""
+    """Samples of one quantity, a series for each compared client."""
 
     name: str
     """The measured quantity"""
@@ -46,11 +46,11 @@ class Section:
 
 
 def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Measurement:
-    """Return a row of one value a round: the median, and the quartiles.
+    """Return a quantity that was measured once a round: its median and quartiles.
 
     Args:
         name: The measured quantity.
-        values: At least one.
+        values: One for each round, at least one.
         unit: Of the values; ``1``: a ratio.
         shows_not: A conclusion that it does not support.
     """
@@ -61,7 +61,9 @@ def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -
 
 
 def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: str) -> Measurement:
-    """Return ours over theirs, round by round: the machine's other work affects both alike.
+    """Return our value over theirs, divided round by round.
+
+    Other load of the machine affects both values of a round alike.
 
     Args:
         name: The compared quantity.
@@ -74,10 +76,10 @@ def ratio(name: str, ours: Sequence[float], theirs: Sequence[float], shows_not: 
 
 
 def interleaved(work: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, list[float]]:
-    """Return the time of each piece of work in each round [s], all of them once in every round.
+    """Time every piece of work once in each round; return the times by name [s].
 
-    The machine's other work then affects them alike. The first round is not counted: it pays for
-    imports and caches.
+    Other load of the machine then affects all of them alike. The first round is not counted: it
+    pays for imports and caches.
 
     Args:
         work: Functions to time, by name.

@@ -99,7 +99,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
 def _measured(
     loaded: Loaded, reach: float, store: CommissionStore, seconds: float
 ) -> tuple[Ended, dict[str, Any]]:
-    """Execute the steps, in about so many seconds; write the report unless nothing was measured."""
+    """Execute the steps, in about ``seconds`` [s]; write the report unless nothing was measured."""
     from haptic_wall.controller.experiments.commission.report import report
     from haptic_wall.controller.experiments.commission.sequence import run_steps
     from haptic_wall.controller.experiments.commission.steps import StepContext

@@ -1,4 +1,4 @@
-"""``haptic-wall config``: what can be set, in what unit, and what is in force."""
+"""``haptic-wall config``: lists every setting with its value, unit, origin, range and meaning."""
 
 from __future__ import annotations
 

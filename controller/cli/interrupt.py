@@ -1,8 +1,8 @@
 """Handles Ctrl-C where no clean-up is needed: ends the process at once.
 
-That is nearly everywhere. A KeyboardInterrupt at any point is sometimes lost: libraries that are
-being imported turn it into other errors, or print it and continue. Code with clean-up uses
-``haptic_wall.controller.system.signals`` for that time.
+Most code needs no clean-up. Python's KeyboardInterrupt is not reliable there: a library that is
+being imported may turn it into another error, or print it and continue. Code with clean-up sets a
+handler of its own for that time, with ``haptic_wall.controller.system.signals``.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ def leave_at_once() -> None:
 
 
 def leave_to_the_system() -> None:
-    """Let the system end the process from now on: Python is ending, and can call no handler safely.
+    """Let the system end the process on Ctrl-C: while Python shuts down, a handler is not safe.
 
-    Not where Ctrl-C is ignored, or was already handled.
+    It changes nothing if Ctrl-C is ignored, or if another handler is set.
     """
     if signal.getsignal(signal.SIGINT) is _leave:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def end_without_python(status: int) -> NoReturn:
-    """End this process without Python's own shutdown.
+    """Flush the output, run the exit functions and end the process without Python's shutdown.
 
     A library that a KeyboardInterrupt has passed through, such as matplotlib's fonts, may abort
     during that shutdown.
@@ -60,16 +60,16 @@ def end_without_python(status: int) -> NoReturn:
 
 
 def say_nothing_after(answered: Callable[[], bool]) -> None:
-    """Print no second object for programs (``--json``).
+    """On Ctrl-C print no ``--json`` error object if the command has printed its answer.
 
     Args:
-        answered: Whether the command has printed its answer.
+        answered: Returns whether the command has printed its answer.
     """
     _answered[:] = [answered]
 
 
 def do_first(action: Callable[[], None]) -> None:
-    """Call ``action`` before a Ctrl-C ends the process; it must not wait."""
+    """Call ``action`` before a Ctrl-C ends the process; it must not block."""
     _first[:] = [action]
 
 

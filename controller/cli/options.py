@@ -111,7 +111,7 @@ _command = _Command()
 
 
 def begin() -> None:
-    """Start a command without an answer yet."""
+    """Record that the command has printed no answer yet."""
     _command.answered = _command.output_taken = False
 
 

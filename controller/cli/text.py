@@ -1,4 +1,4 @@
-"""Formats the whole report of a run: events, commanded values and reasons."""
+"""Formats the whole report of a run (``run -v``): events, commanded values and reasons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def report_text(report: Mapping[str, Any]) -> str:
     """Format the report of ``haptic-wall run -v`` as text of some 25 lines.
 
     Args:
-        report: The report, as for ``--json``; None is omitted.
+        report: The report, as for ``--json``; fields that are None are omitted.
     """
     return "\n".join(
         [
@@ -38,7 +38,7 @@ def report_text(report: Mapping[str, Any]) -> str:
 
 
 def ending(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield how the run ended, and a trip's explanation."""
+    """Yield the lines that say how the run ended, and explain a trip."""
     reason = str(report["stop_reason"])
     how = {"duration": "ended as planned", "interrupted": "interrupted"}.get(reason, reason)
     if trip := Trip.of(reason):
@@ -219,14 +219,14 @@ def _notes(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def files(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the places of log and picture; a path is never folded, so that it can be copied."""
+    """Yield the lines with the paths of log and picture; paths stay whole, to be copied."""
     for key, label in (("log", "log"), ("plot", "picture")):
         if report.get(key):
             yield f"{label:<12}{report[key]}"
 
 
 def entry(label: str, text: str) -> list[str]:
-    """Format a label and its text, folded under itself."""
+    """Format a label and its text; long text wraps into the column beside the label."""
     return wrapped(text, f"{label:<12}", " " * 12)
 
 
@@ -240,10 +240,10 @@ def _percentiles(times: Mapping[str, float | None]) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Format a number with so many digits."""
+    """Format a number with ``digits`` significant digits; None: unknown."""
     return "unknown" if value is None else f"{value:.{digits}g}"
 
 
 def milli(seconds: float | None) -> str:
-    """Format milliseconds, with three digits after the point."""
+    """Format a time [s] in milliseconds, with three decimals; None: unknown."""
     return "unknown" if seconds is None else f"{1000 * seconds:.3f}"

@@ -393,7 +393,7 @@ class Backstop:
         return self._gives_way(0)
 
     def _gives_way(self, steps: int) -> bool:
-        """Whether the load would push through a wall reduced from so many steps."""
+        """Whether the load would push through a wall reduced ``steps`` times."""
         limit = self._probing.scale**steps * self._settings.torque_limit
         return abs(self._motion.load) > self._tuning.loaded * limit
 

@@ -51,7 +51,7 @@ class DetectionRecord:
         growth: Array,
         alarm: NDArray[np.bool_],
     ) -> DetectionRecord:
-        """Return the record of samples, with its worst state and its first alarm.
+        """Return the record, with the worst state and the first alarm found in the samples.
 
         Args:
             times: Of the samples [s], shape (n,).
@@ -154,7 +154,7 @@ def detect(
 
 
 def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:
-    """Return the watch for motion beyond hands, on any servo; a record cannot be probed."""
+    """Return the watch for motion that no hand explains, for any servo: a record is not probed."""
     step = settings.position_step
     step = step if step > 0.0 else 0.0
     threshold, small = sizes(step, settings.tuning)
@@ -183,7 +183,7 @@ def _detector(settings: DetectorSettings, wall: KnownWall, lag: float) -> Detect
 
 
 def position_step(positions: Array, tuning: RecordingTuning = TUNING.recording) -> float:
-    """Return the encoder count if all positions differ by multiples of one [rad]; else 0."""
+    """Return the encoder step [rad] if all positions differ by multiples of one step; else 0."""
     steps = np.abs(np.diff(positions[np.isfinite(positions)]))
     steps = steps[steps > _ROUNDING * np.max(steps, initial=0.0)]
     if steps.size < tuning.count_steps:

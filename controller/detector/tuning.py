@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 T = TypeVar("T")
 
 Rules = tuple[tuple[int, float], ...]
-"""Numbers of half-cycles, ascending, and the growth of the amplitude's logarithm over so many"""
+"""Numbers of half-cycles, ascending, and the growth of the logarithm of the amplitude over each"""
 
 MANY: Final = 10**9
 """More half-cycles than any run has"""

@@ -25,7 +25,7 @@ def cores() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Yield an executor with so many processes.
+    """Yield an executor with ``count`` processes.
 
     When the block is left with an exception (Ctrl-C is one), they are ended immediately: a task may
     take minutes, and its result is no longer needed.

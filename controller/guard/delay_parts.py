@@ -50,8 +50,7 @@ def shorter(parts: DelayParts, slow_replies: bool) -> float:
     """Estimate to which size the largest part of a delay could be reduced [s].
 
     It is half of most parts. A sample's age, where replies take several periods, could be one
-    period
-    and ``SHORT_TIMER``: the greatest age with an adapter set to that timer.
+    period and ``SHORT_TIMER``: the greatest age with an adapter set to that timer.
 
     Args:
         parts: The delay.

@@ -1,4 +1,4 @@
-"""Decides when the wall may come on around the shaft: never while its spring is loaded.
+"""Decides when the wall may come on: not while the shaft would load its spring.
 
 A spring of stiffness K that appears around a shaft at penetration p holds K p²/2 at once, and gives
 it to the shaft: 0.05 J at K 10 and 0.1 rad, which accelerates a servo with a horn to 2.9 rad/s. The
@@ -36,7 +36,7 @@ class EngageLimits:
     """Ticks for which the spring must stay unloaded, >= 1"""
 
     def room(self, stiffness: float) -> float:
-        """Return the largest penetration [rad] that leaves a spring [N·m/rad] unloaded."""
+        """Return the largest penetration [rad] at which a spring [N·m/rad] counts as unloaded."""
         least = LEAST_STEPS * self.position_step
         return max(self.torque / stiffness, least) if stiffness > 0.0 else math.inf
 
@@ -74,7 +74,7 @@ class Engagement:
         return self._rested >= self._need
 
     def sample(self, stiffness: float, penetration: float) -> None:
-        """Take the position of a tick in which the wall is off.
+        """Record the shaft's position in a tick with the wall off.
 
         Args:
             stiffness: Stiffness that would come on [N·m/rad].
@@ -98,7 +98,7 @@ class Engagement:
         return rise * away <= limits.torque or away <= LEAST_STEPS * limits.position_step
 
     def restart(self) -> None:
-        """Record that the wall went off; it comes on again only after a rest."""
+        """Record that the wall went off; it comes on again after a time with an unloaded spring."""
         self._start_room = 0.0
         self._need = self.limits.periods
         self._rested = 0

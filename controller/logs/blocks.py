@@ -46,7 +46,7 @@ _MOST_HEADER = 1 << 12
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """An intact array, and the offset of the next one."""
+    """An intact block: its array, and the offset where the next block begins."""
 
     array: NDArray[Any]
     end: int
@@ -55,9 +55,9 @@ class Block:
 
 
 def encoded(array: NDArray[Any]) -> tuple[bytes, memoryview]:
-    """Encode a one-dimensional little-endian array as a block: the header, and its own bytes.
+    """Encode a one-dimensional little-endian array as a block; return its header and its data.
 
-    The array must not change until both are written.
+    The data are the array's own memory: it must not change until both are written.
     """
     data = np.ascontiguousarray(array).view(np.uint8).data
     head = (
@@ -157,7 +157,7 @@ def last_block(file: BinaryIO, start: int, end: int, checked: bool) -> Block | N
 
 
 def next_begin(file: BinaryIO, start: int, end: int) -> int:
-    """Return the next offset where a block may begin; ``end`` if there is none [bytes].
+    """Return the next offset [bytes] at which a block may begin; ``end`` if there is none.
 
     Holes in the file are skipped without reading.
     """

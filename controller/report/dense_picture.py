@@ -1,4 +1,4 @@
-"""Draws long runs in little memory: lines in pieces, shades with few corners."""
+"""Draws long runs in little memory: lines in pieces, shaded intervals with few corners."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Floats = NDArray[np.float64]
 PIECE = 1000
 """Points of a line that are drawn at a time"""
 MOST = 400
-"""Largest number of separate stretches; more would be narrower than a picture shows, and are
-sampled at twice as many moments instead."""
+"""Largest number of separate intervals. More would be narrower than a pixel: the condition is then
+sampled at twice as many moments."""
 
 
 def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: Any) -> None:  # noqa: ANN401
-    """Draw a solid line in pieces that share their ends: drawn whole, it takes 100 MB and more.
+    """Draw a solid line in pieces that share their ends; as one piece it would take over 100 MB.
 
     Matplotlib's own option (``agg.path.chunksize``) omits two segments between pieces.
 
@@ -38,7 +38,7 @@ def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: A
 
 
 def outline(time: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return the corners of the stretches in which a condition holds, from 0 to 1 in height.
+    """Return the corners of rectangles of height 1 over the intervals where a condition holds.
 
     Args:
         time: Increasing, shape (n,), n > 0.
@@ -57,5 +57,5 @@ def outline(time: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
 
 
 def _edges(where: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return where stretches begin and end, alternating."""
+    """Return the indices where intervals begin and end, alternating."""
     return np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))

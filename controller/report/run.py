@@ -1,4 +1,4 @@
-"""Draws a run: position and wall, torque, stiffness or velocity, timing."""
+"""Draws a run as PNG: panels of position and wall, torque, stiffness or velocity, timing."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
-    """Draw a log, or a stretch of it, in bounded memory.
+    """Select rows of a log, or of a stretch of it, in bounded memory, and draw them as PNG.
 
     Args:
-        rows: Of the log.
+        rows: The rows of the log.
         path: Path of the picture.
         stop_reason: As for ``plot_run``.
 
@@ -45,10 +45,10 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
 def plot_run(
     sketch: Sketch, metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
 ) -> None:
-    """Draw a run as PNG: panels over one time axis.
+    """Draw the selected rows of a run as PNG: panels over one time axis.
 
     Args:
-        sketch: Of the run.
+        sketch: The selected rows of the run, see ``sketched``.
         metadata: Of the log: its ``config``, and its ``name`` for the title.
         path: Path of the picture.
         stop_reason: Of the report; the title names a trip. None: not known.

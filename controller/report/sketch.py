@@ -1,8 +1,8 @@
 """Selects the rows of a long run that a picture can show, in bounded memory.
 
 A picture has fewer columns than a long run has ticks. The run is divided into slices, and each
-slice keeps
-the rows with an extreme drawn value: no peak is lost, and every drawn point is one of the run.
+slice keeps the rows with an extreme drawn value: no peak is lost, and every drawn point is one of
+the run.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """The data of a picture."""
+    """The selected rows of a run, and the statistics that its picture shows."""
 
     rows: NDArray[np.void]
     """The drawn rows in order, the first and the last of the run among them"""
@@ -53,7 +53,7 @@ class Sketch:
 
 
 def sketched(blocks: Iterable[NDArray[np.void]], count: int, origin_ns: int) -> Sketch:
-    """Reduce rows to the data of a picture.
+    """Select the rows of a run that its picture shows.
 
     Args:
         blocks: The rows, n > 0 in all, shape (m,) each, dtype ``telemetry.ROW``.

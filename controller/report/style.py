@@ -105,7 +105,7 @@ def legend_above(ax: Axes, columns: int = 1) -> None:
 
 
 def shades(count: int) -> Sequence[str]:
-    """Return so many colours in order, dark to light, that also differ in lightness."""
+    """Return ``count`` colours in order, dark to light, that also differ in lightness."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 

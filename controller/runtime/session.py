@@ -1,4 +1,4 @@
-"""One session: builds the loop's parts, checks the servo, runs the grid, ends with torque off."""
+"""Runs one session: builds the loop's parts, checks the servo, runs the loop, ends torque off."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Result:
 
     stop_reason: StopReason
     message: str
-    """A remark of the program itself; mostly empty"""
+    """A remark of the program itself; usually empty"""
     ticks: int
     missed: int
     elapsed_s: float

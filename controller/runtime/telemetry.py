@@ -237,8 +237,8 @@ class Telemetry:
 
         Returns:
             Rows, shape (n,), dtype ``ROW``, and the sequence number after the last. Where the
-            writer has
-            overtaken the reader, the rows start later than ``tail``: the gap shows in ``seq``.
+            writer has overtaken the reader, the rows start later than ``tail``: the gap shows in
+            ``seq``.
         """
         head = int(self.words[Word.HEAD])
         start = max(tail, head - self._capacity + 1)

@@ -2,8 +2,7 @@
 
 Dimensionless, with ``eps = exp(-delta)``. Equations (12) and (13) circulate misprinted; this module
 has the forms that agree with the poles. (1), (12) and (13) lose digits in double precision for
-light
-damping, as each docstring says: use ``critical_stiffness`` for computation.
+light damping, as each docstring says: use ``critical_stiffness`` for computation.
 """
 
 from __future__ import annotations

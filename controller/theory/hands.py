@@ -3,9 +3,8 @@
 If the loop is stable with one hand, it is stable with all hands of a range in which none puts a
 pole on the unit circle (module ``hand_boxes``). Where that cannot be shown, the range is halved,
 until it is shown or an unstable hand is found. Without upper bounds on the damping and bounds on
-the reactance
-this is the condition of ``passivity``, which is tried first: a passive wall is shown stable with
-every hand at once.
+the reactance this is the condition of ``passivity``, which is tried first: a passive wall is shown
+stable with every hand at once.
 """
 
 from __future__ import annotations

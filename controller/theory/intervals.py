@@ -1,11 +1,11 @@
 """Guaranteed ranges of complex functions: discs with their derivatives, vectorised over boxes.
 
 A ``Jet`` holds, for each of many boxes of a few real variables, a disc that contains every value of
-a function over the box, and one disc for each of its first derivatives. Sums and products of
-jets contain the sums and products of all their members, rounding included: each operation widens
-its discs by ``SLACK`` of their size, four times the largest rounding error. By the mean value
-theorem each function then differs from a linear function by at most the discs' radii, which shrink
-with the square of the box.
+a function over the box, and one disc for each of its first derivatives. The sum of two jets
+contains every sum of two such functions, and likewise the product. That includes rounding: each
+operation widens its discs by ``SLACK`` of their size, four times the largest rounding error. By the
+mean value theorem each function then differs from a linear function by at most the discs' radii,
+which shrink with the square of the box. ``exclusion`` bounds sampled loops with jets.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class Jet:
         return Jet(centre, radius + 4 * SLACK * largest)
 
     def plus(self, value: float | FloatArray) -> Jet:
-        """Add a real number, or one for each box."""
+        """Return the sum with a real number, or with one for each box."""
         centre = self.centre.copy()
         centre[0] += value
         return _widened(centre, self.radius)
 
     def scaled(self, factor: complex | FloatArray) -> Jet:
-        """Multiply by a number, or by a real one for each box."""
+        """Return the product with a number, or with a real one for each box."""
         return _widened(self.centre * factor, self.radius * np.abs(factor))
 
     def conjugate(self) -> Jet:

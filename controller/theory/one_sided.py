@@ -298,8 +298,7 @@ def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
     one, with a shortfall in proportion to the frequency, which goes with the root of the damping.
     Both dampings are therefore scaled up by ``scale²``, which makes the shortfall ``scale`` times
     too large. Where the stiffness is small for another reason (B next to -b, or to the ceiling) the
-    dampings
-    themselves are not small, and a contact is no oscillation: it creeps, or ends at once.
+    dampings themselves are not small, and a contact is no oscillation: it creeps, or ends at once.
 
     Returns:
         (walls, scale), scale >= 1.

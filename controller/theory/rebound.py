@@ -9,15 +9,12 @@ the torque saturates, which makes another wall.
 torque, e = g (K q + |B| q / (N T)). Over a depth v/w its work is about 2 e v / w, against a loss of
 (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the contact loses energy
 above a speed of the order of e / (m w (1 - r)). This estimate gives the start of the search, not
-the
-result. From there downwards, contacts are simulated with counts, over phases of entry and places of
-the surface within a count, until counts give half of the contact's loss. Single speeds lie above
-their neighbours, so the ratios of the tried speeds must not approach 1. Coulomb friction c does the
-work -2 c v / w along the same path, so it reduces the speed by (1 - c / e); friction as strong as
-one
-count leaves no such speed. (The true speed is often far lower, but jagged: with friction some
-single
-speeds return faster than their neighbours.)
+the result. From there downwards, contacts are simulated with counts, over phases of entry and
+places of the surface within a count, until counts give half of the contact's loss. Single speeds
+lie above their neighbours, so the ratios of the tried speeds must not approach 1. Coulomb friction
+c does the work -2 c v / w along the same path, so it reduces the speed by (1 - c / e); friction as
+strong as one count leaves no such speed. (The true speed is often far lower, but jagged: with
+friction some single speeds return faster than their neighbours.)
 
 **The high end** is proved. On the way in the device is never faster than at the entry, and after
 the lag t_d + T the torque is at least the spring's at the position one lag earlier. So the depth is

@@ -1,4 +1,4 @@
-"""Switches the torque off and reads it back: for the driver's end, and after a driver's death."""
+"""Switches the torque off and reads it back: when the driver stops, and after its process died."""
 
 from __future__ import annotations
 
@@ -23,12 +23,11 @@ _GAP_END_NS: Final = 20_000_000
 
 
 def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
-    """Switch the torque off on a line whose user is dead or hung, at any point of its traffic.
+    """Switch the torque off on a bus whose driver has died or hangs, even in the middle of a frame.
 
-    It waits for a gap between frames, so that a frame truncated by the user's death does not
-    swallow this one. It never writes a goal: a servo may be set to switch its torque on at any
-    goal. It does not check
-    the model, as the driver did before it had torque: one more reply is one more that may fail.
+    It waits for a gap between frames: otherwise the servo could take this request for the rest of a
+    truncated frame. It never writes a goal: a servo may be set to switch its torque on at any goal.
+    It does not check the model: the driver has done so, and each further reply may fail.
 
     Args:
         line: The bus, now used by this process alone.
@@ -50,9 +49,9 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 
 
 def torque_off(line: Line, link: Link) -> bool:
-    """Write Torque Enable 0 and read it back, repeatedly if necessary.
+    """Write Torque Enable 0 and read it back; try up to four times.
 
-    It takes at most 90 ms, on a slow bus its wire time more. A late reply to another process's
+    It takes at most 90 ms; a slow bus adds its wire time. A late reply to another process's
     request must not be taken for the answer. Replies come in order and at most one was under way,
     so once the write is confirmed it has passed. Otherwise the read from Torque Enable on has a
     length that no other request uses.

@@ -2,8 +2,8 @@
 
 Each is started and stopped by its own driver, checks and probe included. In between the group reads
 them in the fastest way that all of them support; a servo that does not reply loses only its own
-reading. While
-a group runs, health is not watched, except for the alert in a reply: a latched hardware error.
+reading. While a group runs, health is not watched, except for the alert in a reply: a latched
+hardware error.
 """
 
 from __future__ import annotations

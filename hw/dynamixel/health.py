@@ -1,10 +1,9 @@
-"""Polls the state of a running servo together with a sample.
+"""Polls the health of a running servo: torque enable, Bus Watchdog, supply and temperature.
 
-Periodically a request asks for a wider block than the sample, which also contains values that must
-not change while torque is on. It adds bytes on the wire, no transaction and no period, but delays
-the torque
-of that period: so the widest block is the rarest. The possible width follows from baud rate and
-period; where no block contains everything, two alternate.
+Every 200 ms a request reads a wider block than the sample, which also contains these registers. It
+adds bytes on the wire, but no transaction and no period. It delays the torque of its period, so the
+widest block is read least often. Baud rate and period limit the width; where no block can contain
+all registers, two blocks alternate.
 """
 
 from __future__ import annotations
@@ -134,7 +133,7 @@ class HealthWatch:
         self._strikes = dict.fromkeys(self._strikes, 0)
 
     def describe(self) -> tuple[str, str]:
-        """Describe what is watched and how often, and what is not, for people."""
+        """Describe what is watched and how often, and all that could be watched, for people."""
         everything = ", ".join(item.name for item in _ITEMS)
         turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
         looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}

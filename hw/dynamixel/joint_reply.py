@@ -101,7 +101,7 @@ def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]
 
 
 def joint_bytes(count: int, size: int) -> int:
-    """Return the length of the joint reply of so many servos, with so many bytes of each."""
+    """Return the length of a joint reply [bytes]: ``count`` servos, ``size`` bytes of each."""
     return _HEAD_BYTES + count * (size + 4)
 
 

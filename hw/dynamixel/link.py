@@ -111,7 +111,7 @@ class Link:
         self._servo_clock = ServoClock()
 
     def wire_ns(self, count: int) -> int:
-        """Return the time of so many bytes on the wire [ns]."""
+        """Return the time of ``count`` bytes on the wire [ns]."""
         return wire_ns(count, self._baud) if self._baud else 0
 
     def widen(self, address: int, end: int) -> int:

@@ -3,10 +3,10 @@
 With a reversed position and an unreversed current the wall would drive the servo *into* the wall.
 The sign is therefore measured, not taken from the manual.
 
-The push is a slow ramp, given up at a stated torque: a free servo barely moves, and one with
-friction breaks loose gently. The opposite torque follows until the impulses cancel, which stops a
-servo without friction; one with friction stops by itself. A servo with more static than kinetic
-friction would be reversed by that, toward the wall; a reversal therefore also ends the braking.
+The push is a slow torque ramp, which ends at a given limit: a free servo barely moves, and one with
+friction breaks loose gently. The opposite torque follows until the impulses cancel. This braking
+stops a servo without friction; one with friction stops by itself. A servo with more static than
+kinetic friction could be driven back toward the wall, so a reversal also ends the braking.
 """
 
 from __future__ import annotations

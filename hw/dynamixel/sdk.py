@@ -71,12 +71,12 @@ class LinePort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         return taken
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
-        """Start waiting for a reply of so many bytes; the request may still be on the wire."""
+        """Start waiting for ``packet_length`` bytes; the request may still be on the wire."""
         busy_ns = wire_ns(packet_length + READ_REQUEST_BYTES, self.baudrate)
         self._deadline_ns = self._line.clock.now_ns() + busy_ns + self.patience_ns
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
-        """Start waiting for so many milliseconds."""
+        """Start waiting for ``msec`` milliseconds."""
         self._deadline_ns = self._line.clock.now_ns() + int(msec * 1e6)
 
     def isPacketTimeout(self) -> bool:  # noqa: N802

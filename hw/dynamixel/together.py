@@ -157,7 +157,7 @@ class Together:
         self._line.write(self._goals.encode(goals))
 
     def _request_frame(self, size: int, order: Sequence[int]) -> bytes:
-        """Return the request for so many bytes; of the first servo only in mode ``PLAIN``."""
+        """Return the request for ``size`` bytes; of the first servo only in mode ``PLAIN``."""
         block = struct.pack("<HH", SAMPLE_ADDRESS, size)
         if self.way is Way.PLAIN:
             return encode(order[0], Instruction.READ, block)

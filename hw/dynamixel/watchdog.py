@@ -57,8 +57,7 @@ def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
     the torque after an unobserved motion would be an impact. It is written only after it was read.
 
     A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
-    nothing
-    to end it: so torque is off meanwhile. Every write is confirmed.
+    nothing to end it: so torque is off meanwhile. Every write is confirmed.
 
     Args:
         link: The servo.

@@ -27,7 +27,7 @@ CYCLE_BYTES: Final = ASKING_BYTES + SAMPLE_BYTES + GOAL_BYTES
 
 
 def wire_ns(count: int, baud: int) -> int:
-    """Return the time of so many bytes on the wire [ns].
+    """Return the time of ``count`` bytes on the wire [ns].
 
     Args:
         count: Number of bytes.

@@ -3,9 +3,8 @@
 A simple model: every servo starts after its own return delay, in whole byte times, and where two
 send at once a bit is 0 if one of them pulls it low. Equal replies of two servos, as to a ping,
 cannot be distinguished from one; all others become a frame with a wrong CRC or none at all. On a
-real bus
-the edges differ within a bit and the levels depend on the transceivers: the bytes would differ, but
-be as useless.
+real bus the edges differ within a bit and the levels depend on the transceivers: the bytes would
+differ, but be as useless.
 """
 
 from __future__ import annotations

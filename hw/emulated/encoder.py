@@ -34,7 +34,7 @@ class Encoder:
         return round(self._mechanism.measured_position() / POSITION_UNIT) + self._offset
 
     def shift(self, counts: int) -> None:
-        """Add an offset of so many counts; the shaft does not move."""
+        """Add an offset of ``counts`` encoder counts; the shaft does not move."""
         self._offset += counts
 
     def stop(self, now_ns: int) -> None:

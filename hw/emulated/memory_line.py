@@ -11,8 +11,7 @@ class MemoryLine:
     """A line to an emulated bus. Bytes, times and motion are deterministic.
 
     Time passes only in ``wait``: up to the next reply, or to the deadline. After the adapter was
-    unplugged
-    the line is dead, like a serial port, even if it is plugged in again: make another.
+    unplugged the line is dead, like a serial port, even if it is plugged in again: make another.
 
     Args:
         bus: The bus, begun at the clock's present time.

@@ -79,7 +79,7 @@ class Witness:
             self._rows.append(row)
 
     def write(self, rows: int) -> None:
-        """Write at most so many rows to the file."""
+        """Write at most ``rows`` rows to the file."""
         count = min(rows, len(self._rows))
         lines = "".join(_line(self._rows.popleft()) for _ in range(count))
         self._try(lambda: self._file.write(lines))

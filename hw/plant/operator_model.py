@@ -1,8 +1,8 @@
 """Scripted operator models: a soft spring and damper toward a piecewise linear reference.
 
 An operator does not sense what it touches; its script is relative to the wall (depth: positive
-inside). It first leads from the servo's position to the first depth of its script, so that the
-start is no impact, and then repeats the script for ever.
+inside). The reference first moves from the servo's position to the first depth of the script, so
+that the run does not start with an impact. It then repeats the script for ever.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class ScriptedOperator:
 
 
 def operator_of(true: TrueServo) -> ScriptedOperator | None:
-    """Return the operator of this servo; None: it has none.
+    """Return the operator model that moves this simulated servo; None: no operator.
 
     ``push`` and ``tap`` act on the wall, whatever its side; ``lean`` pushes in the positive
     direction whatever the wall's side.

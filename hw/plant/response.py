@@ -131,7 +131,7 @@ class Slide(NamedTuple):
     """Stiffness over inertia [1/s²], >= 0"""
 
     def moved(self, over: Response) -> tuple[float, float]:
-        """Return distance [rad] and velocity [rad/s] after the time whose response is ``over``."""
+        """Return distance [rad] and velocity [rad/s] at the instant of the response ``over``."""
         velocity, push, ramp, _, _ = self
         h1, h, s, r = over
         return velocity * h + push * s + ramp * r, velocity * h1 + push * h + ramp * s

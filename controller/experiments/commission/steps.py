@@ -83,7 +83,7 @@ class StepContext:
 
 
 class StepResult(NamedTuple):
-    """The result of a step."""
+    """The result of a step, and the data of its picture."""
 
     data: dict[str, Any]
     shown: tuple[Any, ...] = ()
@@ -121,7 +121,7 @@ def run_identify(bench: StepContext) -> StepResult:
 
 
 def identified(text: str, config: Config) -> Config:
-    """Return the configuration that ``run_identify`` has written.
+    """Check the configuration that ``run_identify`` has stored, and return it.
 
     Args:
         text: The stored text.
@@ -155,7 +155,7 @@ def run_delay(bench: StepContext) -> StepResult:
 
 
 def run_rendered(bench: StepContext) -> StepResult:
-    """Measure the rendered wall."""
+    """Measure the stiffness, the drag and the contacts that the servo renders."""
     found = measure_rendering(bench.config, bench.logs, 0, bench.tell)
     return StepResult(rendering_report(found), (found,))
 

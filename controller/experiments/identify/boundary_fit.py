@@ -1,8 +1,8 @@
 """Fits delay and damping to a measured stability boundary: critical stiffness over virtual damping.
 
-Where it is straight the boundary is ``K = (b + B)/(T/2 + t_d)``: its slope gives the delay, its
+The straight part of the boundary is ``K = (b + B)/(T/2 + t_d)``: its slope gives the delay, its
 intercept the damping. The exact boundary of a given inertia is fitted to all points. Coulomb
-friction counts as its equivalent damping at the amplitude of each point.
+friction is replaced by its equivalent damping at the amplitude of each point.
 
 Source: J. J. Gil et al., ICRA 2007, eqs. (8) and (16); friction by its describing function,
 4 c/(pi A w).

@@ -1,13 +1,13 @@
 """Simulates a servo under recorded torques, for many parameters and pieces of motion at once.
 
-The servo is an inertia with viscous and Coulomb friction and a delayed torque, and an encoder that
-may follow with backlash::
+The servo is an inertia with viscous and Coulomb friction and a delayed torque. Its encoder may
+follow with backlash::
 
     m x'' = u(t - delay) - b x' - c sign(x')
 
-Torques are held, so the motion between their changes has a closed form, also where the velocity
-reaches zero in between and the body sticks or reverses. Samples and torques have their own
-instants, independent of the grid.
+Torques are held, so the motion between two changes of the torque has a closed form, even if the
+body stops or reverses in between. Samples and torques have their recorded instants, which need not
+lie on the grid of the periods.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Motion:
 
 
 def motion_of(rows: NDArray[np.void]) -> Motion:
-    """Return the motion in rows of a log.
+    """Return the motion that the rows of a log record.
 
     Failed readings have no sample; the torques of their rows were still sent.
 
@@ -83,7 +83,7 @@ class Parameters:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Pieces of a motion, side by side: shape (s, n) each, padded where one is shorter."""
+    """A motion in s pieces: arrays of shape (s, n), short pieces padded to the longest."""
 
     motion: Motion
     sampled: FloatArray
@@ -91,7 +91,7 @@ class Pieces:
     position: FloatArray
     """[rad]"""
     held: NDArray[np.bool_]
-    """Whether there is a sample, or padding"""
+    """True: a sample; False: padding"""
 
 
 def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
@@ -110,12 +110,12 @@ def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
 
 
 def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
-    """Return some of the pieces, shape (s,)."""
+    """Return the pieces for which ``kept``, shape (s,), is true."""
     return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
 def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
-    """Return the encoder's positions without rounding [rad].
+    """Simulate every piece with every variant; return the encoder's unrounded positions [rad].
 
     Each piece begins at zero, with the backlash taken up in the direction of its speed.
 

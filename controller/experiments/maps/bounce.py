@@ -1,9 +1,8 @@
 """Computes from single contacts whether a one-sided wall returns a servo faster than it came.
 
 ``theory.contact`` does the same for servos without friction, encoder, backlash and torque limit.
-That
-module stays separate: it is exact and dimensionless, and each of the two is a test oracle of the
-other.
+That module stays separate: it is exact and dimensionless, and each of the two is a test oracle of
+the other.
 """
 
 from __future__ import annotations

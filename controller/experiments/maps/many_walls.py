@@ -1,8 +1,7 @@
 """Simulates the whole loop for many walls: encoder, velocity, law, delay, torque limit, servo.
 
 Each wall is simulated to the last bit as the program would run it alone on the simulated clock with
-the
-simulated servo (without guard, safety and operator): the same operations in the same order, on
+the simulated servo (without guard, safety and operator): the same operations in the same order, on
 blocks of walls that fit into the processor's cache.
 """
 

@@ -82,7 +82,7 @@ _FACTOR: Final = 0x8003
 
 @cache
 def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the steps that reduce so many bytes to 15 bits: cut, mask below it, shift above it."""
+    """Return the steps that reduce ``size`` bytes to 15 bits: cut, mask below, shift above it."""
     bits = 8 * size + 16
     step = 1 << max(0, (bits // 15).bit_length() - 1)
     folds = []

@@ -1,9 +1,8 @@
 """Measures whether replies come in time, in both schedules and at every phase of the loop's grid.
 
 An adapter forwards bytes by its own timer. The phase of the loop's grid in that timer's period
-decides
-whether a reply makes its tick, and the two drift slowly: a loop that runs well now may lose every
-reply an hour later. So short series are run with a shifted grid.
+decides whether a reply makes its tick, and the two drift slowly: a loop that runs well now may lose
+every reply an hour later. So short series are run with a shifted grid.
 
 It sends only the reads of the running cycle; the goal's time on the wire is computed.
 """
