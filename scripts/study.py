@@ -132,10 +132,15 @@ def _kind(part: Part[Any, Row]) -> TypeAdapter[Row]:
 def begun(
     part: Part[Case, Row], given: Given, kept: Kept, pool: Executor | None
 ) -> Callable[[], list[tuple[Case, Row]]]:
-    """Give a part's cases to a pool; what is returned waits for every row."""
+    """Give a part's cases to a pool; what is returned waits for every row.
+
+    With ``--known`` no case is run: those without a row are left out.
+    """
     cases = list(part.cases(given))
     rows = kept.rows(part, cases)
     missing = [number for number in range(len(cases)) if number not in rows]
+    if getattr(given, "known", False):
+        missing = []
     side_by_side = None if part.in_turn else pool
     workers = 1 if side_by_side is None else cores()
     _say(f"{part.name}: this takes about {length(len(missing) * part.case_s / workers)}")
@@ -158,7 +163,7 @@ def begun(
                 if time.monotonic() - told >= 1.0 or len(rows) == len(cases):
                     told = time.monotonic()
                     _say(f"{part.name} {len(rows)}/{len(cases)}: {cases[number]}: {row}")
-        return [(case, rows[number]) for number, case in enumerate(cases)]
+        return [(case, rows[number]) for number, case in enumerate(cases) if number in rows]
 
     return wait
 
@@ -247,6 +252,9 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
         )
     parser.add_argument(
         "--rows", type=Path, metavar="FILE", help="keeps rows as they come, and goes on from there"
+    )
+    parser.add_argument(
+        "--known", action="store_true", help="runs nothing: the page is made of the rows in FILE"
     )
     parser.add_argument("--workers", type=int, default=cores(), help="processes side by side")
     page = ROOT / "docs" / study.page

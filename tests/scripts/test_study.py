@@ -172,3 +172,12 @@ def test_every_script_that_a_page_names_is_there() -> None:
             wrong += [] if known else [f"{page.name}: scripts/{place} {name}"]
     assert wrong == []
     assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
+
+
+def test_a_page_is_made_of_the_known_rows_alone(page, tmp_path):
+    rows = ["--rows", str(tmp_path / "rows")]
+    call(page, "--count", "2", *rows)
+    asked.clear()
+    _, text = call(page, "--count", "4", *rows, "--known")
+    assert not asked
+    assert "\n0: 0 (0, 0)\n1: 1 (1, 1)\n<!-- end -->" in text

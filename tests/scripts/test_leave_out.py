@@ -1,0 +1,119 @@
+"""The study that leaves out the detector's numbers: what it tries, and what it need not run."""
+
+import math
+from dataclasses import fields
+
+import pytest
+
+from haptic_wall.controller.detector.tuning import TUNING
+from scripts.asked_numbers import Asked, asked_tuning
+from scripts.studies import leave_out
+from scripts.studies.leave_out import CRITERIA, EVERY, Outcome, Row, scaled, varied, without
+
+CASE = next(name for name in leave_out.whole_names(3) if name.startswith("bounces"))
+
+
+def two_names(_most):
+    """Names of two cases."""
+    return ["one", "two"]
+
+
+def test_a_number_is_known_to_matter_only_beyond_what_it_was_compared_to():
+    tuning, notes = asked_tuning()
+    kept = notes["evidence.kept"]
+    assert not kept.used
+    assert tuning.evidence.kept * 0.9 < 1.0
+    assert not tuning.evidence.kept * 0.9 < 0.5
+    assert kept.used
+    assert kept.allows(0.6)
+    assert kept.allows(1.1)
+    assert not kept.allows(0.5)
+    assert not kept.allows(1.2)
+    assert not kept.allows(math.inf)
+
+
+def test_a_negative_factor_turns_the_range_around():
+    tuning, notes = asked_tuning()
+    assert -tuning.belief.shrinks > -0.5
+    assert notes["belief.shrinks"].allows(0.4)
+    assert not notes["belief.shrinks"].allows(0.6)
+    assert notes["belief.shrinks"].allows(-1.0)
+
+
+def test_a_number_that_is_computed_with_may_always_matter():
+    tuning, notes = asked_tuning()
+    assert 1.0 + tuning.energy.wrong == 1.0 + TUNING.energy.wrong
+    assert not notes["energy.wrong"].allows(TUNING.energy.wrong)
+    assert tuning.probe.scale**2 == 0.0625
+    assert not notes["probe.scale"].allows(0.25)
+
+
+def test_every_number_is_tried_and_every_try_can_be_set():
+    numbers = {f"{g}.{one.name}" for g in EVERY for one in fields(getattr(TUNING, g))}
+    tried = set()
+    for tries in (*map(without, EVERY), *map(scaled, EVERY), CRITERIA):
+        for title, changed in tries.items():
+            assert varied(changed) != TUNING, title
+            tried |= changed.keys()
+    assert tried == numbers
+
+
+@pytest.mark.parametrize(
+    ("value", "factor", "other"),
+    [
+        (0.98, 1.5, 0.97),  # the distance from 1
+        (0.5, 1.5, 0.75),
+        (3, 1.5, 4),
+        (1, 1 / 1.5, 1),  # no number of things is 0
+        (((3, 0.5), (8, 0.6)), 1.5, ((3, 0.75), (8, 0.9))),
+    ],
+)
+def test_a_number_is_scaled_as_its_kind_allows(value, factor, other):
+    scaled_value = leave_out._times(value, factor)
+    if isinstance(value, tuple):
+        assert [count for count, _ in scaled_value] == [count for count, _ in other]
+        assert [g for _, g in scaled_value] == pytest.approx([g for _, g in other])
+    else:
+        assert scaled_value == pytest.approx(other)
+
+
+def test_watched_numbers_change_no_run_and_what_they_allow_changes_none():
+    plain, notes = leave_out.as_it_is(CASE)
+    assert leave_out.outcome(CASE, TUNING) == plain
+    allowed = {}
+    for group in EVERY:
+        for numbers in (without(group) | scaled(group)).values():
+            (number,) = numbers
+            if notes[number].used and notes[number].allows(numbers[number]):
+                allowed[number] = numbers[number]
+    assert len(allowed) > 3
+    assert leave_out.outcome(CASE, varied(allowed)) == plain
+
+
+def test_a_case_that_never_asks_is_not_run_again(monkeypatch):
+    plain = Outcome("late", 2, "")
+    monkeypatch.setattr(leave_out, "as_it_is", lambda _: (plain, {"probe.scale": Asked()}))
+    monkeypatch.setattr(leave_out, "outcome", lambda *_: pytest.fail("it ran"))
+    row = leave_out._row("any", {"probe.scale": {"probe.scale": 0.5}})
+    assert row == Row(plain, [], [], {})
+
+
+def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run():
+    plain, worse = Outcome("in time", 0, "a"), Outcome("late", 2, "b")
+    title = "backstop.again_s"
+    row = Row(plain, [title], [title], {title: worse})
+    text = "\n".join(leave_out.lines_of(without, two_names)([]))
+    assert text == "Not run."
+    lines = leave_out.lines_of(without, two_names)([(("walls-1", "backstop"), row)])
+    assert "1 of 2 cases; as the detector is: 1 walls: in time." in lines
+    assert f"| `{title}` | 1 | 1 | 1 | 1 walls: in time → late |  |" in lines
+    assert "`backstop.longest_s` (0 of 1)" in lines[-2]
+
+
+def test_rows_of_two_detectors_make_no_page():
+    rows = [
+        (("walls-1", group), Row(Outcome("late", 2, figures), [], [], {}))
+        for group, figures in (("backstop", "a"), ("probe", "b"))
+    ]
+    with pytest.raises(ValueError, match="begin a new file of rows"):
+        leave_out.lines_of(without, two_names)(rows)
