@@ -83,6 +83,8 @@ class Part(Generic[Case, Row]):
     """Entered before the first case that is made in turn, left after the last"""
     wanted: Callable[[Found[Case, Row]], bool] = _every_row
     """Whether what is wanted holds; the exit status is 1 where it does not"""
+    examples: Callable[[Found[Case, Row]], Iterable[tuple[str, object]]] | None = None
+    """Descriptions of faults, each with a value whose text runs again, for ``--examples``"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +229,7 @@ def usual(study: Study, *, quick: bool = False, **others: object) -> Given:
         each.name: each.quick if quick and each.quick is not None else each.usual
         for each in study.options
     }
-    return Given(**values | others)
+    return Given(**{"quick": quick} | values | others)
 
 
 def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
@@ -257,6 +259,10 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
         "--known", action="store_true", help="runs nothing: the page is made of the rows in FILE"
     )
     parser.add_argument("--workers", type=int, default=cores(), help="processes side by side")
+    if any(part.examples for part in study.parts):
+        parser.add_argument(
+            "--examples", type=Path, metavar="FILE", help="where counter-examples are written"
+        )
     page = ROOT / "docs" / study.page
     parser.add_argument("--out", type=Path, default=page, metavar="FILE", help="the page")
     return parser
@@ -274,7 +280,7 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
     source = options.out if options.out.exists() else ROOT / "docs" / study.page
     text, holds = source.read_text(encoding="utf-8"), True
     renewed(text, dict.fromkeys((part.name for part in parts), ()))  # before the work
-    kept, began = Kept(options.rows), time.monotonic()
+    kept, began, examples = Kept(options.rows), time.monotonic(), ""
     with contextlib.ExitStack() as stack:
         pool: Executor | None = None
         if any(not part.in_turn for part in parts):
@@ -291,6 +297,10 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
             text = renewed(text, {part.name: made})
             options.out.write_text(text, encoding="utf-8")
             print("\n".join(made), flush=True)
+            for what, case in part.examples(rows) if part.examples else ():
+                examples += f"# {part.name}: {what}\n{case!r}\n"
+    if chosen.get("examples"):
+        options.examples.write_text(examples, encoding="utf-8")
     return 0 if holds else 1
 
 

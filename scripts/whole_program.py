@@ -1,6 +1,5 @@
 """The whole program as a user starts it, for studies that measure it."""
 
-import argparse
 import contextlib
 import json
 import subprocess
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
@@ -120,37 +118,3 @@ def middle_and_most(values: Sequence[float], form: str) -> str:
     """Upper median and largest of the values for a table, formatted with ``form``."""
     ordered = sorted(values)
     return f"{ordered[len(ordered) // 2]:{form}}, {ordered[-1]:{form}}"
-
-
-def measured_on() -> str:
-    """Name the machine that the figures of a page come from, as a sentence of that page."""
-    here = machine()
-    return (
-        f"This page: {here['cores']} cores of {here['processor']}, {here['system']}, Python"
-        f" {versions()['python']}."
-    )
-
-
-def page_options(script: str, doc: str, page: str) -> argparse.ArgumentParser:
-    """The options of a script that writes a page.
-
-    Args:
-        script: Its name in scripts/.
-        doc: Its docstring, whose first line says what it does.
-        page: Its page in docs/.
-    """
-    parser = argparse.ArgumentParser(
-        prog=f"scripts/study {script}",
-        description=doc.splitlines()[0],
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--out", type=Path, default=ROOT / "docs" / page, metavar="FILE", help="where it is written"
-    )
-    return parser
-
-
-def say_time(seconds: float) -> None:
-    """Tell whoever waits how long it will take, to half as much again."""
-    length = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-    print(f"this takes about {length}", file=sys.stderr, flush=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from scripts.study import Given
 from scripts.trials.cases import (
     LAGS,
     PRESETS,
@@ -22,7 +23,7 @@ from scripts.trials.draws import (
 )
 from scripts.trials.rates import most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 RATIOS = (1.2, 2.0)
@@ -41,15 +42,13 @@ class Beyond:
     """The walls that oscillate by themselves"""
 
 
-def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
+def beyond(job: tuple[str, int, int, tuple[int, ...]]) -> Beyond:
     """Try some walls.
 
     Args:
-        preset: Of the servo.
-        lags: Index in ``LAGS``.
-        walls: Number of walls.
-        seed: Of everything drawn.
+        job: Preset of the servo, index in ``LAGS``, number of walls, and the seed.
     """
+    preset, lags, walls, seed = job
     random, bench = draws(seed), bench_of(preset)
     found: list[Answered] = []
     tried = 0
@@ -68,15 +67,15 @@ def beyond(preset: str, lags: int, walls: int, seed: tuple[int, ...]) -> Beyond:
     return Beyond(preset, LAGS[lags].name, walls, found)
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: both servos and all lags, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         for lags in range(len(LAGS)):
-            left = amount.walls_of(2)
+            left = walls_of(given, 2)
             for part in range(-(-left // _A_JOB)):
                 walls = min(_A_JOB, left - part * _A_JOB)
-                made.append(Job(beyond, (preset, lags, walls, (amount.seed, 3, i, lags, part))))
+                made.append((preset, lags, walls, (given.seed, 3, i, lags, part)))
     return made
 
 
@@ -119,4 +118,4 @@ def _line(name: str, lags: str, results: list[Beyond]) -> str:
     )
 
 
-LIMIT = Section("limit", "True alarms at 1.2 to 2 times the limit", jobs, told)
+LIMIT = section("limit", jobs, beyond, told, case_s=4.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scripts.study import Given
 from scripts.trials.cases import (
     LAGS,
     PRESETS,
@@ -20,7 +21,7 @@ from scripts.trials.draws import Bench, bench_of, critical_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
@@ -61,16 +62,14 @@ def draw_bounces(preset: str, kind: int, lags: int, random: np.random.Generator)
     return Case(preset, truth, wall, position=-draw_kick(random), push=push)
 
 
-def bounces(preset: str, kind: int, lags: int, walls: int, seed: tuple[int, ...]) -> Bounces:
+def bounces(job: tuple[str, int, int, int, tuple[int, ...]]) -> Bounces:
     """Try some walls.
 
     Args:
-        preset: Of the servo.
-        kind: Index in ``WALLS_TRIED``.
-        lags: Index in ``LAGS``.
-        walls: Number of walls.
-        seed: Of everything drawn.
+        job: Preset of the servo, indices in ``WALLS_TRIED`` and ``LAGS``, number of walls, and
+            the seed.
     """
+    preset, kind, lags, walls, seed = job
     random = draws(seed)
     found = []
     for _ in range(walls):
@@ -87,17 +86,17 @@ def _push(bench: Bench, truth: Truth, random: np.random.Generator) -> float:
     return float(random.uniform(least, highest))
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: both servos, both kinds of walls, all lags, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
         for kind in range(len(WALLS_TRIED)):
             for lags in range(len(LAGS)):
-                left = amount.walls_of(1)
+                left = walls_of(given, 1)
                 for part in range(-(-left // _A_JOB)):
                     walls = min(_A_JOB, left - part * _A_JOB)
-                    seed = (amount.seed, 4, i, kind, lags, part)
-                    made.append(Job(bounces, (preset, kind, lags, walls, seed)))
+                    seed = (given.seed, 4, i, kind, lags, part)
+                    made.append((preset, kind, lags, walls, seed))
     return made
 
 
@@ -143,4 +142,4 @@ def _line(preset: str, wall: str, lags: str, results: list[Bounces]) -> str:
     )
 
 
-BOUNCES = Section("bounces", "One-sided walls under a steady push", jobs, told)
+BOUNCES = section("bounces", jobs, bounces, told, case_s=4.0)

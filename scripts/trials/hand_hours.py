@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, draw_damping, hand_case
 from scripts.trials.draws import (
     bench_of,
@@ -18,7 +19,7 @@ from scripts.trials.hands import HANDS
 from scripts.trials.operators import HARDER, Operator, operator_of
 from scripts.trials.rates import hourly
 from scripts.trials.run import Trial, WallAsked
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section
 from scripts.trials.verdicts import small, sustains
 
 OF_THE_LIMIT = 0.9
@@ -27,6 +28,8 @@ _ONE_SIDED = 0.4
 _HARDER_PART = 0.1
 """Hours of a harder operator, relative to the others"""
 _A_JOB_S = 300.0
+_TRIAL_S = 60.0
+"""Longest trial [s]"""
 _GOES_ON_S = 8.0
 """Time for which a motion is watched without the operator [s]"""
 _BEFORE_S = 1.0
@@ -53,18 +56,14 @@ class HandTrial:
     """After the first alarm the motion persists without the operator: the wall makes it"""
 
 
-def hand_trials(
-    preset: str, operator: str, trials: int, trial_s: float, seed: tuple[int, ...]
-) -> list[HandTrial]:
+def hand_trials(job: tuple[str, str, int, float, tuple[int, ...]]) -> list[HandTrial]:
     """Try some walls.
 
     Args:
-        preset: Of the servo.
-        operator: One of ``OPERATORS``.
-        trials: Number of trials.
-        trial_s: Length of each [s].
-        seed: Of everything drawn.
+        job: Preset of the servo, one of ``OPERATORS``, number of trials, length of each [s], and
+            the seed.
     """
+    preset, operator, trials, trial_s, seed = job
     random = draws(seed)
     return [judged(draw_held(preset, operator, trial_s, random)) for _ in range(trials)]
 
@@ -124,18 +123,19 @@ def _goes_on(case: Case, trial: Trial) -> bool:
     return False
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: all operators, in parts."""
-    made = []
+    made: list[Job] = []
+    trial_s = min(_TRIAL_S, 3600.0 * given.hours)
     for i, preset in enumerate(PRESETS):
         for j, operator in enumerate((*HANDS, *HARDER)):
-            hours = amount.hours * (_HARDER_PART if operator in HARDER else 1.0)
-            trials = max(1, round(hours * 3600.0 / amount.trial_s))
-            a_job = max(1, round(_A_JOB_S / amount.trial_s))
+            hours = given.hours * (_HARDER_PART if operator in HARDER else 1.0)
+            trials = max(1, round(hours * 3600.0 / trial_s))
+            a_job = max(1, round(_A_JOB_S / trial_s))
             for part in range(-(-trials // a_job)):
                 count = min(a_job, trials - part * a_job)
-                seed = (amount.seed, 2, i, j, part)
-                made.append(Job(hand_trials, (preset, operator, count, amount.trial_s, seed)))
+                seed = (given.seed, 2, i, j, part)
+                made.append((preset, operator, count, trial_s, seed))
     return made
 
 
@@ -211,4 +211,4 @@ def _sentence(trials: list[HandTrial]) -> str:
     )
 
 
-HOURS = Section("hands", "Hours of operators", jobs, told)
+HOURS = section("hands", jobs, hand_trials, told, case_s=6.0)

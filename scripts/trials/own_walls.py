@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scripts.study import Given
 from scripts.trials.cases import (
     LAGS,
     PRESETS,
@@ -18,7 +19,7 @@ from scripts.trials.cases import (
 from scripts.trials.draws import bench_of
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 ANY_STIFFNESS = 1e6
@@ -50,16 +51,13 @@ def draw_wall(preset: str, row: int, lags: int, random: np.random.Generator) -> 
     )
 
 
-def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) -> Cell:
+def cell(job: tuple[str, int, int, int, tuple[int, ...]]) -> Cell:
     """Try some walls.
 
     Args:
-        preset: Of the servo.
-        row: Index in ``ROWS``.
-        lags: Index in ``LAGS``.
-        walls: Number of walls.
-        seed: Of everything drawn.
+        job: Preset of the servo, indices in ``ROWS`` and ``LAGS``, number of walls, and the seed.
     """
+    preset, row, lags, walls, seed = job
     random = draws(seed)
     found = []
     for _ in range(walls):
@@ -69,22 +67,22 @@ def cell(preset: str, row: int, lags: int, walls: int, seed: tuple[int, ...]) ->
     return Cell(preset, ROWS[row].name, LAGS[lags].name, walls, found)
 
 
-def jobs(amount: Amount, section: int) -> list[Job]:
+def jobs(given: Given, number: int) -> list[Job]:
     """Return the jobs: all cells, in parts.
 
     Args:
-        amount: Number of trials.
-        section: Number of the section, for its seeds.
+        given: The options.
+        number: Of the section, for its seeds.
     """
     made = []
     for i, preset in enumerate(PRESETS):
         for row in range(len(ROWS)):
-            for lags in range(len(LAGS)) if amount.walls else (len(LAGS) - 1,):
-                left = amount.walls_of(lags + 1)
+            for lags in range(len(LAGS)) if given.walls else (len(LAGS) - 1,):
+                left = walls_of(given, lags + 1)
                 for part in range(-(-left // _A_JOB)):
                     walls = min(_A_JOB, left - part * _A_JOB)
-                    seed = (amount.seed, section, i, row, lags, part)
-                    made.append(Job(cell, (preset, row, lags, walls, seed)))
+                    seed = (given.seed, number, i, row, lags, part)
+                    made.append((preset, row, lags, walls, seed))
     return made
 
 
@@ -196,7 +194,5 @@ def _growth_line(name: str, lags: str, cells: list[Cell]) -> str:
     )
 
 
-WALLS = Section("walls", "Walls that oscillate by themselves", lambda a: jobs(a, 1), told)
-GROWTH = Section(
-    "growth", "How far an oscillation goes, by servo", lambda a: jobs(a, 11), reaction_told
-)
+WALLS = section("walls", lambda given: jobs(given, 1), cell, told, case_s=4.0)
+GROWTH = section("growth", lambda given: jobs(given, 11), cell, reaction_told, case_s=4.0)

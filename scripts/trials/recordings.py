@@ -7,7 +7,6 @@ recording has the columns of a CSV: times, counted positions, commanded torques.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +16,11 @@ from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.servo_fit import fitted_servo
 from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.logs.detected import with_fit
+from scripts.study import Given
 from scripts.trials.detector_trials import NAMES, above_limit
 from scripts.trials.listening import COUNT, PERIOD
 from scripts.trials.rates import most
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.watched import kicked
 
 SHARES = 1.3, 2.2
@@ -45,8 +45,13 @@ class Recorded:
     """It came before the amplitude was twice the kick, or 10 counts"""
 
 
-def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
-    """Draw walls, kick each, and run the detector over the recordings."""
+def recorded(job: tuple[int, tuple[int, ...]]) -> list[Recorded]:
+    """Draw walls, kick each, and run the detector over the recordings.
+
+    Args:
+        job: Number of walls, and the seed.
+    """
+    count, seed = job
     random = draws(seed)
     drawn = above_limit(count, SHARES, random)
     walls = drawn.walls
@@ -87,13 +92,11 @@ def recorded(count: int, seed: Sequence[int]) -> list[Recorded]:
     return found
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: all walls, in parts."""
-    left = amount.walls_of(20)
+    left = walls_of(given, 20)
     parts = range(-(-left // _A_JOB))
-    return [
-        Job(recorded, (min(_A_JOB, left - part * _A_JOB), (amount.seed, 6, part))) for part in parts
-    ]
+    return [(min(_A_JOB, left - part * _A_JOB), (given.seed, 6, part)) for part in parts]
 
 
 def told(results: list[list[Recorded]]) -> Made:
@@ -122,4 +125,4 @@ def told(results: list[list[Recorded]]) -> Made:
     return Made(lines, [])
 
 
-RECORDINGS = Section("recordings", "Recordings made elsewhere", jobs, told)
+RECORDINGS = section("recordings", jobs, recorded, told, case_s=48.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
+from scripts.study import Given
 from scripts.trials.cases import (
     LAGS,
     PRESETS,
@@ -20,7 +21,7 @@ from scripts.trials.draws import bench_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Amount, Job, Made, Section, draws
+from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.verdicts import (
     longest_unseen_s,
     small,
@@ -72,14 +73,13 @@ class SmallCycles:
     found: list[SmallCycle]
 
 
-def small_cycles(preset: str, walls: int, seed: tuple[int, ...]) -> SmallCycles:
+def small_cycles(job: tuple[str, int, tuple[int, ...]]) -> SmallCycles:
     """Try some walls.
 
     Args:
-        preset: Of the servo.
-        walls: Number of walls.
-        seed: Of everything drawn.
+        job: Preset of the servo, number of walls, and the seed.
     """
+    preset, walls, seed = job
     random = draws(seed)
     found = []
     for _ in range(walls):
@@ -122,14 +122,14 @@ def settled(case: Case, tuning: Tuning = TUNING) -> SmallCycle:
     )
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: both servos, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
-        left = amount.walls_of(4)
+        left = walls_of(given, 4)
         for part in range(-(-left // _A_JOB)):
             walls = min(_A_JOB, left - part * _A_JOB)
-            made.append(Job(small_cycles, (preset, walls, (amount.seed, 5, i, part))))
+            made.append((preset, walls, (given.seed, 5, i, part)))
     return made
 
 
@@ -186,4 +186,4 @@ def _spread(values: list[float]) -> str:
     return f"{np.median(values):.1f}, {max(values):.1f} s"
 
 
-BACKLASH_CYCLES = Section("backlash", "Small limit cycles of backlash", jobs, told)
+BACKLASH_CYCLES = section("backlash", jobs, small_cycles, told, case_s=3.0)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from scripts.study import Given
 from scripts.trials.cases import DAMPINGS, KICKS, PRESETS, Case
 from scripts.trials.draws import (
     LAG_FACTOR,
@@ -20,7 +21,7 @@ from scripts.trials.judges import LONGEST_S, large, own_oscillation
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.run import WallAsked
 from scripts.trials.search import Axis, Found, worst_cases
-from scripts.trials.sections import Amount, Job, Made, Section
+from scripts.trials.sections import Job, Made, section
 from scripts.trials.truth import BackEmf, Truth
 from scripts.trials.verdicts import (
     at_alarm_and_after,
@@ -148,8 +149,13 @@ class Goal:
         return GOALS[self.name](self.preset, point)
 
 
-def searched(preset: str, body: Body, goal: str, generations: int, seed: int) -> Searched:
-    """Search in this process; return all tried points, the worst first."""
+def searched(job: tuple[str, Body, str, int, int]) -> Searched:
+    """Search in this process; return all tried points, the worst first.
+
+    Args:
+        job: Preset of the servo, body, goal, number of generations, and the seed.
+    """
+    preset, body, goal, generations, seed = job
     few = 12 if generations > 1 else 1
     found = worst_cases(
         Goal(goal, preset),
@@ -163,10 +169,10 @@ def searched(preset: str, body: Body, goal: str, generations: int, seed: int) ->
     return Searched(preset, body, goal, found)
 
 
-def jobs(amount: Amount) -> list[Job]:
+def jobs(given: Given) -> list[Job]:
     """Return the jobs: every goal on every servo."""
     return [
-        Job(searched, (preset, body, goal, amount.generations, amount.seed))
+        (preset, body, goal, given.generations, given.seed)
         for preset in PRESETS
         for body in BODIES
         for goal in GOALS
@@ -203,4 +209,4 @@ def told(results: list[Searched]) -> Made:
     return Made(lines, wrong)
 
 
-WORST = Section("search", "The worst that a search finds", jobs, told)
+WORST = section("search", jobs, searched, told, case_s=20.0)

@@ -1,10 +1,13 @@
-"""The tables on oscillations run from end to end, and leave what is not made anew."""
+"""The tables on oscillations run from end to end, and write counter-examples that run again."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from scripts import detector_table, reaction_table
+import pytest
+
+from scripts.studies import detector_table, reaction_table
+from scripts.study import ROOT, run
 from scripts.trials.cases import Case
 from scripts.trials.run import WallAsked
 from scripts.trials.truth import Truth
@@ -12,25 +15,19 @@ from scripts.trials.truth import Truth
 CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}
 
 
-def test_the_sections_of_the_detectors_page_are_made(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("study", "name"),
+    [(detector_table.STUDY, "detector_table"), (reaction_table.STUDY, "reaction_table")],
+)
+def test_the_sections_of_a_page_are_made(tmp_path: Path, study, name: str) -> None:
     page, examples = tmp_path / "page.md", tmp_path / "examples"
-    page.write_text("# The detector, tried\n\nhead\n")
-    names = list(detector_table.SECTIONS)
-    command = ["--quick", "--only", *names, "--out", str(page), "--examples", str(examples)]
-    detector_table.main(command)
-    text = page.read_text()
-    assert text.startswith("# The detector, tried\n\nhead\n\n<!-- section: walls -->\n")
-    for section in detector_table.SECTIONS.values():
-        assert f"\n## {section.title}\n\nBy `scripts/study detector_table --quick --seed 3`" in text
+    page.write_text((ROOT / "docs" / study.page).read_text())
+    sections = [part.name for part in study.parts if part.name != "belief"]
+    words = ["--quick", "--seed", "2", "--only", *sections, "--out", str(page)]
+    run(study, name, "Tables.", [*words, "--examples", str(examples)])
+    for section in sections:
+        made = f"<!-- computed: {section} -->\nBy `scripts/study {name} --quick --seed 2`"
+        assert made in page.read_text()
     for line in examples.read_text().splitlines():
         if not line.startswith("#"):
             assert isinstance(eval(line, CASE), Case)
-
-
-def test_the_sections_of_the_reactions_page_are_made(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    reaction_table.main(
-        ["--quick", "--only", *reaction_table.SECTIONS, "--seed", "2", "--out", str(page)]
-    )
-    for section in reaction_table.SECTIONS.values():
-        assert f"\n## {section.title}\n\n" in page.read_text()

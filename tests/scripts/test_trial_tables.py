@@ -19,7 +19,6 @@ from scripts.trials.rates import (
     upper_bound,
 )
 from scripts.trials.run import Trial, WallAsked
-from scripts.trials.sections import Made, renewed
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import (
     answered,
@@ -171,12 +170,3 @@ def test_a_point_of_the_searched_box_is_a_case() -> None:
     assert mode_hz(flexible.truth) == pytest.approx(60.0)
     assert flexible.truth.back_emf == "voltage"
     assert flexible.truth.delay == pytest.approx(0.02)
-
-
-def test_a_section_is_renewed_and_the_others_stay() -> None:
-    order = ["one", "two"]
-    both = {name: Made([f"## {name}", "", "old"], []) for name in order}
-    page = renewed("", "# Page\n\nhead\n", order, both)
-    new = renewed(page, None, order, {"two": Made(["## two", "", "new"], [])})
-    assert new == page.replace("## two\n\nold", "## two\n\nnew")
-    assert renewed(page, "# Other\n", order, {}) == page.replace("# Page\n\nhead", "# Other")

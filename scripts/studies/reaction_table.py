@@ -1,16 +1,12 @@
-"""Measures what is done about oscillations, and writes docs/reaction-table.md.
+"""Measures what is done about oscillations.
 
-    scripts/study reaction_table [--quick] [--cases N] [--seed N] [--only SECTION ...] [--walls N]
-                           [--examples FILE] [--out FILE]
+    scripts/study reaction_table
 
 On the simulated clock with the loop's own tick: random servos, delays, virtual dampings, kicks and
-beliefs; the same seed gives the same page. With ``--only`` the other sections stay as they are.
+beliefs; the same seed gives the same figures on every machine.
 """
 
 import math
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -18,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
-from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.runtime.assembly import (
@@ -35,11 +30,10 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from scripts.page_sections import add_options, amount_of, command_of, write
+from scripts.study import Found, Given, Option, Part, Study
 from scripts.trials.own_walls import GROWTH
-from scripts.trials.sections import measured
+from scripts.trials.sections import GENERATIONS, WALLS_TRIED
 from scripts.trials.worst import WORST
-from scripts.whole_program import measured_on, page_options, say_time
 
 PERIOD = 1e-3
 STEP = math.tau / 4096
@@ -56,10 +50,6 @@ WRONG = 0.2
 CYCLES = 12
 CASE_S = 0.15
 """Time to simulate one case on one core [s]"""
-QUICK_CASES = 4
-BELIEF = "belief"
-"""The part of the page on the detector that uses the believed servo"""
-SECTIONS = {one.name: one for one in (GROWTH, WORST)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,15 +255,18 @@ def _share(hits: int, total: int) -> str:
     return f"{hits} of {total} ({100 * hits / total:.1f} %)" if total else "none"
 
 
-def page(cases: int, seed: int) -> str:
-    """The page's text."""
-    rng = np.random.default_rng(seed)
-    beyond = beyond_the_limit(rng, cases)
-    peaks = below_and_above_the_peak(rng, cases)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        after_reduce = list(pool.map(reduced, beyond, chunksize=8))
-        after_control = list(pool.map(controlled, peaks, chunksize=8))
-    return _text(beyond, after_reduce, peaks, after_control, seed)
+def walls(given: Given) -> list[tuple[str, Case]]:
+    """Draw the cases of both answers."""
+    random = np.random.default_rng(given.seed)
+    beyond = beyond_the_limit(random, given.cases)
+    peaks = below_and_above_the_peak(random, given.cases)
+    return [*(("reduce", case) for case in beyond), *(("passivity", case) for case in peaks)]
+
+
+def answered(case: tuple[str, Case]) -> Outcome:
+    """Run a case with the answer that is tried on it."""
+    answer, wall = case
+    return reduced(wall) if answer == "reduce" else controlled(wall)
 
 
 def _held_between(
@@ -288,20 +281,18 @@ def _held_between(
     return sum(o.largest <= 1.5 * max(o.at_alarm, STEP) for o in of), len(of)
 
 
-def _text(
-    beyond: list[Case],
-    after_reduce: list[Outcome],
-    peaks: list[Case],
-    after_control: list[Outcome],
-    seed: int,
-) -> str:
+def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
+    """The part of the page on both answers, wall by wall."""
+    beyond = [case for (answer, case), _ in found if answer == "reduce"]
+    after_reduce = [outcome for (answer, _), outcome in found if answer == "reduce"]
+    peaks = [(case, outcome) for (answer, case), outcome in found if answer != "reduce"]
     alarmed = [o for o in after_reduce if not math.isnan(o.alarm_s)]
     held = [o for o in alarmed if o.largest <= 1.5 * max(o.at_alarm, STEP)]
     ended = [o for o in alarmed if o.tripped]
     worst = max((o.largest / o.at_alarm for o in alarmed), default=math.nan)
-    below = [(c, o) for c, o in zip(peaks, after_control, strict=True) if 0.0 < c.ratio < 1.0]
-    coarse = [(c, o) for c, o in zip(peaks, after_control, strict=True) if c.ratio < 0.0]
-    above = [(c, o) for c, o in zip(peaks, after_control, strict=True) if c.ratio > 1.0]
+    below = [(c, o) for c, o in peaks if 0.0 < c.ratio < 1.0]
+    coarse = [(c, o) for c, o in peaks if c.ratio < 0.0]
+    above = [(c, o) for c, o in peaks if c.ratio > 1.0]
     good = [
         (c, o) for c, o in below if not o.tripped and not o.saturated and o.late <= 1.5 * c.kick
     ]
@@ -309,13 +300,7 @@ def _text(
     tripped = [(c, o) for c, o in above if o.tripped]
     forbidden = [(c, o) for c, o in coarse if o.tripped or o.late <= 1.5 * c.kick]
     quiet = [(c, o) for c, o in above if not o.tripped and o.late <= 1.5 * c.kick]
-    lines = [
-        "# What is done about an oscillation, measured",
-        "",
-        "Written by `scripts/study reaction_table`; what the words mean:"
-        " [oscillation](oscillation.md).",
-        f"{measured_on()} Simulated clock, seed {seed}: the same page on every machine.",
-        "",
+    return [
         f"Random walls on {', '.join(PLANTS)}: delays 0 to 10 ms with fractions, virtual damping 0"
         " to half its ceiling where a count of it stays under a tenth of the torque limit (40 times"
         " the Coulomb friction; 100 N·m for Table II), 4096 counts, kicks of 10 counts to 0.3 rad,"
@@ -345,30 +330,16 @@ def _text(
         f"| walls at 1.1 to 2 times the peak: a trip | {_share(len(tripped), len(above))} |",
         f"| of these walls: no trip, at most 1.5 times the kick after five cycles | "
         f"{_share(len(quiet), len(above))} |",
-        "",
     ]
-    return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, and write the page."""
-    parser = page_options("reaction_table", __doc__, "reaction-table.md")
-    parser.add_argument("--cases", type=int, default=300, help="walls of each kind, by belief")
-    parser.add_argument("--seed", type=int, default=1, help="of what is drawn")
-    parser.add_argument("--quick", action="store_true", help="hardly any trials")
-    add_options(parser, (BELIEF, *SECTIONS))
-    given = parser.parse_args(arguments)
-    names = given.only or (BELIEF, *SECTIONS)
-    cases = QUICK_CASES if given.quick else given.cases
-    head = None
-    if BELIEF in names:
-        say_time(cases * 2 * CASE_S / (os.cpu_count() or 1) + (5 if given.quick else 60))
-        head = page(cases, given.seed)
-    with not_from_the_terminal(), processes(cores()) as pool:
-        sections = [SECTIONS[name] for name in names if name != BELIEF]
-        made = measured(pool, sections, amount_of(given), command_of("reaction_table", given))
-    write(given, head, list(SECTIONS), made)
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    "reaction-table.md",
+    (Part("belief", walls, answered, lines, case_s=0.15), GROWTH, WORST),
+    (
+        Option("cases", 300, "walls of each kind, by belief", quick=4),
+        Option("seed", 1, "of what is drawn"),
+        WALLS_TRIED,
+        GENERATIONS,
+    ),
+)
