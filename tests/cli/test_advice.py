@@ -9,7 +9,7 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.settings.fields import fields
 
 
-def said(capsys, *arguments):
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Standard error of a command that is refused."""
     assert cli.main(arguments) == 2
     return capsys.readouterr().err
@@ -38,8 +38,8 @@ def test_advice_fits_the_command(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    arguments,
-    advice,
+    arguments: list[str],
+    advice: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     message = said(capsys, *arguments)
@@ -49,7 +49,7 @@ def test_advice_fits_the_command(
 
 
 @pytest.mark.parametrize(("command", "expected"), [("run", set(fields())), ("emulate", None)])
-def test_completion_knows_the_paths_of_set(command, expected) -> None:
+def test_completion_knows_the_paths_of_set(command: str, expected: set[str] | None) -> None:
     context = click.Context(cli.haptic_wall, info_name="haptic-wall")
     found = cli.haptic_wall.get_command(context, command)
     (option,) = [each for each in found.params if each.name == "sets"]

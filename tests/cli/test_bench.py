@@ -11,6 +11,7 @@ import json
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -34,6 +35,7 @@ from haptic_wall.controller.bench.rows import (
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
+from tests.typed import status_of
 
 FOUND = Section(
     (
@@ -75,10 +77,10 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def made_up(monkeypatch: pytest.MonkeyPatch):
+def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]], None]:
     """Every section is a made-up one; the function given takes the place of their ``measure``."""
 
-    def become(measure) -> None:
+    def become(measure: Callable[..., object]) -> None:
         monkeypatch.setitem(sys.modules, "made_up", SimpleNamespace(measure=measure))
         for name in SECTIONS:
             monkeypatch.setitem(SECTIONS, name, "made_up")
@@ -91,11 +93,11 @@ def made_up(monkeypatch: pytest.MonkeyPatch):
     return become
 
 
-def call(capsys, *arguments):
+def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     try:
         status = cli.main(["bench", *arguments])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
@@ -179,11 +181,14 @@ def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(
     [(PlatformError("no bus"), "no bus"), (AttributeError("a new peer"), "AttributeError: a new")],
 )
 def test_a_section_that_fails_costs_no_other(
-    made_up, capsys: pytest.CaptureFixture[str], error, said
+    made_up: Callable[[Callable[..., object]], None],
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+    said: str,
 ) -> None:
     sections = iter([error])
 
-    def measure():
+    def measure() -> Section:
         if (failed := next(sections, None)) is not None:
             raise failed
         return FOUND
@@ -217,11 +222,14 @@ def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(
 
 
 def test_after_a_ctrl_c_what_is_finished_is_told(
-    made_up, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made_up: Callable[[Callable[..., object]], None],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = iter([FOUND])
 
-    def measure():
+    def measure() -> Section:
         try:
             return next(found)
         except StopIteration:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +23,18 @@ LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--del
 POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
 
 
-def call(capsys, *arguments):
+def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     status = cli.main(["boundary", *arguments])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
-def asked(capsys, *arguments):
+def asked(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     """The JSON answer."""
     status, out, err = call(capsys, *arguments, "--json")
     assert (status, err) == (0, "")
-    return json.loads(out, parse_constant=pytest.fail)
+    answer: dict[str, Any] = json.loads(out, parse_constant=pytest.fail)
+    return answer
 
 
 def test_the_points_are_those_of_the_theory_in_the_order_asked(
@@ -174,7 +176,7 @@ def test_what_buys_nothing_is_said_in_one_line(capsys: pytest.CaptureFixture[str
 
 @pytest.mark.parametrize("damping", ["9", "-0.0117", "-1"])
 def test_where_no_stiffness_is_stable_the_answer_is_nought(
-    capsys: pytest.CaptureFixture[str], damping
+    capsys: pytest.CaptureFixture[str], damping: str
 ) -> None:
     status, out, _ = call(capsys, *LOOP, f"--virtual-damping={damping}")
     assert status == 0
@@ -198,7 +200,10 @@ def test_a_picture_that_cannot_be_written_is_told(
 
 @pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
 def test_the_picture_is_drawn(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, more, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    more: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from matplotlib.image import imread
 
@@ -247,7 +252,7 @@ def test_the_picture_is_drawn(
     ],
 )
 def test_wrong_input_is_exit_status_2_and_names_the_option(
-    capsys: pytest.CaptureFixture[str], arguments, message
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     status, out, err = call(capsys, *LOOP, *arguments)
     assert status == 2
@@ -266,7 +271,9 @@ def test_wrong_input_is_exit_status_2_and_names_the_option(
         (["--servo", "MX-64", "--rate", "1e-3", "--delay", "0"], "--rate 0.001: wanted at least"),
     ],
 )
-def test_what_is_missing_is_named(capsys: pytest.CaptureFixture[str], arguments, message) -> None:
+def test_what_is_missing_is_named(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
     status, _, err = call(capsys, *arguments)
     assert status == 2
     assert message in err

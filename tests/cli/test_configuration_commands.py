@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from click.testing import CliRunner
@@ -13,7 +14,7 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names
 
 
-def answer(module, *arguments):
+def answer(module: ModuleType, *arguments: str) -> str:
     result = CliRunner().invoke(module.command, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     return result.stdout
@@ -31,7 +32,7 @@ def test_presets_as_json() -> None:
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_config_as_json_holds_every_field_and_its_effective_value(name) -> None:
+def test_config_as_json_holds_every_field_and_its_effective_value(name: str) -> None:
     listed = json.loads(answer(config, name, "--json"))
     effective = load_config(name).config
     assert listed["servo"] == effective.servo.kind
@@ -78,7 +79,10 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
 
 @pytest.mark.parametrize("command", ["run", "config", "doctor", "identify", "delay", "rendered"])
 def test_a_configuration_that_is_a_pipe_is_refused_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
 ) -> None:
     """Else every command waits for whoever writes to it."""
     monkeypatch.chdir(tmp_path)

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from matplotlib.figure import Figure
@@ -13,27 +13,29 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentTrippedError,
     Testbed,
 )
+from haptic_wall.controller.runtime.safety import Trip
+from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
 
 
-def run(capsys, *arguments):
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | int | Path) -> tuple[int, str, str]:
     try:
         status = main([*map(str, arguments)])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
 @pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch):
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures that were saved, each looked through for a legend that covers data."""
-    kept = []
+    kept: list[Figure] = []
     save = Figure.savefig
 
-    def keep(figure, path, **how) -> None:
+    def keep(figure: Figure, path: Path, **how: Any) -> None:
         save(figure, path, **how)
         kept.append(figure)
         figure.canvas.draw()  # at its own resolution
@@ -49,7 +51,7 @@ def figures(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_delay_reports_value_and_error_and_leaves_its_files(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures: list[Figure]
 ) -> None:
     out = tmp_path / "new"
     status, said, err = run(
@@ -67,8 +69,8 @@ def test_delay_reports_value_and_error_and_leaves_its_files(
     (figure,) = figures
     (motion,) = figure.axes  # one recovered delay is a line of the legend, and no panel
     assert motion.get_position().width > 0.5
-    said = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert said[1].startswith("5 ms inserted,\n") and said[1].endswith("ms recovered")
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[1].startswith("5 ms inserted,\n") and legend[1].endswith("ms recovered")
 
 
 def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -81,7 +83,7 @@ def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: 
 
 
 def test_rendered_reports_the_comparison(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures: list[Figure]
 ) -> None:
     status, said, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
     assert status == 0
@@ -98,9 +100,12 @@ def test_rendered_reports_the_comparison(
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_an_interrupt_ends_with_130_and_no_traceback(
-    command, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def interrupted(*_) -> NoReturn:
+    def interrupted(*_: object) -> NoReturn:
         raise ExperimentInterruptedError("interrupted; steps.hwlog holds what was recorded")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
@@ -111,7 +116,7 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_a_trip_ends_with_3_and_its_explanation(
-    command, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     status, _, err = run(
         capsys, command, "simulated", *QUICK, "--out", tmp_path,
@@ -130,14 +135,14 @@ def test_a_trip_ends_with_3_and_its_explanation(
     ],
 )
 def test_a_servo_that_is_lost_on_the_way_ends_with_4(
-    command,
-    more,
+    command: str,
+    more: tuple[str, ...],
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def lost(*_) -> NoReturn:
-        raise ExperimentTrippedError("trip:servo_lost", "the port is gone", "3 rows are missing")
+    def lost(*_: object) -> NoReturn:
+        raise ExperimentTrippedError(Trip.SERVO_LOST, "the port is gone", "3 rows are missing")
 
     monkeypatch.setattr(Testbed, "play", lost)
     status, _, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path, *more)
@@ -147,7 +152,7 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_a_servo_that_does_not_move_is_no_fit_hardware(
-    command, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     status, _, err = run(
         capsys, command, "simulated", *QUICK, "--out", tmp_path,
@@ -166,7 +171,7 @@ def test_a_servo_that_does_not_move_is_no_fit_hardware(
     ],
 )
 def test_wrong_input_is_the_users_error(
-    arguments, message, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     status, said, err = run(capsys, "delay", "simulated", *QUICK, "--out", tmp_path, *arguments)
     assert (status, said) == (2, "")

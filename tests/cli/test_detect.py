@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -26,13 +26,14 @@ DECEIVED = (
 )
 
 
-def found(*arguments):
+def found(*arguments: str | float | Path) -> dict[str, Any]:
     done = CliRunner().invoke(command, [*map(str, arguments), "--json"], catch_exceptions=False)
-    return json.loads(done.stdout)
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory):
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("detect")
     path = folder / "a.hwlog"
     sets = [word for text in DECEIVED for word in ("--set", text)]
@@ -45,7 +46,7 @@ def log(tmp_path_factory: pytest.TempPathFactory):
     return path
 
 
-def test_a_log_says_what_the_run_saw(log, tmp_path: Path) -> None:
+def test_a_log_says_what_the_run_saw(log: Path, tmp_path: Path) -> None:
     seen = found(log, "--plot", tmp_path / "d.png")
     assert seen["state"] == "growing"
     assert seen["frequency_hz"] == pytest.approx(math.sqrt(3.743 / 0.011951) / math.tau, rel=0.03)
@@ -56,7 +57,7 @@ def test_a_log_says_what_the_run_saw(log, tmp_path: Path) -> None:
     assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_its_csv_says_the_same(log, tmp_path: Path) -> None:
+def test_its_csv_says_the_same(log: Path, tmp_path: Path) -> None:
     csv = tmp_path / "a.csv"
     assert main(["log", str(log), "--csv", str(csv)]) == 0
     servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
@@ -78,7 +79,7 @@ def test_a_hand_that_pushes_a_stable_wall_is_quiet(tmp_path: Path) -> None:
     assert seen["first_alarm_s"] is None
 
 
-def test_the_wall_of_a_csv_is_given_or_estimated(log, tmp_path: Path) -> None:
+def test_the_wall_of_a_csv_is_given_or_estimated(log: Path, tmp_path: Path) -> None:
     csv = tmp_path / "a.csv"
     assert main(["log", str(log), "--csv", str(csv)]) == 0
     servo = ("--inertia", 0.011951, "--damping", 0.011692, "--delay", 0.006)
@@ -115,19 +116,19 @@ def test_a_constant_sine_does_not_grow(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_input_is_told_in_a_sentence(
-    log, capsys: pytest.CaptureFixture[str], arguments, message
+    log: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     assert main(["detect", *(text.format(log) for text in arguments)]) == 2
     assert message in capsys.readouterr().err
 
 
 def test_a_picture_that_is_interrupted_leaves_the_one_before(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = tmp_path / "d.png"
     target.write_text("before")
 
-    def interrupted(_parts, _found, path) -> NoReturn:
+    def interrupted(_parts: object, _found: object, path: Path) -> NoReturn:
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 

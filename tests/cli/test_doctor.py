@@ -8,18 +8,21 @@ import fcntl
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.examine import search
+from haptic_wall.hw.dynamixel import port as serial_port
 from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
 from haptic_wall.hw.dynamixel.examine.search import opened
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
 from tests.hw.emulated.test_emulated_server import emulate
+from tests.typed import status_of
 
 TIMED = {
     "reply time",
@@ -39,21 +42,23 @@ def short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptic_wall.controller.doctor.measure.WAKES", 20)
 
 
-def doctor(capsys, *arguments):
+def doctor(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     status = call(["doctor", *arguments])
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
     return status, captured.out, captured.err
 
 
-def call(words):
+def call(words: Sequence[str]) -> int:
     try:
         return cli.main(words)
     except SystemExit as ended:
-        return ended.code
+        return status_of(ended)
 
 
-def report(capsys, *arguments):
+def report(
+    capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, dict[str, dict[str, Any]], set[str], dict[str, Any]]:
     status, out, _ = doctor(capsys, *arguments, *QUIET, "--json")
     found = json.loads(out)
     checks = {check["name"]: check for check in found["checks"]}
@@ -64,11 +69,11 @@ def report(capsys, *arguments):
     return status, checks, wrong - TIMED, found
 
 
-def at(port):
+def at(port: str | Path) -> list[str]:
     return ["xm430-w350", "--set", f"servo.port={port}"]
 
 
-def set_registers(port, **values) -> None:
+def set_registers(port: str, **values: int) -> None:
     with opened(port, 4_000_000, MonotonicClock()) as line:
         table = ServoAccess.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
         for name, value in values.items():
@@ -76,7 +81,7 @@ def set_registers(port, **values) -> None:
 
 
 @pytest.mark.parametrize("option", ["--yes", "--change-baud"])
-def test_options_of_fix_alone_are_refused(capsys: pytest.CaptureFixture[str], option) -> None:
+def test_options_of_fix_alone_are_refused(capsys: pytest.CaptureFixture[str], option: str) -> None:
     status, out, err = doctor(capsys, "simulated", option)
     assert (status, out) == (2, "")
     assert "--fix" in err
@@ -224,9 +229,9 @@ def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opens = search.port.open_port
+    opens = serial_port.open_port
 
-    def refuses_4_mbit(path, baud):
+    def refuses_4_mbit(path: str, baud: int) -> int:
         if baud == 4_000_000:
             raise BaudRefusedError(f"Port {path} refuses {baud} baud: set servo.baud.")
         return opens(path, baud)

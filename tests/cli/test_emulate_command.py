@@ -14,9 +14,10 @@ from haptic_wall.controller.system.claim import claimed
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.witness import COLUMNS
+from tests.typed import not_none
 
 
-def refused(capsys, *arguments):
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The message for arguments that are refused as the user's mistake."""
     status = cli.main(["emulate", *arguments])
     captured = capsys.readouterr()
@@ -62,7 +63,7 @@ def refused(capsys, *arguments):
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(
-    capsys: pytest.CaptureFixture[str], arguments, words
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
 ) -> None:
     message = refused(capsys, *arguments)
     for word in words:
@@ -96,7 +97,7 @@ def test_record_that_cannot_be_written_is_refused(
 
 @pytest.mark.parametrize("options", [["--fault", "nonsense"], ["--link", "/proc/no"]])
 def test_a_bus_that_cannot_start_leaves_the_older_record(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, options
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: list[str]
 ) -> None:
     record = tmp_path / "record.csv"
     record.write_text(f"{COLUMNS}\nof yesterday\n")
@@ -133,14 +134,14 @@ def test_two_servos_may_share_an_id_and_it_is_said() -> None:
     with subprocess.Popen(
         program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        path = process.stdout.readline().strip()
+        path = not_none(process.stdout).readline().strip()
         with serial.Serial(path, 4_000_000, timeout=2.0) as port:
             port.write(encode(3, Instruction.PING))
             garbled = port.read(14)
             port.write(encode(4, Instruction.PING))
             good = port.read(14)
         process.terminate()
-        note = process.stderr.read()
+        note = not_none(process.stderr).read()
     assert len(garbled) == 14
     assert Parser().feed(garbled) == []
     assert Parser().feed(good)[0].id == 4

@@ -25,7 +25,7 @@ sys.exit(main())
 """
 
 
-def interrupted(module):
+def interrupted(module: str) -> subprocess.CompletedProcess[str]:
     program = INTERRUPTING.format(module=module)
     return subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
@@ -35,19 +35,19 @@ def interrupted(module):
 @pytest.mark.parametrize(
     "module", ["haptic_wall.controller.cli.main", "click", "haptic_wall.controller.cli.config"]
 )
-def test_a_ctrl_c_while_it_loads_is_quiet(module) -> None:
+def test_a_ctrl_c_while_it_loads_is_quiet(module: str) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 @pytest.mark.parametrize("module", ["pydantic", "yaml"])
-def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module) -> None:
+def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module: str) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
 @pytest.mark.parametrize("module", ["haptic_wall.controller.cli.main", "yaml"])
-def test_with_json_a_ctrl_c_is_one_object(module) -> None:
+def test_with_json_a_ctrl_c_is_one_object(module: str) -> None:
     program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
@@ -103,7 +103,7 @@ def test_an_ignored_ctrl_c_stays_ignored() -> None:
 @pytest.mark.parametrize(
     "module", ["scipy.optimize", "haptic_wall.controller.experiments.identify.excitation"]
 )
-def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module, tmp_path: Path) -> None:
+def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module: str, tmp_path: Path) -> None:
     """Raised in them it would be an ImportError now and then, or be forgotten."""
     program = INTERRUPTING.replace('"config"', '"identify"').format(module=module)
     done = subprocess.run(
@@ -194,7 +194,7 @@ COMMAND = Path(sys.executable).with_name("haptic-wall")
 FOLDER = Path(__file__).parents[2] / "controller" / "cli"
 
 
-def launched(tmp_path, python):
+def launched(tmp_path: Path, python: str) -> Path:
     """A launcher beside this in place of Python."""
     launcher = tmp_path / "haptic-wall"
     launcher.write_text((FOLDER / "haptic-wall").read_text())
@@ -212,7 +212,7 @@ os.kill(os.getpid(), signal.SIGINT)
 print("started", *sys.argv[2:], flush=True)
 signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 """
-    words = [launched(tmp_path, python), "run", "a b"]
+    words: list[str | Path] = [launched(tmp_path, python), "run", "a b"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.stdout == "started run a b\n"
     assert "KeyboardInterrupt" in done.stderr  # it was not forgotten
@@ -241,7 +241,7 @@ def test_a_ctrl_c_at_any_time_of_its_start_is_quiet() -> None:
         assert (out, told) == (b"", b"")
 
 
-def called(folder, *words):
+def called(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The command, called in a folder that PYTHONPATH names too."""
     return subprocess.run(
         [COMMAND, *words],

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import NoReturn
 
 import click
@@ -11,16 +11,18 @@ from click.testing import CliRunner
 
 from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.settings.servo import Servo
+from tests.typed import not_none
 
 REAL = load_config("xm430-w350").config.servo
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch):
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was asked; the answer is no."""
-    questions = []
+    questions: list[str] = []
 
-    def confirm(question, **_options) -> NoReturn:
+    def confirm(question: str, **_options: object) -> NoReturn:
         questions.append(question)
         raise click.Abort
 
@@ -29,13 +31,13 @@ def asked(monkeypatch: pytest.MonkeyPatch):
     return questions
 
 
-def test_who_sits_before_a_real_servo_is_asked(asked) -> None:
+def test_who_sits_before_a_real_servo_is_asked(asked: list[str]) -> None:
     with pytest.raises(click.Abort):
         experiment.ask_to_move(REAL, yes=False)
-    assert len(asked) == 1 and REAL.port in asked[0]
+    assert len(asked) == 1 and not_none(REAL.port) in asked[0]
 
 
-def test_nobody_else_is(asked, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     experiment.ask_to_move(REAL, yes=True)
     experiment.ask_to_move(load_config("emulated-xm430").config.servo, yes=False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
@@ -45,9 +47,9 @@ def test_nobody_else_is(asked, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("module", [delay, identify, rendered, sweep])
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
-    module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def stop(servo, yes) -> NoReturn:
+    def stop(servo: Servo, yes: bool) -> NoReturn:
         assert servo.kind == "hardware" and not yes
         raise click.Abort
 

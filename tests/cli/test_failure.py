@@ -2,22 +2,24 @@
 
 import json
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
+from haptic_wall.controller.runtime.safety import Trip
+from tests.typed import status_of
 
 
-def failed(capsys, *arguments):
+def failed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     """The object on standard output, and what is said on standard error."""
     try:
         status = cli.main([*arguments, "--json"])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
-    found = json.loads(captured.out)
+    found: dict[str, Any] = json.loads(captured.out)
     assert set(found) == {"error", "field", "advice", "exit_status"}
     assert found["exit_status"] == status
     assert found["error"].splitlines()[0] in captured.err
@@ -52,10 +54,10 @@ def test_an_error_is_an_object(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    arguments,
-    field,
-    advice,
-    status,
+    arguments: list[str],
+    field: str | None,
+    advice: str,
+    status: int,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     found = failed(capsys, *arguments)
@@ -78,8 +80,8 @@ def test_an_interruption_is_one_too(
 def test_a_trip_that_ends_an_experiment_is_one_too(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def tripped(*_) -> NoReturn:
-        raise ExperimentTrippedError("trip:overspeed", "too fast")
+    def tripped(*_: object) -> NoReturn:
+        raise ExperimentTrippedError(Trip.OVERSPEED, "too fast")
 
     monkeypatch.setattr("haptic_wall.controller.experiments.delay.measure_delay", tripped)
     found = failed(capsys, "delay", "simulated", f"--out={tmp_path}")

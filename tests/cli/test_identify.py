@@ -2,17 +2,19 @@ import json
 import os
 import signal
 import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.identify import _CONFIG
-from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import may_be_replaced
+from tests.typed import status_of
 
 QUICK = [
     "--set=loop.clock=simulated",
@@ -23,21 +25,21 @@ QUICK = [
 ]
 
 
-def call(words):
+def call(words: Sequence[str]) -> int:
     try:
         return cli.main(words)
     except SystemExit as ended:
-        return ended.code
+        return status_of(ended)
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def test_the_report_the_configuration_and_the_picture(
-    folder, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
     words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
@@ -64,7 +66,7 @@ def test_the_report_the_configuration_and_the_picture(
 def test_figures_are_printed_though_a_file_cannot_be_written(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def full(*_) -> NoReturn:
+    def full(*_: object) -> NoReturn:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
@@ -77,7 +79,7 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     assert "--plot fit.png: cannot be written: No space left" in said.err
 
 
-def test_the_boundary_alone(folder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_boundary_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     points = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025, "kick_rad": None}
         for b in (0.0, 0.002, 0.004)
@@ -96,7 +98,7 @@ def test_the_boundary_alone(folder, capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("config", ['{"x": 1}', 100_000 * "[" + 100_000 * "]"])
 def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(
-    config, folder, capsys: pytest.CaptureFixture[str]
+    config: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     point = '{"virtual_damping": %d, "delay_s": 0.002, "measured": 1.0}'
     points = ", ".join(point % b for b in range(3))
@@ -106,7 +108,7 @@ def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(
 
 
 def test_a_sweep_that_is_a_pipe_is_refused_at_once(
-    folder, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     os.mkfifo(folder / "sweep.json")
     assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
@@ -138,7 +140,7 @@ def test_a_blocked_servo_is_unfit(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_wrong_input_is_told_before_anything_moves(
-    words, said, capsys: pytest.CaptureFixture[str], folder
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     assert call(["identify", "simulated", *QUICK, *words]) == 2
     err = capsys.readouterr().err
@@ -148,7 +150,7 @@ def test_wrong_input_is_told_before_anything_moves(
 
 @pytest.mark.parametrize("option", ["--out", "--plot"])
 def test_the_sweep_that_is_read_is_not_written_over(
-    option, folder, capsys: pytest.CaptureFixture[str]
+    option: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025}
@@ -168,7 +170,7 @@ def test_ctrl_c_ends_it(
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     whole = Testbed.play
 
-    def play(*args, **kwargs):
+    def play(*args: Any, **kwargs: Any) -> Played:
         if timer.ident is None:
             timer.start()
         return whole(*args, **kwargs)

@@ -14,14 +14,14 @@ EMULATED = "emulated-port"
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_the_file_is_the_preset(tmp_path: Path, preset) -> None:
+def test_the_file_is_the_preset(tmp_path: Path, preset: str) -> None:
     file = tmp_path / "mine.yaml"
     assert cli.main(["init", str(file), "--from", preset]) == 0
     assert load_config(str(file)).config == load_config(preset).config
 
 
 @pytest.mark.parametrize("preset", preset_names())
-def test_what_is_commented_out_can_be_set(tmp_path: Path, preset) -> None:
+def test_what_is_commented_out_can_be_set(tmp_path: Path, preset: str) -> None:
     """With every # taken away all values of this kind of servo are set, to their defaults."""
     file = tmp_path / "mine.yaml"
     text = re.sub(r"^# (\w+:)$", r"\1", commented(preset), flags=re.M)

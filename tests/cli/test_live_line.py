@@ -40,14 +40,14 @@ def test_what_is_wrong_is_coloured_unless_nobody_wants_that() -> None:
         (9.0, "[     |#####]"),
     ],
 )
-def test_the_bar_points_to_where_the_torque_pushes(torque, bar) -> None:
+def test_the_bar_points_to_where_the_torque_pushes(torque: float, bar: str) -> None:
     assert bar_of(torque, 1.0) == bar
     assert bar_of(float("nan"), 1.0) == "[     |     ]"
 
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("key", [b" ", b"q", b"\x03", b"\x1a"])
-def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key) -> None:
+def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: bytes) -> None:
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
     command = [str(Path(sys.executable).with_name("haptic-wall")), "run", "simulated"]

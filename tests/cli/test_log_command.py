@@ -7,10 +7,12 @@ import json
 import os
 import re
 import signal
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from random import Random
-from typing import NoReturn
+from types import ModuleType
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -19,14 +21,17 @@ from click.testing import CliRunner
 from haptic_wall.controller.cli.log import command
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
+from haptic_wall.controller.logs.recording import Recording
 from haptic_wall.controller.logs.recordings import read_recordings
-from haptic_wall.controller.logs.summary import summarised
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.summary import LogSummary, summarised
+from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
 
 
 @pytest.fixture
-def log(tmp_path: Path):
+def log(tmp_path: Path) -> Path:
     rows = np.zeros(1001, ROW)
     rows["seq"] = np.arange(len(rows))
     rows["deadline_ns"] = 7_000_000_000 + 1_000_000 * rows["seq"]
@@ -53,13 +58,13 @@ def log(tmp_path: Path):
     return path
 
 
-def answer(*arguments):
+def answer(*arguments: str | float | Path) -> str:
     result = CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
     assert result.exit_code == 0
     return result.stdout
 
 
-def test_summary_as_json(log) -> None:
+def test_summary_as_json(log: Path) -> None:
     summary = json.loads(answer(log, "--json"))
     assert summary["rows"] == 1001
     assert summary["duration_s"] == pytest.approx(1.0)
@@ -69,14 +74,14 @@ def test_summary_as_json(log) -> None:
     assert summary["metadata"]["config"]["wall"]["stiffness"] == 8.0
 
 
-def test_summary_as_text(log) -> None:
+def test_summary_as_text(log: Path) -> None:
     text = answer(log)
     assert "simulated servo, wall above 0.0 rad, K 8.0 N·m/rad, B 0.02 N·m·s/rad asked" in text
     assert "1001 in 1 s: 1000 Hz" in text
     assert "3 missed ticks, 1 failed readings, 0 rows not recorded" in text
 
 
-def test_csv_has_the_columns_that_other_tools_read(log, tmp_path: Path) -> None:
+def test_csv_has_the_columns_that_other_tools_read(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.csv"
     answer(log, "--csv", out)
     with out.open(newline="") as file:
@@ -92,19 +97,19 @@ def test_csv_has_the_columns_that_other_tools_read(log, tmp_path: Path) -> None:
     assert table[5]["outcome"] == "1"
 
 
-def test_picture_of_an_old_run(log, tmp_path: Path) -> None:
+def test_picture_of_an_old_run(log: Path, tmp_path: Path) -> None:
     answer(log, "--plot", tmp_path / "run.png")
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_place_that_cannot_be_written_names_the_option(log, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_names_the_option(log: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"--csv .*nowhere.*: cannot be written: No such file"):
         answer(log, "--csv", tmp_path / "nowhere" / "run.csv")
 
 
 @pytest.mark.parametrize("option", ["--csv", "--plot"])
 def test_a_log_is_never_written_over_by_its_own_export(
-    log, option, monkeypatch: pytest.MonkeyPatch
+    log: Path, option: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = log.read_bytes()
     monkeypatch.chdir(log.parent)
@@ -113,7 +118,7 @@ def test_a_log_is_never_written_over_by_its_own_export(
     assert log.read_bytes() == before
 
 
-def test_a_picture_is_not_named_as_what_it_is_not(log, tmp_path: Path) -> None:
+def test_a_picture_is_not_named_as_what_it_is_not(log: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"--plot .*run.pdf: found .* \.pdf, wanted .* \.png"):
         answer(log, "--plot", tmp_path / "run.pdf")
     assert not (tmp_path / "run.pdf").exists()
@@ -131,10 +136,16 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path: Path) -> No
 EXPORTS = ["--csv", "--plot", "--cut"]
 
 
-def export_after(log, tmp_path, monkeypatch, option, change):
+def export_after(
+    log: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    option: str,
+    change: Callable[..., object],
+) -> str:
     """What is said of an export of a log that is changed when it has just been summarised."""
 
-    def summarise(rows):
+    def summarise(rows: LogRows) -> LogSummary:
         summary = summarised(rows)
         change()
         return summary
@@ -148,7 +159,7 @@ def export_after(log, tmp_path, monkeypatch, option, change):
 
 @pytest.mark.parametrize("option", EXPORTS)
 def test_a_log_that_is_replaced_while_it_is_read_is_refused(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
     (tmp_path / "other").write_bytes(log.read_bytes())
     change = partial((tmp_path / "other").rename, log)
@@ -158,14 +169,16 @@ def test_a_log_that_is_replaced_while_it_is_read_is_refused(
 
 @pytest.mark.parametrize("option", EXPORTS)
 def test_a_log_that_is_cut_off_while_it_is_read_is_refused(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
     change = partial(os.truncate, log, log.stat().st_size - 1)
     said = export_after(log, tmp_path, monkeypatch, option, change)
     assert "replaced or cut off while it was read" in said
 
 
-def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(log, tmp_path: Path) -> None:
+def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(
+    log: Path, tmp_path: Path
+) -> None:
     metadata, rows = read_log(log)
     rows["flags"][501:701] |= FLAG_OFF  # the dead man was let go
     path = tmp_path / "off.hwlog"
@@ -178,7 +191,7 @@ def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(log, tmp_p
     )
 
 
-def test_the_summary_tells_what_happened_and_how_it_ended(log) -> None:
+def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     text = answer(log)
     assert "on for 900 ticks, after 101 of warm-up; in contact for 66.7 % of them" in text
     assert "oscillation sustained, first at 0.5 s, for 20 ticks" in text
@@ -192,7 +205,7 @@ def test_the_summary_tells_what_happened_and_how_it_ended(log) -> None:
     assert summary["damaged"] == {"places": 0, "bytes": 0, "rows": 0, "cut_off": False}
 
 
-def test_damage_is_told_and_the_rest_is_shown(log, tmp_path: Path) -> None:
+def test_damage_is_told_and_the_rest_is_shown(log: Path, tmp_path: Path) -> None:
     block = 250 * ROW.itemsize
     content = log.read_bytes()
     hole = content.find(np.int64(300).tobytes()) // 4096 * 4096
@@ -208,7 +221,9 @@ def test_damage_is_told_and_the_rest_is_shown(log, tmp_path: Path) -> None:
     assert "cut off     the last" in answer(log)
 
 
-def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(log, tmp_path: Path) -> None:
+def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(
+    log: Path, tmp_path: Path
+) -> None:
     content = log.read_bytes()
     log.write_bytes(bytes(1000) + content[1000:])
     answer(log, "--csv", tmp_path / "run.csv")
@@ -219,7 +234,7 @@ def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(log, tmp_pat
 
 
 def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     summary = json.loads(answer(log, "--json", "--from", 0.3, "--to", "0.6"))
     assert (summary["rows"], summary["from_s"], summary["to_s"]) == (300, 0.3, 0.599)
@@ -230,7 +245,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
     assert (table[0]["time_s"], table[-1]["time_s"], len(table)) == ("0.3", "0.599", 300)
     drawn = []
 
-    def keep(sketch, _metadata, path, _reason) -> None:
+    def keep(sketch: Sketch, _metadata: Mapping[str, Any], path: Path, _reason: None) -> None:
         drawn.append(sketch.time)
         path.touch()
 
@@ -239,7 +254,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
     assert (drawn[0][0], drawn[0][-1]) == pytest.approx((0.3, 0.599))
 
 
-def test_a_cut_is_a_log_of_its_own(log, tmp_path: Path) -> None:
+def test_a_cut_is_a_log_of_its_own(log: Path, tmp_path: Path) -> None:
     append_end(log, {"stop_reason": "duration", "rows": 1001})
     metadata, rows = read_log(log)
     first, second = tmp_path / "first.hwlog", tmp_path / "second.hwlog"
@@ -269,12 +284,12 @@ def test_a_cut_is_a_log_of_its_own(log, tmp_path: Path) -> None:
         (["--cut", "b.hwlog"], "--cut: found neither --from nor --to"),
     ],
 )
-def test_a_stretch_that_is_none_is_refused(log, arguments, said) -> None:
+def test_a_stretch_that_is_none_is_refused(log: Path, arguments: list[str], said: str) -> None:
     with pytest.raises(UserError, match=said):
         answer(log, *arguments)
 
 
-def test_mcap_reads_back(log, tmp_path: Path) -> None:
+def test_mcap_reads_back(log: Path, tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
     answer(log, "--mcap", tmp_path / "run.mcap")
@@ -285,6 +300,7 @@ def test_mcap_reads_back(log, tmp_path: Path) -> None:
         (attachment,) = reader.iter_attachments()
     assert len(found) == 1001
     schema, channel, _ = found[0]
+    assert schema is not None
     assert (schema.encoding, channel.message_encoding, channel.topic) == (
         "jsonschema",
         "json",
@@ -302,11 +318,11 @@ def test_mcap_reads_back(log, tmp_path: Path) -> None:
 
 
 def test_mcap_without_its_library_names_the_extra(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     load = builtins.__import__
 
-    def without(name, *rest):
+    def without(name: str, *rest: Any) -> ModuleType:
         if name.startswith("mcap"):
             raise ImportError(name)
         return load(name, *rest)
@@ -319,9 +335,9 @@ def test_mcap_without_its_library_names_the_extra(
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_an_export_whose_terminal_is_closed_leaves_nothing(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    def ended(path, _) -> None:
+    def ended(path: Path, _: LogRows) -> None:
         path.write_bytes(b"half")
         os.kill(os.getpid(), number)
         pytest.fail("went on")
@@ -335,7 +351,7 @@ def test_an_export_whose_terminal_is_closed_leaves_nothing(
 
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
 def test_an_export_that_is_interrupted_leaves_nothing(
-    log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
     target = tmp_path / "out.png"
     words = [str(log), "--from", "0.1", option, str(target)]
@@ -343,8 +359,8 @@ def test_an_export_that_is_interrupted_leaves_nothing(
     before = target.read_bytes()
     seen = []
 
-    def interrupted(path, *_) -> NoReturn:
-        path = path if hasattr(path, "open") else _[0]
+    def interrupted(*arguments: object) -> NoReturn:
+        path = next(given for given in arguments if isinstance(given, Path))
         path.write_bytes(b"half")
         seen.append(path)
         raise KeyboardInterrupt
@@ -363,7 +379,9 @@ def test_an_export_that_is_interrupted_leaves_nothing(
 
 
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
-def test_an_export_replaces_only_exports_of_its_kind(log, tmp_path: Path, option) -> None:
+def test_an_export_replaces_only_exports_of_its_kind(
+    log: Path, tmp_path: Path, option: str
+) -> None:
     """A recording of somebody's own is a CSV too."""
     target = tmp_path / "out.png"
     target.write_text("time_s,position_rad,torque_nm\n0,0,0\n")
@@ -377,7 +395,7 @@ def test_an_export_replaces_only_exports_of_its_kind(log, tmp_path: Path, option
     assert CliRunner().invoke(command, words).exit_code == 0, "now it is of this program"
 
 
-def test_the_first_row_of_a_csv_has_no_exponents(log, tmp_path: Path) -> None:
+def test_the_first_row_of_a_csv_has_no_exponents(log: Path, tmp_path: Path) -> None:
     _, rows = read_log(log)
     rows["velocity"] = 1e-7
     with LogWriter(log, {"name": "a"}, ROW) as writer:
@@ -388,7 +406,7 @@ def test_the_first_row_of_a_csv_has_no_exponents(log, tmp_path: Path) -> None:
     assert ",1e-07," in second
 
 
-def test_a_csv_may_go_into_a_pipe(log) -> None:
+def test_a_csv_may_go_into_a_pipe(log: Path) -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading, encoding="utf-8") as pipe:
         answer(log, "--from", 0.1, "--to", 0.11, "--csv", f"/dev/fd/{writing}")
@@ -398,11 +416,11 @@ def test_a_csv_may_go_into_a_pipe(log) -> None:
 
 @pytest.mark.parametrize("seed", range(30))
 def test_a_log_of_before_checksums_with_damaged_numbers_is_told_of_and_never_a_defect(
-    log, tmp_path: Path, seed
+    log: Path, tmp_path: Path, seed: int
 ) -> None:
     """Where only the numbers tell, a block that no loop can have written is damage."""
-    content = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
-    content = bytearray(content.replace(b'"checksum": "crc32", ', b" " * 21))
+    old_content = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
+    content = bytearray(old_content.replace(b'"checksum": "crc32", ', b" " * 21))
     random = Random(seed)
     for _ in range(random.choice((1, 5, 50))):
         content[random.randrange(3000, len(content))] = random.randrange(256)
@@ -418,7 +436,9 @@ def test_a_log_of_before_checksums_with_damaged_numbers_is_told_of_and_never_a_d
 
 
 @pytest.mark.parametrize("option", ["--mcap", "--cut"])
-def test_what_is_not_written_from_begin_to_end_wants_a_file(log, tmp_path: Path, option) -> None:
+def test_what_is_not_written_from_begin_to_end_wants_a_file(
+    log: Path, tmp_path: Path, option: str
+) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     result = CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(pipe)])
@@ -426,6 +446,6 @@ def test_what_is_not_written_from_begin_to_end_wants_a_file(log, tmp_path: Path,
     assert "found a pipe" in str(result.exception)
 
 
-def readable(path):
+def readable(path: Path) -> Iterator[Recording]:
     with contextlib.suppress(UserError):
         yield from read_recordings(path)

@@ -7,7 +7,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 import pytest
@@ -19,23 +19,24 @@ from haptic_wall.hw.errors import PortBusyError
 PYTHON = shlex.quote(sys.executable)
 
 
-def call(capsys, *arguments):
+def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     status = cli.main(arguments)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
-def shell(*arguments, **kwargs):
-    return subprocess.run(
+def shell(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[str]:
+    done: subprocess.CompletedProcess[str] = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", *arguments],
         capture_output=True,
         text=True,
         check=False,
         **kwargs,
     )
+    return done
 
 
-def raising(monkeypatch, error) -> None:
+def raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     """Have ``haptic-wall presets`` meet an error."""
 
     def fail() -> NoReturn:
@@ -69,7 +70,7 @@ def test_help_lists_the_commands_without_importing_them() -> None:
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
-def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name) -> None:
+def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name: str) -> None:
     status, out, _ = call(capsys, name, "--help")
     assert status == 0
     assert "Usage: haptic-wall " + name in out
@@ -88,7 +89,7 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name) -> Non
     ],
 )
 def test_wrong_input_is_exit_status_2_and_a_message(
-    capsys: pytest.CaptureFixture[str], arguments, message
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     status, out, err = call(capsys, *arguments)
     assert status == 2
@@ -117,7 +118,10 @@ def test_all_this_holds_for_the_process_too() -> None:
     ],
 )
 def test_exit_status_of_foreseen_errors(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error, status
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
 ) -> None:
     raising(monkeypatch, error)
     found, out, err = call(capsys, "presets")
@@ -137,7 +141,7 @@ def test_the_exit_status_of_a_command_is_the_programs(
 
 @pytest.mark.parametrize("name", sorted(cli.NEEDS_LINUX))
 def test_another_system_is_told_in_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     status, _, err = call(capsys, name)
@@ -185,7 +189,7 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     ],
 )
 def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
-    words, status, tmp_path: Path
+    words: list[str], status: int, tmp_path: Path
 ) -> None:
     script = (
         "import os, sys; from haptic_wall.controller.cli.main import main;"
@@ -200,7 +204,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
-def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding, tmp_path: Path) -> None:
+def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
     done = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *brief],
@@ -241,7 +245,7 @@ def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full() -> Non
 
 @pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), MemoryError()])
 def test_a_limit_of_the_system_is_told_in_a_sentence(
-    error, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     raising(monkeypatch, error)
     status, _, said = call(capsys, "presets")
@@ -252,7 +256,9 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
 @pytest.mark.parametrize(
     ("closed", "clock"), [("<&- >&- 2>&-", "monotonic"), ("<&-", "simulated"), (">&-", "simulated")]
 )
-def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path: Path) -> None:
+def test_closed_standard_streams_do_not_disturb_a_run(
+    closed: str, clock: str, tmp_path: Path
+) -> None:
     """As a service manager may start it: what it opens must not take their numbers."""
     command = f"exec {PYTHON} -m haptic_wall.controller.cli.main run simulated --duration 0.1"
     command = f"{command} --set loop.clock={clock}"
@@ -270,7 +276,7 @@ def test_closed_standard_streams_do_not_disturb_a_run(closed, clock, tmp_path: P
 
 @pytest.mark.parametrize("words", [["paper"], ["map", "simulated"], ["delay", "simulated"]])
 def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], words
+    capsys: pytest.CaptureFixture[str], words: list[str]
 ) -> None:
     status, _, err = call(capsys, *words, "--out", 300 * "x")
     assert status == 2

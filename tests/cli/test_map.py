@@ -19,17 +19,19 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.maps import maps
+from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness
+from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def run(capsys, *arguments):
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     try:
         status = main(["map", *map(str, arguments)])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
@@ -94,7 +96,7 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments, message
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     status, _, err = run(capsys, *arguments, "--out", tmp_path / "out")
     assert status == 2
@@ -130,7 +132,7 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
 
 @pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
 def test_a_file_of_somebody_else_is_replaced_only_by_force(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
     (tmp_path / name).write_text("mine")
@@ -152,7 +154,7 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3
 
-    def full(_found, _name, path) -> NoReturn:
+    def full(_found: CriticalMap, _name: str, path: Path) -> NoReturn:
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -177,7 +179,7 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Never(Executor):
-        def submit(self, *_, **__) -> NoReturn:
+        def submit(self, *_: object, **__: object) -> NoReturn:
             raise KeyboardInterrupt
 
     computed = functools.partial(maps.critical_map, executor=Never())
@@ -206,7 +208,7 @@ def test_a_kick_given_twice_is_drawn_as_one(
 @pytest.mark.realtime
 @pytest.mark.parametrize("impatient", [False, True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
-    tmp_path: Path, impatient
+    tmp_path: Path, impatient: bool
 ) -> None:
     arguments = [
         "-m",

@@ -9,15 +9,16 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.run import _length
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import status_of
 
 BRIEF = ["--set=loop.clock=simulated", "--duration=0.05"]
 
 
-def run(*arguments):
+def run(*arguments: str) -> int:
     """A brief run; its exit status."""
     with pytest.raises(SystemExit) as ended:
         cli.main(["run", *BRIEF, *arguments])
-    return ended.value.code
+    return status_of(ended.value)
 
 
 @pytest.mark.parametrize(
@@ -27,8 +28,8 @@ def test_the_picture_goes_beside_an_explicit_log(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    log,
-    picture,
+    log: str,
+    picture: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(

@@ -4,23 +4,31 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.theory import critical_stiffness
+from tests.typed import not_none
 
 
 @pytest.fixture
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    def simulated(virtual_damping, delay):
+def call(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., tuple[int, str, str]]:
+    def simulated(
+        virtual_damping: NDArray[np.float64], delay: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         return 1.00001 * critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
 
     monkeypatch.setattr("haptic_wall.controller.paper.table2._simulate", simulated)
 
-    def run(*arguments):
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
         status = cli.main(["paper", *map(str, arguments)])
         captured = capsys.readouterr()
         return status, captured.out, captured.err
@@ -28,7 +36,9 @@ def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     return run
 
 
-def test_one_item_is_a_table_and_a_picture(call, tmp_path: Path) -> None:
+def test_one_item_is_a_table_and_a_picture(
+    call: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     status, out, err = call("fig4", "--out", tmp_path / "new" / "folder")
     assert status == 0
     files = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
@@ -39,7 +49,7 @@ def test_one_item_is_a_table_and_a_picture(call, tmp_path: Path) -> None:
 
 
 def test_everything_has_a_page_and_is_the_default(
-    call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # What is drawn has tests of its own; it takes seconds.
     monkeypatch.setattr(Figure, "savefig", lambda _figure, path, **_: path.touch())
@@ -54,14 +64,16 @@ def test_everything_has_a_page_and_is_the_default(
     assert report["table2"]["simulation"]["delay_samples"] == 0
 
 
-def test_table_ii_is_printed_too(call, tmp_path: Path) -> None:
+def test_table_ii_is_printed_too(call: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     status, out, _ = call("table2", "--out", tmp_path)
     assert status == 0
     assert "0.25    0.3    533.17    533.18    +0.0027" in out
     assert "worst by theory: +0.0397 % at t_d/T = 0, B = 0.4" in out
 
 
-def test_without_table_ii_the_report_says_null(call, tmp_path: Path) -> None:
+def test_without_table_ii_the_report_says_null(
+    call: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     _, out, _ = call("fig8", "--out", tmp_path, "--json")
     assert json.loads(out)["table2"] is None
 
@@ -75,14 +87,16 @@ def test_without_table_ii_the_report_says_null(call, tmp_path: Path) -> None:
         ("fig7", "found fig7, wanted one of table2, fig3, fig4, fig5, fig6, fig8, fig9, fig10, al"),
     ],
 )
-def test_a_wrong_item_is_named_with_what_there_is(call, tmp_path: Path, item, message) -> None:
+def test_a_wrong_item_is_named_with_what_there_is(
+    call: Callable[..., tuple[int, str, str]], tmp_path: Path, item: str, message: str
+) -> None:
     status, out, err = call(item, "--out", tmp_path)
     assert (status, out) == (2, "")
     assert message in err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_must_be_named(call) -> None:
+def test_a_folder_must_be_named(call: Callable[..., tuple[int, str, str]]) -> None:
     status, _, err = call("fig8")
     assert status == 2
     assert err == (
@@ -90,7 +104,9 @@ def test_a_folder_must_be_named(call) -> None:
     )
 
 
-def test_a_place_that_is_none_is_one_sentence(call, tmp_path: Path) -> None:
+def test_a_place_that_is_none_is_one_sentence(
+    call: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     (tmp_path / "file").touch()
     status, _, err = call("fig8", "--out", tmp_path / "file")
     assert status == 2
@@ -114,7 +130,7 @@ def test_ctrl_c_ends_it(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert running.stderr.readline() == "table2 ...\n"  # it takes seconds from here
+    assert not_none(running.stderr).readline() == "table2 ...\n"  # it takes seconds from here
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=30)
     assert running.returncode == 130

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -41,7 +42,7 @@ FILES = [
 ]
 
 
-def refused(capsys, arguments):
+def refused(capsys: pytest.CaptureFixture[str], arguments: Sequence[str]) -> str:
     """What is said to a command that must not begin."""
     assert cli.main([*map(str, arguments)]) == 2
     captured = capsys.readouterr()
@@ -50,14 +51,14 @@ def refused(capsys, arguments):
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
 def test_a_folder_with_a_file_of_somebody_else_is_refused(
-    capsys: pytest.CaptureFixture[str], folder, arguments, name
+    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], name: str
 ) -> None:
     (folder / "out").mkdir()
     mine = folder / "out" / name
@@ -69,7 +70,7 @@ def test_a_folder_with_a_file_of_somebody_else_is_refused(
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
 def test_a_folder_that_another_command_writes_to_is_refused(
-    capsys: pytest.CaptureFixture[str], folder, arguments, name
+    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], name: str
 ) -> None:
     (folder / "out").mkdir()
     (folder / "link").symlink_to("out")
@@ -80,7 +81,7 @@ def test_a_folder_that_another_command_writes_to_is_refused(
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
 def test_a_file_of_somebody_else_is_refused(
-    capsys: pytest.CaptureFixture[str], folder, arguments, option
+    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], option: str
 ) -> None:
     (folder / "mine").write_text("mine")
     said = refused(capsys, [*arguments, option, "mine"])
@@ -92,14 +93,14 @@ def test_a_file_of_somebody_else_is_refused(
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
 def test_a_file_that_another_command_writes_is_refused(
-    capsys: pytest.CaptureFixture[str], folder, arguments, option
+    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], option: str
 ) -> None:
     (folder / "link").symlink_to("file")
     with claimed(folder / "file"):
         assert "another run is writing" in refused(capsys, [*arguments, option, "link"])
 
 
-def test_what_is_ours_is_known_by_its_beginning(folder) -> None:
+def test_what_is_ours_is_known_by_its_beginning(folder: Path) -> None:
     assert may_be_replaced(folder / "nothing", PICTURE)
     path = folder / "file"
     path.write_text(witness.COLUMNS)
@@ -115,7 +116,7 @@ def test_what_is_ours_is_known_by_its_beginning(folder) -> None:
 
 
 def test_links_in_a_circle_are_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], folder
+    capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     (folder / "one").symlink_to("other")
     (folder / "other").symlink_to("one")
@@ -124,7 +125,7 @@ def test_links_in_a_circle_are_told_in_a_sentence(
         assert f"{option} one: its links lead in a circle; name another place" in said
 
 
-def test_what_a_killed_command_left_beside_its_file_is_removed(folder) -> None:
+def test_what_a_killed_command_left_beside_its_file_is_removed(folder: Path) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     stale = folder / f".b.png.{ended.pid}.part"
@@ -140,7 +141,7 @@ def test_what_a_killed_command_left_beside_its_file_is_removed(folder) -> None:
     assert all(path.read_text() == "half" for path in others)
 
 
-def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder) -> None:
+def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder: Path) -> None:
     (folder / "mine").write_text("mine")
     with whole(folder / "b.png", PICTURE) as part:
         name = part.name
@@ -153,7 +154,7 @@ def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder
 
 
 def test_a_picture_without_a_mark_may_be_an_early_one(
-    capsys: pytest.CaptureFixture[str], folder
+    capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     (folder / "b.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     assert "early versions did not mark theirs" in refused(capsys, [*BOUNDARY, "--plot", "b.png"])

@@ -7,37 +7,41 @@ import os
 import resource
 import signal
 import time
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 import numpy as np
 import pytest
+from click.core import Context
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli import run as run_command
 from haptic_wall.controller.logs.file import LogWriter, read_log
 from haptic_wall.controller.processes import inline
 from haptic_wall.controller.processes.plan import LogState
-from haptic_wall.controller.processes.recorder import Recorder
+from haptic_wall.controller.processes.recorder import Recorder, begun_log
 from haptic_wall.controller.processes.run_report import exit_status
+from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
+from tests.typed import not_none, status_of
 
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
 
-def run(capsys, *arguments):
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
     try:
         status = cli.main(["run", *BRIEF, *map(str, arguments)])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -56,7 +60,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_a_wrong_place_or_time_is_refused_before_the_start(
-    capsys: pytest.CaptureFixture[str], folder, arguments, message
+    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], message: str
 ) -> None:
     status, out, err = run(capsys, *arguments)
     assert (status, json.loads(out)["exit_status"]) == (2, 2)
@@ -66,7 +70,7 @@ def test_a_wrong_place_or_time_is_refused_before_the_start(
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
 def test_no_file_that_the_run_writes_holds_its_wall_on(
-    capsys: pytest.CaptureFixture[str], folder, option
+    capsys: pytest.CaptureFixture[str], folder: Path, option: str
 ) -> None:
     (folder / "a").touch()
     status, _, err = run(capsys, "--set=loop.clock=monotonic", "--hold", "./a", option, "a")
@@ -76,9 +80,9 @@ def test_no_file_that_the_run_writes_holds_its_wall_on(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_the_picture_is_drawn_costs_the_picture_only(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    def impatient(*_) -> None:
+    def impatient(*_: object) -> None:
         os.kill(os.getpid(), number)
 
     monkeypatch.setattr("haptic_wall.controller.report.run.plot_run", impatient)
@@ -106,7 +110,7 @@ def test_the_log_tells_how_the_run_ended(
 
 
 def test_the_same_run_gives_the_same_log(
-    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
@@ -117,7 +121,7 @@ def test_the_same_run_gives_the_same_log(
 
 
 def test_a_log_that_another_run_is_writing_is_not_taken_from_it(
-    capsys: pytest.CaptureFixture[str], folder
+    capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     log = folder / "mine.hwlog"
     with LogWriter(log, {}, ROW) as writer:
@@ -131,20 +135,25 @@ def test_a_log_that_another_run_is_writing_is_not_taken_from_it(
     assert run(capsys, "--log", log)[0] == 0
 
 
-def placed(*places, name="simulated", force=False):
+def placed(
+    log: Path | None,
+    plot: Path | None,
+    witness: Path | None,
+    name: str = "simulated",
+    force: bool = False,
+) -> tuple[tuple[Path, Path | None], Context]:
     """Where a run would write, and the context that keeps others from writing there."""
     context = click.Context(run_command.command)
     with context.scope(cleanup=False):
-        return run_command._places(*places, name, draws=True, force=force), context
+        return run_command._places(log, plot, witness, name, draws=True, force=force), context
 
 
-@pytest.mark.parametrize("log", [None, "run.hwlog"])
+@pytest.mark.parametrize("log", [None, Path("run.hwlog")])
 def test_two_runs_begun_together_do_not_write_one_file(
-    monkeypatch: pytest.MonkeyPatch, log
+    monkeypatch: pytest.MonkeyPatch, log: Path | None
 ) -> None:
     """Though neither has written anything yet."""
     monkeypatch.setattr(time, "strftime", lambda _: "20260101-000000")
-    log = log and Path(log)
     first, context = placed(log, None, None)
     second, _ = placed(log and Path("other.hwlog"), None, None)
     assert not set(first) & set(second)
@@ -154,7 +163,7 @@ def test_two_runs_begun_together_do_not_write_one_file(
 
 @pytest.mark.parametrize("name", ["run.hwlog", "./run.hwlog", "link", "hard", "sub/../run.hwlog"])
 def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(
-    capsys: pytest.CaptureFixture[str], folder, name
+    capsys: pytest.CaptureFixture[str], folder: Path, name: str
 ) -> None:
     log = folder / "run.hwlog"
     assert run(capsys, "--log", log)[0] == 0
@@ -172,9 +181,9 @@ def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(
 
 
 def test_the_second_run_is_refused_where_nobody_can_lock_files(
-    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuses(*_) -> NoReturn:
+    def refuses(*_: object) -> NoReturn:
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", refuses)
@@ -187,7 +196,7 @@ def test_the_second_run_is_refused_where_nobody_can_lock_files(
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
 def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, option
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, option: str
 ) -> None:
     os.mkfifo(tmp_path / "pipe")
     status, _, said = run(capsys, option, "pipe")
@@ -197,7 +206,7 @@ def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
 
 @pytest.mark.parametrize("option", ["--log", "--plot"])
 def test_the_configuration_is_not_written_over(
-    capsys: pytest.CaptureFixture[str], folder, option
+    capsys: pytest.CaptureFixture[str], folder: Path, option: str
 ) -> None:
     text = (resources.files("haptic_wall.controller") / "presets/simulated.yaml").read_text()
     (folder / "mine").write_text(text)
@@ -217,7 +226,7 @@ def test_a_preset_is_no_file_that_could_be_written_over(
 
 
 def test_links_in_a_circle_are_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], folder
+    capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     (folder / "one").symlink_to("other")
     (folder / "other").symlink_to("one")
@@ -236,7 +245,7 @@ def test_a_name_with_dots_is_kept_whole_and_taken_once(
     names = ["wall.v1.yaml", "wall.v2.yaml", "wall.v2.yaml", "wall.v2.yaml"]
     found = [placed(None, None, None, name=name) for name in names]
     stems = ["now-wall.v1", "now-wall.v2", "now-wall.v2+", "now-wall.v2++"]
-    assert [(log.name, plot.name) for (log, plot), _ in found] == [
+    assert [(log.name, not_none(plot).name) for (log, plot), _ in found] == [
         (f"{stem}.hwlog", f"{stem}.png") for stem in stems
     ]
 
@@ -245,7 +254,7 @@ MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "e
 
 
 def test_a_run_that_cannot_start_touches_no_file(
-    capsys: pytest.CaptureFixture[str], folder
+    capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     """Neither what is not of this program, nor log and picture of an earlier run."""
     assert run(capsys, "--log", "old.hwlog", "--plot", "old.png")[0] == 0
@@ -267,7 +276,7 @@ def test_a_run_that_cannot_start_touches_no_file(
 
 @pytest.mark.parametrize(("option", "name"), [("--log", "notes.txt"), ("--plot", "photo.png")])
 def test_what_is_not_ours_is_replaced_only_when_it_is_said(
-    capsys: pytest.CaptureFixture[str], folder, option, name
+    capsys: pytest.CaptureFixture[str], folder: Path, option: str, name: str
 ) -> None:
     (folder / name).write_bytes(MINE[name])
     other = ("--plot", "p.png") if option == "--log" else ("--log", "l.hwlog")
@@ -281,13 +290,13 @@ def test_what_is_not_ours_is_replaced_only_when_it_is_said(
 
 
 def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(
-    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def late(*_, **__):
+    def late(*_: Any, **__: Any) -> LogWriter:
         (folder / "run.hwlog").write_bytes(b"mine")
         return begin(*_, **__)
 
-    begin = inline.begun_log
+    begin = begun_log
     monkeypatch.setattr(inline, "begun_log", late)
     status, out, _ = run(capsys, "--log", "run.hwlog")
     assert (status, json.loads(out)["log_state"], json.loads(out)["log"]) == (5, "missing", None)
@@ -295,11 +304,11 @@ def test_what_comes_to_the_logs_place_in_mid_run_is_not_lost(
     assert (folder / "run.hwlog").read_bytes() == b"mine"
 
 
-def meanwhile(monkeypatch, action) -> None:
+def meanwhile(monkeypatch: pytest.MonkeyPatch, action: Callable[[], None]) -> None:
     """Have something done to the log behind its last row."""
     close = Recorder.close
 
-    def after(recorder) -> None:
+    def after(recorder: Recorder) -> None:
         close(recorder)
         action()
 
@@ -309,7 +318,11 @@ def meanwhile(monkeypatch, action) -> None:
 @pytest.mark.parametrize("how", ["removed", "moved", "another"])
 @pytest.mark.parametrize("json_wanted", [True, False])
 def test_a_log_that_is_gone_is_the_first_that_is_said(
-    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch, how, json_wanted
+    capsys: pytest.CaptureFixture[str],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    how: str,
+    json_wanted: bool,
 ) -> None:
     log = folder / "run.hwlog"
 
@@ -337,16 +350,16 @@ def test_a_log_that_is_gone_is_the_first_that_is_said(
 
 
 def test_a_full_disk_leaves_the_old_log_and_nothing_else(
-    capsys: pytest.CaptureFixture[str], folder, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = folder / "run.hwlog"
     assert run(capsys, "--log", log, "--plot", "run.png")[0] == 0
     before = {path: path.read_bytes() for path in folder.iterdir()}
     assert len(before) == 2
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    begin = inline.begun_log
+    begin = begun_log
 
-    def late(*arguments, **options):
+    def late(*arguments: Any, **options: Any) -> LogWriter:
         resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limit[1]))  # metadata fit, no row does
         return begin(*arguments, **options)
 
@@ -373,16 +386,16 @@ def test_limits_of_the_shell_are_told_in_a_sentence(capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("reason", "waited_for", "log", "status"),
     [
-        ("duration", None, LogState.WHOLE, 0),
-        ("duration", None, LogState.INCOMPLETE, 5),
-        ("duration", None, LogState.MISSING, 5),
-        ("duration", "the dead man", LogState.MISSING, 3),
-        ("interrupted", None, LogState.MISSING, 130),
-        ("trip:overspeed", None, LogState.MISSING, 3),
-        ("trip:servo_lost", None, LogState.INCOMPLETE, 4),
+        (End.DURATION, None, LogState.WHOLE, 0),
+        (End.DURATION, None, LogState.INCOMPLETE, 5),
+        (End.DURATION, None, LogState.MISSING, 5),
+        (End.DURATION, "the dead man", LogState.MISSING, 3),
+        (End.INTERRUPTED, None, LogState.MISSING, 130),
+        (Trip.OVERSPEED, None, LogState.MISSING, 3),
+        (Trip.SERVO_LOST, None, LogState.INCOMPLETE, 4),
     ],
 )
 def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
-    reason, waited_for, log, status
+    reason: StopReason, waited_for: str | None, log: LogState, status: int
 ) -> None:
     assert exit_status(reason, waited_for, log) == status

@@ -9,7 +9,7 @@ from haptic_wall.controller.cli import main as cli
 from tests.hw.emulated.test_emulated_server import emulate
 
 
-def scan(capsys, *arguments):
+def scan(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     status = cli.main(["scan", *arguments])
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
@@ -31,7 +31,7 @@ def scan(capsys, *arguments):
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(
-    capsys: pytest.CaptureFixture[str], arguments, words
+    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
 ) -> None:
     status, out, err = scan(capsys, *arguments)
     assert (status, out) == (2, "")

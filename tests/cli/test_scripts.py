@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.typed import not_none
+
 ROOT = Path(__file__).parents[2]
-TOOLS = ("sh", "basename", "dirname", "readlink", "cat", "cksum", "flock", "grep", "head", "mkdir")
-TOOLS += ("chmod", "ln", "mktemp", "rm", "sleep")
+TOOLS = ["sh", "basename", "dirname", "readlink", "cat", "cksum", "flock", "grep", "head", "mkdir"]
+TOOLS += ["chmod", "ln", "mktemp", "rm", "sleep"]
 
 # Makes a virtual environment that holds itself and the commands; notes every installation.
 PYTHON = """#!/bin/sh
@@ -43,7 +45,7 @@ esac
 
 
 @pytest.fixture
-def project(tmp_path: Path):
+def project(tmp_path: Path) -> Path:
     """A copy of the scripts in a folder whose name has a space, and a PATH with little on it."""
     folder = tmp_path / "my project"
     shutil.copytree(ROOT / "scripts", folder / "scripts")
@@ -57,18 +59,20 @@ def project(tmp_path: Path):
     return folder
 
 
-def install_python(project) -> None:
+def install_python(project: Path) -> None:
     python = project.parent / "tools" / "python3.11"
     python.write_text(PYTHON)
     python.chmod(0o755)
 
 
-def environment(project, **more):
+def environment(project: Path, **more: str) -> dict[str, str]:
     notes = project.parent / "notes"
     return {"PATH": str(project.parent / "tools"), "NOTES": str(notes), "FAILING": ""} | more
 
 
-def call(project, script, *arguments, **more):
+def call(
+    project: Path, script: str, *arguments: str, **more: str
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [project / "scripts" / script, *arguments],
         capture_output=True,
@@ -79,12 +83,12 @@ def call(project, script, *arguments, **more):
     )
 
 
-def notes(project):
+def notes(project: Path) -> list[str]:
     path = project.parent / "notes"
     return path.read_text().splitlines() if path.exists() else []
 
 
-def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project) -> None:
+def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project: Path) -> None:
     install_python(project)
     first = call(project, "run", "--duration", "1 s")
     assert (first.returncode, first.stdout) == (0, "haptic-wall run --duration 1 s\n")
@@ -95,7 +99,7 @@ def test_a_fresh_machine_needs_one_command_and_the_second_time_nothing(project) 
     assert notes(project) == ["venv", "pip my project"]
 
 
-def test_it_installs_again_when_the_project_file_has_changed(project) -> None:
+def test_it_installs_again_when_the_project_file_has_changed(project: Path) -> None:
     install_python(project)
     call(project, "run")
     with (project / "pyproject.toml").open("a") as file:
@@ -104,14 +108,14 @@ def test_it_installs_again_when_the_project_file_has_changed(project) -> None:
     assert notes(project) == ["venv", "pip my project", "pip my project"]
 
 
-def test_what_the_tests_need_is_enough_to_run(project) -> None:
+def test_what_the_tests_need_is_enough_to_run(project: Path) -> None:
     install_python(project)
     call(project, "test")
     call(project, "run")
     assert notes(project) == ["venv", "pip my project[test]"]
 
 
-def test_a_project_that_was_moved_is_installed_again(project) -> None:
+def test_a_project_that_was_moved_is_installed_again(project: Path) -> None:
     install_python(project)
     call(project, "run")
     moved = project.parent / "moved"
@@ -120,7 +124,7 @@ def test_a_project_that_was_moved_is_installed_again(project) -> None:
     assert notes(moved) == ["venv", "pip my project", "venv", "pip moved"]
 
 
-def test_two_at_once_wait_for_each_other(project) -> None:
+def test_two_at_once_wait_for_each_other(project: Path) -> None:
     install_python(project)
     both = [
         subprocess.Popen(
@@ -135,7 +139,7 @@ def test_two_at_once_wait_for_each_other(project) -> None:
     assert notes(project) == ["venv", "pip my project"]
 
 
-def test_the_test_script_runs_every_check_and_fails_if_one_does(project) -> None:
+def test_the_test_script_runs_every_check_and_fails_if_one_does(project: Path) -> None:
     install_python(project)
     done = call(project, "test", "-k", "wall", FAILING="mypy")
     assert done.stdout.splitlines() == [
@@ -149,21 +153,21 @@ def test_the_test_script_runs_every_check_and_fails_if_one_does(project) -> None
     assert call(project, "test", FAILING="pytest").returncode == 1
 
 
-def test_without_python_it_says_what_to_install(project) -> None:
+def test_without_python_it_says_what_to_install(project: Path) -> None:
     done = call(project, "run")
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.startswith("run: found no Python 3.11 or newer on PATH: install one")
 
 
-def test_without_the_venv_module_it_says_what_to_install(project) -> None:
+def test_without_the_venv_module_it_says_what_to_install(project: Path) -> None:
     install_python(project)
     done = call(project, "run", NO_ENSUREPIP="1")
     assert done.returncode == 1
     assert "apt-get install python3.11-venv" in done.stderr
 
 
-def test_a_failed_installation_is_tried_again(project) -> None:
+def test_a_failed_installation_is_tried_again(project: Path) -> None:
     install_python(project)
     failed = call(project, "run", NO_NETWORK="1")
     assert failed.returncode == 1
@@ -172,7 +176,7 @@ def test_a_failed_installation_is_tried_again(project) -> None:
     assert call(project, "run").returncode == 0
 
 
-def test_the_installation_does_not_name_its_folder(project) -> None:
+def test_the_installation_does_not_name_its_folder(project: Path) -> None:
     """Python before 3.13 reads that name by the locale, and would not start under LC_ALL=C."""
     install_python(project)
     site = project / ".venv" / "lib" / "python3.11" / "site-packages"
@@ -196,13 +200,15 @@ exit 7
 
 
 @pytest.mark.parametrize("sets_up", [True, False])
-def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project, sets_up) -> None:
+def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
+    project: Path, sets_up: bool
+) -> None:
     shutil.copytree(ROOT / ".ci", project / ".ci")
     for tool in ("bash", "tar", "mktemp"):
         found = shutil.which(tool)
         link = project.parent / "tools" / tool
         if not link.exists():
-            link.symlink_to(found)
+            link.symlink_to(not_none(found))
     install_python(project)
     (project / "scripts" / "test").write_text(SUITE)
     (project / ".ci" / "wheel").write_text("#!/bin/sh\necho the wheel is tried >&2\n")
@@ -227,5 +233,5 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(project
 
 
 @pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
-def test_scripts_can_be_executed(script) -> None:
+def test_scripts_can_be_executed(script: str) -> None:
     assert os.access(ROOT / script, os.X_OK)

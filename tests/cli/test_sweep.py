@@ -7,11 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptic_wall.controller.cli.main import main
+from tests.typed import not_none, status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
@@ -19,17 +22,17 @@ PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
 POINTS = ("--virtual-damping=0.02,12", "--delay-steps=1,3", "--repeats=1", "--workers=1")
 
 
-def run(capsys, *arguments):
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
     try:
         status = main(["sweep", *map(str, arguments)])
     except SystemExit as ended:
-        status = ended.code
+        status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
 @pytest.fixture(scope="module")
-def swept(tmp_path_factory: pytest.TempPathFactory):
+def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], str]:
     """A finished sweep."""
     folder = tmp_path_factory.mktemp("sweep") / "here"
     done = subprocess.run(
@@ -40,7 +43,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory):
     return folder, json.loads(done.stdout), done.stderr
 
 
-def test_points_and_files(swept) -> None:
+def test_points_and_files(swept: tuple[Path, dict[str, Any], str]) -> None:
     folder, report, told = swept
     points = report["points"]
     # In the order asked for; the ceiling is 9.9 at 1 ms.
@@ -74,7 +77,7 @@ def test_points_and_files(swept) -> None:
 
 
 def test_the_same_settings_go_on_and_others_are_refused(
-    swept, capsys: pytest.CaptureFixture[str]
+    swept: tuple[Path, dict[str, Any], str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, report, _ = swept
     before = json.loads((folder / "sweep.json").read_text())
@@ -97,7 +100,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
         "--out", str(tmp_path), "--json",
     ]  # fmt: skip
     first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while "1/300" not in first.stderr.readline():
+    while "1/300" not in not_none(first.stderr).readline():
         assert first.poll() is None
     time.sleep(0.2)
     os.kill(first.pid, signal.SIGINT)
@@ -121,7 +124,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_input_is_named(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments, words
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     status, _, told = run(capsys, "simulated", *PLANT, *arguments, "--out", tmp_path)
     assert status == 2
@@ -154,7 +157,10 @@ def test_what_is_not_a_sweep_is_not_replaced(
     ],
 )
 def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(
-    swept, capsys: pytest.CaptureFixture[str], tmp_path: Path, change
+    swept: tuple[Path, dict[str, Any], str],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    change: Callable[..., object],
 ) -> None:
     held = json.loads((swept[0] / "sweep.json").read_text())
     change(held)

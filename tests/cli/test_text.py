@@ -2,8 +2,9 @@
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def test_long_times_are_written_out() -> None:
     assert "lateness p50 0.0359, p99 402, p99.9 3550, max 21346 µs" in text
 
 
-def joined(report):
+def joined(report: Mapping[str, Any]) -> str:
     return " ".join(report_text(report).split())
 
 
@@ -101,7 +102,13 @@ def test_the_report_tells_what_happened_in_some_25_lines() -> None:
 
 
 def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence() -> None:
-    tick = {"time_s": 2.3141, "lateness_us": 4941.0, "work_us": 34.0, "bus_us": 0.0, "missed": 4}
+    tick: dict[str, float | str] = {
+        "time_s": 2.3141,
+        "lateness_us": 4941.0,
+        "work_us": 34.0,
+        "bus_us": 0.0,
+        "missed": 4,
+    }
     tick |= {"cause": "another process ran on the core", "evidence": "waited 4.97 ms for the core"}
     timing = {
         "limit_us": 100.0,
@@ -185,8 +192,8 @@ def test_json_is_what_json_is() -> None:
         max_size=3,
     )
 )
-def test_json_never_holds_nan(value) -> None:
-    def refuse(constant) -> NoReturn:
+def test_json_never_holds_nan(value: dict[str, Any]) -> None:
+    def refuse(constant: str) -> NoReturn:
         raise AssertionError(constant)
 
     json.loads(as_json(value), parse_constant=refuse)
@@ -228,7 +235,7 @@ def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
 @pytest.mark.parametrize("warnings", [0, 1, 4])
 @pytest.mark.parametrize("bus", [REPORT["bus"], None])
 def test_the_report_has_eight_lines_in_any_terminal(
-    monkeypatch: pytest.MonkeyPatch, columns, warnings, bus
+    monkeypatch: pytest.MonkeyPatch, columns: int, warnings: int, bus: dict[str, Any] | None
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     report = REPORT | {"warnings": ["long " * 50] * warnings, "bus": bus}

@@ -24,7 +24,7 @@ options.say("the end")
 """
 
 
-def on_a_terminal(then, **environment):
+def on_a_terminal(then: str, **environment: str) -> tuple[str, int]:
     """What a program writes on a terminal, and its exit status."""
     child, terminal = pty.fork()
     if child == 0:
@@ -65,7 +65,9 @@ def test_a_ctrl_c_takes_the_line_away() -> None:
         (None, 0.01, 6.0, "drawing: 6 s, about 10 min left"),
     ],
 )
-def test_the_estimate_is_by_what_is_done_where_that_is_known(about, share, passed, text) -> None:
+def test_the_estimate_is_by_what_is_done_where_that_is_known(
+    about: float | None, share: float | None, passed: float, text: str
+) -> None:
     work = Work("drawing", about, share if share is None else lambda: share)
     work.began = time.monotonic() - passed
     assert work.text() == text
@@ -73,7 +75,7 @@ def test_the_estimate_is_by_what_is_done_where_that_is_known(about, share, passe
 
 @pytest.mark.parametrize("stream", ["a file", "dumb"])
 def test_nothing_is_shown_where_there_is_no_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stream
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stream: str
 ) -> None:
     monkeypatch.setattr(progress, "FIRST_S", 0.0)
     monkeypatch.setattr(progress, "_show", lambda *_: pytest.fail("a thread was begun"))

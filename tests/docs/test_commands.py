@@ -24,6 +24,7 @@ from haptic_wall.controller.experiments.testbed import ExperimentInterruptedErro
 from haptic_wall.controller.paper import items
 from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
+from tests.typed import status_of
 
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
@@ -94,7 +95,7 @@ def call(words):
     try:
         return cli.main(words)
     except SystemExit as ended:
-        return ended.code
+        return status_of(ended)
 
 
 def shown(found):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -73,19 +74,20 @@ def _integrate_stretch(
 
                 if excess(stretch.duration) <= 0.0:
                     return position, 0.0
-                time = brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16)
+                time = float(brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16))
         else:
             sign = math.copysign(1.0, velocity)
 
-        def slope(t: float, state: np.ndarray, sign: float = sign) -> list[float]:
+        def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
             return [state[1], (applied(t, state[0], state[1]) - sign * coulomb) / inertia]
 
-        def rest(_: float, state: np.ndarray, sign: float = sign) -> float:
-            return sign * state[1]
+        def rest(_: float, state: NDArray[np.float64], sign: float = sign) -> float:
+            return sign * float(state[1])
 
         # Rounding at the instant of breaking away must not count as coming to rest.
-        rest.terminal = velocity != 0.0 or abs(slope(time, np.array([position, 0.0]))[1]) > 1e-9
-        rest.direction = -1.0
+        begins = abs(slope(time, np.array([position, 0.0]))[1]) > 1e-9
+        rest.terminal = velocity != 0.0 or begins  # type: ignore[attr-defined]
+        rest.direction = -1.0  # type: ignore[attr-defined]
         solution = solve_ivp(
             slope,
             (time, stretch.duration),

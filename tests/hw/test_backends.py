@@ -17,6 +17,7 @@ from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.errors import BackendError, PortError
 from haptic_wall.hw.open import backend, backend_names, cut_torque, open_port, open_servo
 from haptic_wall.hw.settings import ServoSettings, TrueServo
+from tests.typed import not_none
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "line_servo"
 PROGRAM = (sys.executable, "-P", "-m", "haptic_wall.controller.cli.main")
@@ -72,8 +73,8 @@ def board(line_servo: dict[str, str]) -> Iterator[str]:
         env=line_servo,
         text=True,
     ) as process:
-        yield process.stdout.readline().strip()
-        process.stdin.close()
+        yield not_none(process.stdout).readline().strip()
+        not_none(process.stdin).close()
 
 
 def test_a_backend_of_another_distribution_keeps_the_contract(line_servo: dict[str, str]) -> None:

@@ -19,6 +19,7 @@ from haptic_wall.hw.open import cut_torque, open_port, open_servo
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
+from tests.typed import not_none
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
 
@@ -59,7 +60,7 @@ def test_a_refused_servo_leaves_the_port_to_the_next(silent_port: str) -> None:
     for _ in range(2):
         with pytest.raises(UnfitServoError, match="smallest torque"):
             open_servo(fussy, MonotonicClock())
-    os.close(open_port(settings(silent_port)))
+    os.close(not_none(open_port(settings(silent_port))))
 
 
 def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
@@ -73,7 +74,7 @@ def test_an_unknown_model_in_memory_is_unfit() -> None:
 
 
 @pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
-def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., object]) -> None:  # type: ignore[no-untyped-def]
+def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., object]) -> None:
     with pytest.raises(PortError, match=r"No serial port is configured: set servo\.port"):
         open_it(settings())
     with pytest.raises(PortError, match="does not exist"):
@@ -88,7 +89,7 @@ def test_a_port_with_nobody_on_it_is_a_missing_servo(silent_port: str) -> None:
 
 
 def test_cutting_on_a_silent_port_does_not_claim_that_torque_is_off(silent_port: str) -> None:
-    descriptor = open_port(settings(silent_port))
+    descriptor = not_none(open_port(settings(silent_port)))
     assert cut_torque(settings(silent_port), descriptor, MonotonicClock()) is False
     os.fstat(descriptor)  # still open
     os.close(descriptor)
@@ -131,7 +132,7 @@ def emulator() -> Iterator[str]:
 def test_a_servo_on_a_real_terminal_is_driven_and_cut(emulator: str) -> None:
     clock = MonotonicClock()
     wanted = settings(emulator)
-    descriptor = open_port(wanted)
+    descriptor = not_none(open_port(wanted))
     servo = open_servo(wanted, clock, os.dup(descriptor))
     checks = servo.start()
     assert all(check.ok for check in checks)

@@ -92,17 +92,20 @@ class Client:
                 return found[0]
         return None
 
+    def answer(self, id_: int, instruction: int, params: bytes = b"") -> Frame:
+        """The one reply, which comes."""
+        reply = self.ask(id_, instruction, params)
+        assert reply is not None
+        return reply
+
     def write(self, id_: int, address: int, value: int, size: int) -> int:
         """The error byte of the reply."""
         data = value.to_bytes(size, "little", signed=value < 0)
-        reply = self.ask(id_, Instruction.WRITE, address.to_bytes(2, "little") + data)
-        assert reply is not None
-        return reply.error
+        return self.answer(id_, Instruction.WRITE, address.to_bytes(2, "little") + data).error
 
     def read(self, id_: int, address: int, size: int, signed: bool = False) -> int:
         params = address.to_bytes(2, "little") + size.to_bytes(2, "little")
-        reply = self.ask(id_, Instruction.READ, params)
-        assert reply is not None
+        reply = self.answer(id_, Instruction.READ, params)
         assert reply.error & 0x7F == 0
         return int.from_bytes(reply.params, "little", signed=signed)
 

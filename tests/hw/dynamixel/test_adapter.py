@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.emulated.adapter import Adapter
 from tests.hw.dynamixel.emulated_client import BAUD, BYTE_NS, MS, US, Client
+from tests.typed import not_none
 
 READ = encode(1, Instruction.READ, bytes([120, 0, 16, 0]))
 WIRE_NS = (len(READ) + 27) * BYTE_NS
@@ -94,7 +95,7 @@ def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us: int) ->
     client.servos[1].memory["return_delay_time"] = 0
     client.line.write(READ)
     through = 5 * MS + WIRE_NS
-    handed = reply_at(client, 20 * MS)
+    handed = not_none(reply_at(client, 20 * MS))
     assert through <= handed <= through + MS
     assert (handed - (5 * MS - phase_us * US)) % MS == 0
 

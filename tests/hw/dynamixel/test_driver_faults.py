@@ -260,7 +260,7 @@ def _pin(bench: Bench, register: str, value: int) -> None:
         image[address - at : address - at + size] = value.to_bytes(size, "little")
         return bytes(image)
 
-    bench.truth.read = read  # type: ignore[method-assign]
+    bench.truth.read = read  # type: ignore[assignment, method-assign]
 
 
 def test_a_restart_is_named_where_the_loss_limits_outlast_it() -> None:

@@ -29,7 +29,8 @@ from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import Schedule, TrueServo
+from tests.typed import not_none
 
 MS = 1_000_000
 BAUD = 4_000_000
@@ -57,7 +58,7 @@ class Bus:
         adapter = Adapter(timer_ns, 510, now + phase_ns) if timer_ns else None
         bus = EmulatedBus(list(self.servos.values()), baud=BAUD, start_ns=now, adapter=adapter)
         self._line = MemoryLine(bus, self.clock)
-        self.sent = []
+        self.sent: list[Frame] = []
         if return_delay is not None:
             self.set(return_delay_time=return_delay)
 
@@ -165,7 +166,7 @@ def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault: Fault
     assert wrong[0].finding.found == fault.found
     assert wrong[0].finding.fixable
     assert bus.wrote() == []
-    change = mend(bus.contact(), fault.name, wrong[0].repair)
+    change = mend(bus.contact(), fault.name, not_none(wrong[0].repair))
     assert change.verified
     assert [frame.params[0] for frame in bus.wrote()] == [
         MODELS["XM430-W350"].registers[fault.register].address
@@ -179,7 +180,7 @@ def test_mending_one_bit_of_drive_mode_leaves_the_others() -> None:
     bus.set(drive_mode=1 + 4 + 8)
     for judgement in bus.judged():
         if judgement.finding.name == "direction":
-            assert mend(bus.contact(), "direction", judgement.repair).after == str(4 + 8)
+            assert mend(bus.contact(), "direction", not_none(judgement.repair)).after == str(4 + 8)
 
 
 def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more() -> None:
@@ -189,9 +190,11 @@ def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more
     error = next(j for j in bus.judged() if j.finding.name == "hardware error")
     assert error.finding.found == "input voltage (0x01)"
     assert not bus.finding("supply").ok
-    assert not mend(bus.contact(), "hardware error", error.repair).verified  # it is still there
+    assert not mend(
+        bus.contact(), "hardware error", not_none(error.repair)
+    ).verified  # it is still there
     bus.set(max_voltage_limit=160)
-    assert mend(bus.contact(), "hardware error", error.repair).verified
+    assert mend(bus.contact(), "hardware error", not_none(error.repair)).verified
     assert bus.finding("hardware error").ok
 
 
@@ -204,12 +207,12 @@ def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended
     bus.servos[1].latch_errors(0x20, bus.clock.now_ns())
     judged = bus.judged()
     error = next(j for j in judged if j.finding.name == "hardware error")
-    change = mend(bus.contact(), "hardware error", error.repair)
+    change = mend(bus.contact(), "hardware error", not_none(error.repair))
     assert not change.verified
     assert "Startup Configuration (60)" in change.after
     assert Instruction.REBOOT not in {frame.instruction for frame in bus.sent}
     for finding, repair in in_order_of_repair(judged):
-        assert mend(bus.contact(), finding.name, repair).verified
+        assert mend(bus.contact(), finding.name, not_none(repair)).verified
     assert bus.finding("hardware error").ok
     assert bus.finding("torque").ok
 
@@ -218,7 +221,7 @@ def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
     bus = Bus(return_delay=250)
     bus.set(torque_enable=1)
     delay = next(j for j in bus.judged() if j.finding.name == "return delay")
-    change = mend(bus.contact(), "return delay", delay.repair)
+    change = mend(bus.contact(), "return delay", not_none(delay.repair))
     assert not change.verified
     assert "refuses" in change.after
     assert bus.finding("return delay").found == "250 (500 µs)"
@@ -290,7 +293,9 @@ def test_a_current_limit_that_the_model_cannot_have_is_wrong() -> None:
 # Time
 
 
-def series(bus: Bus, schedule: str, period_ns=MS, stall_ns: int = 0, phases: int = 10) -> Series:
+def series(
+    bus: Bus, schedule: Schedule, period_ns: int = MS, stall_ns: int = 0, phases: int = 10
+) -> Series:
     wakes = 0
 
     def wait(instant_ns: int) -> int:
@@ -466,7 +471,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
     assert latency.low_latency(path + "-missing") is None
     for flags, on in ((0x2000, True), (0x2000 | 0x10, True), (0x10, False)):
 
-        def answer(_descriptor: int, request: int, room: bytes, flags=flags) -> bytes:
+        def answer(_descriptor: int, request: int, room: bytes, flags: int = flags) -> bytes:
             assert request == termios.TIOCGSERIAL
             return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
 

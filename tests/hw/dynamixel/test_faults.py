@@ -23,7 +23,7 @@ COUNTS = round(4096 / (2 * math.pi))
 """Where the servo stands: at 1 rad"""
 
 
-def raw(client: Client, frame=PING, within_ns=3 * MS) -> bytes:
+def raw(client: Client, frame: bytes = PING, within_ns: int = 3 * MS) -> bytes:
     """Every byte that comes before nothing has come for so long."""
     client.line.write(frame)
     got = b""
@@ -32,7 +32,7 @@ def raw(client: Client, frame=PING, within_ns=3 * MS) -> bytes:
     return got
 
 
-def answered(client: Client, count: int, frame=PING) -> int:
+def answered(client: Client, count: int, frame: bytes = PING) -> int:
     """In how many of so many exchanges a good reply came."""
     return sum(bool(Parser().feed(raw(client, frame))) for _ in range(count))
 
@@ -196,7 +196,7 @@ def test_wrong_id_is_a_good_frame_from_somebody_else() -> None:
 def test_a_request_with_a_wrong_id_reaches_another() -> None:
     client = Client((X, 1), (X, 2))
     client.inject("wrong-id:to=2,way=request")
-    assert client.ask(1, Instruction.PING).id == 2
+    assert client.answer(1, Instruction.PING).id == 2
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])
@@ -308,7 +308,7 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
     client.pass_time(29 * MS)
     assert client.torque() > 0
     client.pass_time(2 * MS)
-    reply = client.ask(1, Instruction.READ, bytes([70, 0, 1, 0]))
+    reply = client.answer(1, Instruction.READ, bytes([70, 0, 1, 0]))
     assert reply.error == 0x80
     assert reply.params == b"\x20"
     assert client.torque() == 0
@@ -324,7 +324,7 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
     assert float(time_s) * 1e9 - start == pytest.approx(30 * MS, abs=1)
     client.ask(1, Instruction.REBOOT)
     client.pass_time(300 * MS)
-    assert client.ask(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
+    assert client.answer(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
 
 
 def test_an_error_that_is_not_in_shutdown_only_alerts() -> None:
@@ -333,7 +333,7 @@ def test_an_error_that_is_not_in_shutdown_only_alerts() -> None:
     client.write(1, 102, 100, 2)
     assert not client.servos[1].memory["shutdown"] & 0x08
     client.inject("hardware-error:bits=encoder")
-    assert client.ask(1, Instruction.PING).error == 0x80
+    assert client.answer(1, Instruction.PING).error == 0x80
     assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
 
 
@@ -395,7 +395,7 @@ def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_u
     client.pass_time(400 * MS)
     assert client.ask(1, Instruction.PING) is None
     client.pass_time(310 * MS)
-    assert client.ask(1, Instruction.PING).error == 0
+    assert client.answer(1, Instruction.PING).error == 0
     assert client.read(1, 64, 1) == 0
 
 

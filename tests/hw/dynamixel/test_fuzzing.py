@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from tests.docs.pages import ROOT
 from tests.hw.dynamixel import fuzzing
 
@@ -65,7 +65,7 @@ def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(
     cut_short = bytes.fromhex("fffffd00 01 4000 02")
     data = bytes((1, 0, 0, len(cut_short))) + cut_short
     fuzzing.run(data)
-    monkeypatch.setattr(fuzzing.Parser, "_cut_short", lambda *_: False)
+    monkeypatch.setattr(Parser, "_cut_short", lambda *_: False)
     with pytest.raises(AssertionError, match="back in step"):
         fuzzing.run(data)
 

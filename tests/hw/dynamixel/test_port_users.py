@@ -18,6 +18,7 @@ from haptic_wall.hw.dynamixel.holders import holder, is_terminal
 from haptic_wall.hw.dynamixel.port import open_port
 from haptic_wall.hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
 from haptic_wall.hw.errors import PortBusyError
+from tests.typed import not_none
 
 OPENER = """
 import os, sys
@@ -59,11 +60,11 @@ def opened_by_another(path: str) -> Iterator[None]:
     with subprocess.Popen(
         [sys.executable, "-c", program, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:
-        assert other.stdout.readline() == b"held\n"
+        assert not_none(other.stdout).readline() == b"held\n"
         other.wait()  # so what holds the port has lost its parent
         yield
-        other.stdin.close()
-        other.stdout.read()
+        not_none(other.stdin).close()
+        not_none(other.stdout).read()
 
 
 def test_nobody_is_nobody(port: Port) -> None:
@@ -99,7 +100,7 @@ def test_what_the_run_has_started_itself_is_nobody(port: Port) -> None:
     ) as child:
         assert holder(child.pid, os.fstat(port.near).st_rdev) is not None
         assert port.looks(2 * LOOKS) == port.users.look_everywhere() == ""
-        child.stdin.close()
+        not_none(child.stdin).close()
 
 
 def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port: Port) -> None:

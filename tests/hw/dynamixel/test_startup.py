@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -94,7 +95,7 @@ def test_the_start_never_makes_more_torque_than_the_probe_may() -> None:
     [({"torque_limit": 0.1}, 1193, 0.1), ({}, 25, 25 * 0.0048)],
 )
 def test_the_probe_keeps_to_every_limit(
-    settings: dict[str, float], current_limit: int, allowed: float
+    settings: dict[str, Any], current_limit: int, allowed: float
 ) -> None:
     """A goal beyond Current Limit would be refused without a word."""
     bench = Bench(replace(TRUE, coulomb=0.25), **settings)

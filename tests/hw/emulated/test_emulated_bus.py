@@ -17,6 +17,7 @@ from haptic_wall.hw.dynamixel.codec import (
     encode,
 )
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
+from tests.typed import not_none
 
 X = "XM430-W350"
 PING = encode(1, Instruction.PING)
@@ -38,7 +39,7 @@ def test_reply_comes_after_the_wire_time_of_both_frames() -> None:
     bus, start = client.bus, client.clock.now_ns()
     bus.receive(PING, start)
     due = start + (10 + 14) * BYTE_NS
-    assert bus.next_event_ns() <= start + 10 * BYTE_NS
+    assert not_none(bus.next_event_ns()) <= start + 10 * BYTE_NS
     assert bus.transmit(due - 1) == b""
     assert len(bus.transmit(due)) == 14
 
@@ -172,12 +173,12 @@ def test_a_wrong_crc_is_answered_with_its_error() -> None:
 
 
 def test_an_unknown_instruction_is_answered_with_its_error() -> None:
-    assert Client().ask(1, 0x77).error == ErrorCode.INSTRUCTION
+    assert Client().answer(1, 0x77).error == ErrorCode.INSTRUCTION
 
 
 def test_a_changed_id_answers_once_as_the_old_one() -> None:
     client = Client()
-    assert client.ask(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
+    assert client.answer(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
     assert client.ask(1, Instruction.PING) is None
     assert client.ask(9, Instruction.PING) is not None
 

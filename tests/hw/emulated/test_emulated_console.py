@@ -1,6 +1,7 @@
 """Lines that change the bus while it runs, through a real pipe."""
 
 import os
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -11,10 +12,11 @@ from tests.hw.dynamixel.emulated_client import MS, Client
 
 
 @contextmanager
-def console(client: Client):
+def console(client: Client) -> Iterator[tuple[Console, int, list[str], list[str]]]:
     """The console, what writes to it, and what it has said and complained of."""
     there, here = os.pipe()
-    said, complained = [], []
+    said: list[str] = []
+    complained: list[str] = []
     try:
         yield Console(client.bus, there, said.append, complained.append), here, said, complained
     finally:

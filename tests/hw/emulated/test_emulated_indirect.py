@@ -42,10 +42,10 @@ def test_the_manuals_second_example() -> None:
 def test_factory_addresses_are_plain_memory() -> None:
     client = Client()
     data = bytes(range(1, 29))
-    assert client.ask(1, Instruction.WRITE, words(DATA_1) + data).error == 0
-    assert client.ask(1, Instruction.READ, words(DATA_1, 28)).params == data
-    assert client.ask(1, Instruction.WRITE, words(DATA_29) + data).error == 0
-    assert client.ask(1, Instruction.READ, words(DATA_29, 28)).params == data
+    assert client.answer(1, Instruction.WRITE, words(DATA_1) + data).error == 0
+    assert client.answer(1, Instruction.READ, words(DATA_1, 28)).params == data
+    assert client.answer(1, Instruction.WRITE, words(DATA_29) + data).error == 0
+    assert client.answer(1, Instruction.READ, words(DATA_29, 28)).params == data
 
 
 def test_what_is_measured_is_of_the_instant_through_indirect_data_too() -> None:
@@ -54,7 +54,7 @@ def test_what_is_measured_is_of_the_instant_through_indirect_data_too() -> None:
     show(client, TICK, TICK + 1, *range(POSITION, POSITION + 4), CURRENT, CURRENT + 1, LED)
     client.write(1, GOAL_CURRENT, 100, 2)
     client.pass_time(30 * MS)
-    reply = client.ask(1, Instruction.READ, words(DATA_1, 9))
+    reply = client.answer(1, Instruction.READ, words(DATA_1, 9))
     sampled = client.clock.now_ns() - (11 + 9) * 2_500
     assert int.from_bytes(reply.params[:2], "little") == (sampled - 5 * MS) // MS
     direct = client.read(1, POSITION, 4, signed=True)
@@ -116,7 +116,7 @@ def test_the_x330_has_fewer_and_moved_them(firmware: int, data: int, entries: in
     assert client.write(1, last, LED, 2) == 0
     assert client.write(1, data + entries - 1, 1, 1) == 0
     assert client.read(1, LED, 1) == 1
-    assert client.ask(1, Instruction.READ, words(data + entries, 1)).error == ErrorCode.ACCESS
+    assert client.answer(1, Instruction.READ, words(data + entries, 1)).error == ErrorCode.ACCESS
 
 
 @settings(max_examples=60, deadline=None)
@@ -131,7 +131,7 @@ def test_a_read_through_any_addresses_is_the_bytes_they_name(data: strategies.Da
     show(client, *wanted)
     first = data.draw(st.integers(0, len(wanted) - 1))
     last = data.draw(st.integers(first, len(wanted) - 1))
-    table = client.ask(1, Instruction.READ, words(0, 662)).params
-    got = client.ask(1, Instruction.READ, words(DATA_1 + first, last - first + 1)).params
+    table = client.answer(1, Instruction.READ, words(0, 662)).params
+    got = client.answer(1, Instruction.READ, words(DATA_1 + first, last - first + 1)).params
     assert got == bytes(table[address] for address in wanted[first : last + 1])
     assert table[DATA_1 : DATA_1 + len(wanted)] == bytes(table[address] for address in wanted)

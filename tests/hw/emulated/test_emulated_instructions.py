@@ -49,8 +49,8 @@ def raw_frame(id_: int, instruction: int, params: bytes) -> bytes:
 # Factory reset
 
 
-def spoiled(**kwargs: int) -> Client:
-    client = Client((X, 9), **kwargs)
+def spoiled(firmware: int = 48) -> Client:
+    client = Client((X, 9), firmware=firmware)
     assert client.write(9, HOMING, 77, 4) == 0
     assert client.write(9, POSITION_P_GAIN, 1, 2) == 0
     assert client.write(9, BAUD_RATE, 3, 1) == 0  # 1 Mbit/s
@@ -63,7 +63,7 @@ def spoiled(**kwargs: int) -> Client:
 )
 def test_factory_reset_keeps_what_its_option_says(option: int, id_: int, baud: int) -> None:
     client = spoiled()
-    reply = client.ask(9, Instruction.FACTORY_RESET, bytes([option]))
+    reply = client.answer(9, Instruction.FACTORY_RESET, bytes([option]))
     assert (reply.id, reply.error) == (9, 0)  # answered before it takes effect
     client.bus.host_baud = baud
     client.send(id_, Instruction.PING)
@@ -101,7 +101,7 @@ def test_factory_reset_but_ids_may_be_broadcast() -> None:
 )
 def test_factory_reset_refuses_what_is_no_option(params: bytes, error: int) -> None:
     client = Client()
-    assert client.ask(1, Instruction.FACTORY_RESET, params).error == error
+    assert client.answer(1, Instruction.FACTORY_RESET, params).error == error
     assert client.ask(1, Instruction.PING) is not None
 
 
@@ -130,7 +130,7 @@ def test_clear_moves_nothing_that_is_held(mode: int) -> None:
     client.pass_time(8_000 * MS)
     held = client.position()
     assert client.read(1, POSITION, 4) == 10_000
-    assert client.ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == 0
+    assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == 0
     client.pass_time(2_000 * MS)
     assert client.read(1, POSITION, 4) == client.read(1, GOAL_POSITION, 4) == 10_000 % 4096
     assert client.position() == pytest.approx(held, abs=1e-4)
@@ -141,7 +141,7 @@ def test_clear_is_refused_while_it_moves() -> None:
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 300, 2)
     client.pass_time(50 * MS)
-    assert client.ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
+    assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
     assert client.read(1, POSITION, 4) > 3 * 4096
 
 
@@ -155,12 +155,12 @@ def test_clear_is_refused_while_it_moves() -> None:
 )
 def test_clear_wants_its_option_and_its_key(params: bytes, error: ErrorCode) -> None:
     client = Client(true=at(3.25))
-    assert client.ask(1, Instruction.CLEAR, params).error == error
+    assert client.answer(1, Instruction.CLEAR, params).error == error
     assert client.read(1, POSITION, 4) > 3 * 4096
 
 
 def test_clear_came_with_firmware_42() -> None:
-    reply = Client(firmware=41).ask(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY)
+    reply = Client(firmware=41).answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY)
     assert reply.error == ErrorCode.INSTRUCTION
 
 
@@ -179,7 +179,7 @@ def test_a_backup_restores_eeprom_after_a_factory_reset() -> None:
     client.ask(1, Instruction.FACTORY_RESET, b"\x02")
     client.pass_time(500 * MS)
     assert client.read(1, HOMING, 4) == 0
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL").error == 0
+    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL").error == 0
     assert client.ask(1, Instruction.PING) is None  # it reboots
     client.pass_time(500 * MS)
     assert client.read(1, HOMING, 4, signed=True) == -500
@@ -193,7 +193,7 @@ def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up
     client.write(1, POSITION_P_GAIN, 123, 2)
     client.write(1, INDIRECT_ADDRESS, LED, 2)
     client.write(1, LED, 1, 1)
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY).error == 0
+    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY).error == 0
     client.ask(1, Instruction.REBOOT)
     client.pass_time(500 * MS)
     assert client.read(1, POSITION_P_GAIN, 2) == 123
@@ -204,21 +204,25 @@ def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up
 def test_backups_are_refused_while_torque_is_on_or_without_one() -> None:
     client = Client()
     restore = b"\x02" + BACKUP_KEY
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+    assert (
+        client.answer(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+    )
     client.enable_current_mode()
     store = b"\x01" + BACKUP_KEY
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, store).error == ErrorCode.RESULT_FAIL
+    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, store).error == ErrorCode.RESULT_FAIL
     client.write(1, TORQUE_ENABLE, 0, 1)
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, store).error == 0
+    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, store).error == 0
     client.write(1, TORQUE_ENABLE, 1, 1)
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+    assert (
+        client.answer(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
+    )
 
 
 @pytest.mark.parametrize(("model", "first"), [(X, 45), ("XL330-M288", 46)])
 def test_backup_needs_its_firmware(model: str, first: int) -> None:
     for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
         client = Client((model, 1), firmware=firmware)
-        reply = client.ask(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY)
+        reply = client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY)
         assert reply.error == error
 
 
@@ -228,7 +232,7 @@ def test_backup_needs_its_firmware(model: str, first: int) -> None:
 )
 def test_backup_wants_its_option_and_its_key(params: bytes, error: int) -> None:
     client = Client()
-    assert client.ask(1, Instruction.CONTROL_TABLE_BACKUP, params).error == error
+    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, params).error == error
     assert client.read(1, BACKUP_READY, 1) == 0
 
 
@@ -308,7 +312,7 @@ def leds(client: Client) -> list[int]:
 
 def test_a_secondary_id_is_obeyed_by_all_and_answered_by_the_one_whose_own_it_is() -> None:
     client = grouped()
-    assert client.ask(1, Instruction.WRITE, words(LED) + b"\x01").id == 1
+    assert client.answer(1, Instruction.WRITE, words(LED) + b"\x01").id == 1
     assert leds(client) == [1, 0, 0, 0, 0]
     client.send(5, Instruction.WRITE, words(LED) + b"\x01")
     assert [reply.id for reply in client.replies()] == [5]
@@ -353,9 +357,9 @@ def test_a_secondary_id_that_is_its_own_changes_nothing() -> None:
     assert client.write(1, HOMING, 7, 4) == 0  # EEPROM too
     assert client.read(1, HOMING, 4) == 7
     register = words(GOAL_CURRENT) + words(3)
-    assert client.ask(1, Instruction.REG_WRITE, register).error == 0
-    assert client.ask(1, Instruction.ACTION).error == 0  # carried out once
-    assert client.ask(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
+    assert client.answer(1, Instruction.REG_WRITE, register).error == 0
+    assert client.answer(1, Instruction.ACTION).error == 0  # carried out once
+    assert client.answer(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
 
 
 @pytest.mark.parametrize("value", [253, 254, 255])
@@ -424,7 +428,7 @@ def test_a_header_that_a_host_does_not_stuff_is_data_to_a_servo() -> None:
         client.line.write(raw_frame(1, Instruction.WRITE, words(INDIRECT_DATA) + payload))
         (reply,) = client.replies()
         assert (reply.id, reply.error) == (1, 0)
-        data = client.ask(1, Instruction.READ, words(INDIRECT_DATA, len(payload))).params
+        data = client.answer(1, Instruction.READ, words(INDIRECT_DATA, len(payload))).params
         assert data == payload
 
 
@@ -436,7 +440,7 @@ def test_what_a_host_does_not_stuff_is_unstuffed_all_the_same() -> None:
     (reply,) = client.replies()
     assert reply.error == ErrorCode.DATA_LENGTH
     # The same bytes, stuffed as they should be, are refused for their value alone.
-    reply = client.ask(1, Instruction.WRITE, words(GOAL_CURRENT) + goals)
+    reply = client.answer(1, Instruction.WRITE, words(GOAL_CURRENT) + goals)
     assert reply.error == ErrorCode.DATA_LIMIT
 
 
@@ -464,9 +468,9 @@ def test_reg_write_as_published() -> None:
 
 def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     client = Client()
-    assert client.ask(1, Instruction.REG_WRITE, words(HOMING) + bytes([1, 0, 0, 0])).error == 0
+    assert client.answer(1, Instruction.REG_WRITE, words(HOMING) + bytes([1, 0, 0, 0])).error == 0
     client.write(1, TORQUE_ENABLE, 1, 1)
-    assert client.ask(1, Instruction.ACTION).error == ErrorCode.ACCESS
+    assert client.answer(1, Instruction.ACTION).error == ErrorCode.ACCESS
     assert client.read(1, HOMING, 4) == 0
 
 
@@ -482,7 +486,7 @@ def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:
     ],
 )
 def test_lists_are_for_all_and_not_for_one(instruction: Instruction) -> None:
-    reply = Client().ask(1, instruction, words(LED, 1) + b"\x01")
+    reply = Client().answer(1, instruction, words(LED, 1) + b"\x01")
     assert reply.error == ErrorCode.INSTRUCTION
 
 
@@ -498,7 +502,7 @@ def test_the_alert_is_in_every_answer_while_an_error_is_latched() -> None:
     client.write(1, MIN_VOLTAGE, 130, 2)  # present: 12.0 V
     client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1) + b"\x02" + words(LED, 1))
     assert [r.error for r in client.replies()] == [ALERT, 0]
-    assert client.ask(1, 0x77).error == ALERT | ErrorCode.INSTRUCTION
+    assert client.answer(1, 0x77).error == ALERT | ErrorCode.INSTRUCTION
 
 
 @pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])

@@ -15,6 +15,7 @@ from haptic_wall.hw.dynamixel.sdk import LinePort
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
+from tests.typed import not_none
 
 X, X540, SMALL, LOAD = "XM430-W350", "XM540-W270", "XL330-M288", "XL430-W250"
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
@@ -68,13 +69,13 @@ class Sdk:
 def friction_counts(model: str, true: TrueServo) -> float:
     """How far from its goal Coulomb friction can hold a proportional controller [counts]."""
     figures = MODELS[model]
-    share = true.coulomb / figures.stall_torque
+    share = true.coulomb / not_none(figures.stall_torque)
     return share * 885 / (figures.registers["position_p_gain"].default / 128)
 
 
 @pytest.mark.parametrize("model", [X, X540, SMALL, LOAD, "XC430-W150", "XW540-T260", "XC330-T288"])
 def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model: str) -> None:
-    true = replace(MX64, coulomb=0.01 * MODELS[model].stall_torque)
+    true = replace(MX64, coulomb=0.01 * not_none(MODELS[model].stall_torque))
     servo = Sdk(model, true=true).on(goal_position=2600)
     servo.pass_time(0.03)
     assert servo["moving"] == 1
@@ -195,7 +196,7 @@ def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, 
     true = TrueServo(inertia=0.0005, torque_limit=20.0)
     servo = Sdk(name, PWM, true).on(goal_pwm=duty)
     servo.pass_time(1.5)
-    expected = MODELS[name].no_load_rpm / 0.229 * duty / 885
+    expected = not_none(MODELS[name].no_load_rpm) / 0.229 * duty / 885
     assert servo["present_velocity"] == pytest.approx(expected, abs=1)
     assert servo["present_pwm"] == duty
     if "present_current" in servo.registers:
@@ -208,10 +209,10 @@ def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name: str) -
     model = MODELS[name]
     servo = Sdk(name, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885 // 3)
     servo.pass_time(0.1)
-    assert servo.client.torque() == pytest.approx(model.stall_torque / 3, rel=1e-3)
+    assert servo.client.torque() == pytest.approx(not_none(model.stall_torque) / 3, rel=1e-3)
     if model.current_mode:
         share = 1 / 9 if model.senses_supply_current else 1 / 3
-        expected = model.stall_current * share * 1e3 / model.current_unit_ma
+        expected = not_none(model.stall_current) * share * 1e3 / model.current_unit_ma
         assert servo["present_current"] == pytest.approx(expected, abs=1)
     else:
         assert servo["present_load"] == pytest.approx(333, abs=1)

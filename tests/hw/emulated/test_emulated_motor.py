@@ -14,6 +14,7 @@ from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
+from tests.typed import not_none
 
 MODE, TORQUE_ENABLE, GOAL_CURRENT, GOAL_PWM, GOAL_POSITION, TEMPERATURE = 11, 64, 102, 100, 116, 146
 TEMPERATURE_LIMIT, MAX_VOLTAGE, SHUTDOWN, HARDWARE_ERROR, VOLTAGE = 31, 32, 63, 70, 144
@@ -27,24 +28,26 @@ published = [model for model in MODELS.values() if model.no_load_rpm and model.s
 
 @pytest.mark.parametrize("model", published, ids=lambda model: model.name)
 def test_stall_and_no_load_are_the_published_ones(model: Model) -> None:
-    motor = motor_of(model, model.torque_constant)
+    motor = motor_of(model, not_none(model.torque_constant))
     stalled = motor.current(1.0, model.voltage, 0.0)
     assert stalled == pytest.approx(model.stall_current)
     assert stalled * motor.torque_constant == pytest.approx(model.stall_torque)
-    assert motor.current(1.0, model.voltage, model.no_load_rpm * RPM) == pytest.approx(0, abs=1e-12)
+    assert motor.current(1.0, model.voltage, not_none(model.no_load_rpm) * RPM) == pytest.approx(
+        0, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("model", published, ids=lambda model: model.name)
 def test_the_gear_takes_something_and_gives_nothing(model: Model) -> None:
     """k_t over k_e is what the gear lets through; published figures are rounded."""
-    motor = motor_of(model, model.torque_constant)
+    motor = motor_of(model, not_none(model.torque_constant))
     assert 0.5 < motor.torque_constant / motor.back_emf < 1.2
 
 
 def test_an_xl330_agrees_with_a_published_identification() -> None:
     """Rhoban "bam", xl330 m1: k_t 0.370 N·m/A, R 3.50 ohm, identified from duty and motion."""
     model = MODELS[SMALL]
-    motor = motor_of(model, model.torque_constant)
+    motor = motor_of(model, not_none(model.torque_constant))
     assert motor.torque_constant == pytest.approx(0.37005, rel=0.05)
     assert motor.resistance == pytest.approx(3.49835, rel=0.05)
     torque_per_volt = motor.torque_constant / motor.resistance
@@ -70,7 +73,7 @@ def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(
     sensed: float, speed: float, name: str
 ) -> None:
     model = MODELS[name]
-    motor = motor_of(model, model.torque_constant)
+    motor = motor_of(model, not_none(model.torque_constant))
     current = motor.from_sensed(sensed, model.voltage, speed)
     assert motor.sensed(current, model.voltage, speed) == pytest.approx(sensed, rel=1e-6)
     assert current * sensed > 0
@@ -80,7 +83,7 @@ def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(
 def test_the_supply_gives_the_power_the_motor_takes(duty: float, speed: float) -> None:
     """U i_s = R i² + k_e w i: loss and what goes into the gear."""
     model = MODELS[SMALL]
-    motor = motor_of(model, model.torque_constant)
+    motor = motor_of(model, not_none(model.torque_constant))
     current = motor.current(duty, 5.0, speed)
     supply = 5.0 * math.copysign(motor.sensed(current, 5.0, speed), current * duty)
     taken = motor.resistance * current**2 + motor.back_emf * speed * current
@@ -198,7 +201,7 @@ def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str,
         client.write(
             1,
             GOAL_CURRENT,
-            round(MODELS[model].stall_current * 350 / MODELS[model].current_unit_ma),
+            round(not_none(MODELS[model].stall_current) * 350 / MODELS[model].current_unit_ma),
             2,
         )
     limit = client.read(1, TEMPERATURE_LIMIT, 1)
@@ -210,7 +213,7 @@ def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str,
         assert client.torque() != 0
         client.write(1, GOAL_CURRENT, 850, 2)
         client.pass_time(100_000 * MS)
-    reply = client.ask(1, Instruction.PING)
+    reply = client.answer(1, Instruction.PING)
     assert reply.error == ALERT
     assert client.torque() == 0
     assert client.read(1, HARDWARE_ERROR, 1) == 0x04
@@ -236,7 +239,7 @@ def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say() -> Non
 def test_it_starts_as_warm_as_the_place_it_stands_in(celsius: float) -> None:
     client = Client(true=replace(HELD, ambient=celsius), recorded=False)
     assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
-    assert client.ask(1, Instruction.PING).error == 0
+    assert client.answer(1, Instruction.PING).error == 0
     client.pass_time(1_000_000 * MS)
     assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
 

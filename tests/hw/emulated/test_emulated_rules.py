@@ -125,11 +125,11 @@ def test_what_is_refused_says_why_and_changes_nothing(
 def test_a_write_over_several_registers_is_all_or_nothing() -> None:
     client = Client()
     goals = (50).to_bytes(2, "little") + (201).to_bytes(4, "little")  # velocity beyond its limit
-    reply = client.ask(1, Instruction.WRITE, GOAL_CURRENT.to_bytes(2, "little") + goals)
+    reply = client.answer(1, Instruction.WRITE, GOAL_CURRENT.to_bytes(2, "little") + goals)
     assert reply.error == ErrorCode.DATA_LIMIT
     assert client.read(1, GOAL_CURRENT, 2) == 1193
     goals = (50).to_bytes(2, "little") + (200).to_bytes(4, "little")
-    reply = client.ask(1, Instruction.WRITE, GOAL_CURRENT.to_bytes(2, "little") + goals)
+    reply = client.answer(1, Instruction.WRITE, GOAL_CURRENT.to_bytes(2, "little") + goals)
     assert reply.error == 0
     assert client.read(1, GOAL_CURRENT, 2) == 50
     assert client.read(1, GOAL_VELOCITY, 4) == 200
@@ -145,7 +145,7 @@ def test_a_write_over_several_registers_is_all_or_nothing() -> None:
     ],
 )
 def test_a_read_that_cannot_be_carries_an_error_and_no_data(params: str, error: ErrorCode) -> None:
-    reply = Client().ask(1, Instruction.READ, bytes.fromhex(params))
+    reply = Client().answer(1, Instruction.READ, bytes.fromhex(params))
     assert (reply.error, reply.params) == (error, b"")
 
 
@@ -155,7 +155,7 @@ def test_block_read_is_one_instant() -> None:
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 100, 2)
     client.pass_time(50 * MS)
-    reply = client.ask(1, Instruction.READ, bytes([TICK, 0, 27, 0]))
+    reply = client.answer(1, Instruction.READ, bytes([TICK, 0, 27, 0]))
     sampled = client.clock.now_ns() - (11 + 27) * 2_500
     fields = [
         int.from_bytes(reply.params[a:b], "little", signed=a in (4, 6, 8, 12))
@@ -339,7 +339,7 @@ def test_return_delay(value: int) -> None:
 def test_a_voltage_out_of_limits_raises_the_alert_but_answers_go_on() -> None:
     client = Client()
     assert client.write(1, MIN_VOLTAGE, 130, 2) == ALERT  # present: 12.0 V
-    reply = client.ask(1, Instruction.READ, bytes([ERRORS, 0, 1, 0]))
+    reply = client.answer(1, Instruction.READ, bytes([ERRORS, 0, 1, 0]))
     assert (reply.error, reply.params) == (ALERT, b"\x01")
     client.write(1, MIN_VOLTAGE, 95, 2)
     assert client.read(1, ERRORS, 1) == 1  # latched
@@ -363,7 +363,7 @@ def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time() -> None:
     client = Client()
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 50, 2)
-    assert client.ask(1, Instruction.REBOOT).error == 0
+    assert client.answer(1, Instruction.REBOOT).error == 0
     assert client.torque() == 0.0
     assert client.ask(1, Instruction.PING) is None
     client.pass_time(500 * MS)
@@ -376,9 +376,9 @@ def test_reboot_drops_torque_and_ram_keeps_eeprom_and_takes_time() -> None:
 def test_reg_write_waits_for_action() -> None:
     client = Client()
     client.enable_current_mode()
-    assert client.ask(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
+    assert client.answer(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
     goal = bytes([GOAL_CURRENT, 0, 40, 0])
-    assert client.ask(1, Instruction.REG_WRITE, goal).error == 0
+    assert client.answer(1, Instruction.REG_WRITE, goal).error == 0
     assert client.read(1, 69, 1) == 1
     assert client.torque() == 0.0
     client.send(0xFE, Instruction.ACTION)
@@ -386,7 +386,7 @@ def test_reg_write_waits_for_action() -> None:
     assert client.torque() == pytest.approx(40 * TORQUE_UNIT)
     assert client.read(1, 69, 1) == 0
     refused = bytes([GOAL_CURRENT, 0, 0xFF, 0x7F])
-    assert client.ask(1, Instruction.REG_WRITE, refused).error == ErrorCode.DATA_LIMIT
+    assert client.answer(1, Instruction.REG_WRITE, refused).error == ErrorCode.DATA_LIMIT
 
 
 def test_xl430_has_no_current_mode() -> None:
@@ -423,10 +423,10 @@ def test_every_model_can_be_emulated_at_every_firmware(name: str) -> None:
     constant = replace(FREE, torque_constant=1.0)
     for firmware in (36, 38, 44, 46, 53):
         client = Client((name, 1), true=constant, firmware=firmware)
-        reply = client.ask(1, Instruction.PING)
+        reply = client.answer(1, Instruction.PING)
         assert reply.params == MODELS[name].number.to_bytes(2, "little") + bytes([firmware])
         size = max(r.address + r.size for r in MODELS[name].registers_at(firmware).values())
-        table = client.ask(1, Instruction.READ, bytes(2) + size.to_bytes(2, "little")).params
+        table = client.answer(1, Instruction.READ, bytes(2) + size.to_bytes(2, "little")).params
         for register in MODELS[name].registers_at(firmware).values():
             if register.eeprom and register.name not in ("id", "baud_rate", "return_delay_time"):
                 value = register.decode(table[register.address : register.address + register.size])

@@ -23,6 +23,7 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.emulated.server import PseudoTerminal
+from tests.typed import not_none
 
 pytestmark = pytest.mark.realtime
 
@@ -49,21 +50,23 @@ def emulate(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
         text=True,
     )
     try:
-        ready, _, _ = select.select([process.stdout], [], [], WAIT_S)
+        ready, _, _ = select.select([not_none(process.stdout)], [], [], WAIT_S)
         assert ready, "the emulated bus did not start"
-        yield process, process.stdout.readline().strip()
+        yield process, not_none(process.stdout).readline().strip()
     finally:
         process.terminate()
         process.wait(WAIT_S)
-        process.stdout.close()
-        process.stdin.close()
+        not_none(process.stdout).close()
+        not_none(process.stdin).close()
 
 
-class PatientPort(dynamixel_sdk.PortHandler):
+class PatientPort(dynamixel_sdk.PortHandler):  # type: ignore[misc]
     """The SDK gives a reply 34 ms; a busy test machine may need more."""
 
+    patience_ms = 2_000
+
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802, ARG002
-        self.setPacketTimeoutMillis(2_000)
+        self.setPacketTimeoutMillis(self.patience_ms)
 
 
 @contextmanager
@@ -77,7 +80,7 @@ def sdk(path: str, baud: int = BAUD) -> Iterator[tuple[PatientPort, Protocol2Pac
         port.closePort()
 
 
-def ask(descriptor: int, frame: bytes, within_s: float) -> Frame:
+def ask(descriptor: int, frame: bytes, within_s: float) -> Frame | None:
     """The first reply that comes in time."""
     parser = Parser()
     os.write(descriptor, frame)
@@ -165,7 +168,7 @@ def test_terminal_is_raw_and_clients_come_and_go_at_their_speed() -> None:
             finally:
                 os.close(terminal)
         with sdk(path, 57_600) as (port, sdk2):
-            port.setPacketTimeout = lambda _: port.setPacketTimeoutMillis(100)
+            port.patience_ms = 100
             assert sdk2.ping(port, 1)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
         with sdk(path, 1_000_000) as (port, sdk2):
             assert sdk2.ping(port, 1) == (1020, 0, 0)
@@ -175,11 +178,11 @@ def test_terminal_is_raw_and_clients_come_and_go_at_their_speed() -> None:
 
 def tell(process: subprocess.Popen[str], line: str) -> str:
     """Say it on standard input; what is said on standard output when it is done."""
-    process.stdin.write(line + "\n")
-    process.stdin.flush()
-    ready, _, _ = select.select([process.stdout], [], [], WAIT_S)
+    not_none(process.stdin).write(line + "\n")
+    not_none(process.stdin).flush()
+    ready, _, _ = select.select([not_none(process.stdout)], [], [], WAIT_S)
     assert ready
-    return process.stdout.readline().strip()
+    return not_none(process.stdout).readline().strip()
 
 
 def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path: Path) -> None:
@@ -187,7 +190,7 @@ def test_the_vendors_sdk_meets_faults_given_at_start_and_while_it_runs(tmp_path:
     record = tmp_path / "record.csv"
     given = ("--fault", "drop:way=reply,every=5", "--seed", "7", "--record", str(record))
     with emulate(*given) as (process, path), sdk(path) as (port, sdk2):
-        port.setPacketTimeout = lambda _: port.setPacketTimeoutMillis(200)
+        port.patience_ms = 200
         results = [sdk2.ping(port, 1)[1] for _ in range(10)]
         timeout, ok = dynamixel_sdk.COMM_RX_TIMEOUT, dynamixel_sdk.COMM_SUCCESS
         assert results == ([ok] * 4 + [timeout]) * 2
@@ -222,7 +225,7 @@ def test_the_adapters_timer_is_what_a_reply_waits_for(tmp_path: Path) -> None:
             assert ask(terminal, PING, WAIT_S) is not None
         assert time.monotonic() - begun > 9 * 0.04
         os.write(terminal, encode(1, Instruction.READ, bytes([0, 0, 80, 0])))  # 91 bytes
-        parts = []
+        parts: list[int] = []
         while sum(parts) < 91:
             assert select.select([terminal], [], [], WAIT_S)[0]
             parts.append(len(os.read(terminal, 1000)))
@@ -240,7 +243,7 @@ def test_an_unplugged_adapter_hangs_up_and_the_link_leads_to_the_new_one(tmp_pat
         hung_up = select.poll()
         hung_up.register(terminal, 0)
         assert hung_up.poll(WAIT_S * 1e3)[0][1] & select.POLLHUP
-        new_path = process.stdout.readline().strip()
+        new_path = not_none(process.stdout).readline().strip()
         assert str(link.readlink()) == new_path
         again = os.open(link, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(again)
@@ -269,8 +272,8 @@ def test_it_dies_with_its_parent(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
-        assert process.stdout.readline().strip().isdecimal()
-        assert process.stdout.readline().startswith("/dev/pts/")
+        assert not_none(process.stdout).readline().strip().isdecimal()
+        assert not_none(process.stdout).readline().startswith("/dev/pts/")
         assert link.is_symlink()
         process.kill()
     deadline = time.monotonic() + WAIT_S

@@ -12,11 +12,11 @@ RATIOS = [0.0, 1e-6, 0.3, 0.9, 1 - 1e-9, 1.0, 1 + 1e-9, 1.1, 1.1546, 1.1548, 2.0
 RADIANS = [1e-3, 0.1, 0.499, 0.501, 0.999, 1.001, 3.0, 20.0]
 
 
-def exact(decay: float, spring: float, time: float) -> tuple[float, ...]:
+def exact(decay_1_s: float, spring_1_s2: float, time_s: float) -> tuple[float, ...]:
     """h', h and its two integrals, term by term."""
     with localcontext() as context:
         context.prec = 200
-        decay, spring, t = Decimal(decay), Decimal(spring), Decimal(time)
+        decay, spring, t = Decimal(decay_1_s), Decimal(spring_1_s2), Decimal(time_s)
         before, term = Decimal(0), Decimal(1)  # n! times the coefficients of h at n = 0, 1
         power = Decimal(1)  # t^n / n! for the present n
         h1, h, s, r = Decimal(1), t, t * t / 2, t**3 / 6

@@ -25,6 +25,7 @@ from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from scripts.ordinary_servos import Effects, ordinary
+from tests.typed import status_of
 
 ROOT = Path(__file__).parents[4]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
@@ -38,7 +39,7 @@ def call(*words):
     try:
         return main([str(word) for word in words])
     except SystemExit as ended:
-        return ended.code
+        return status_of(ended)
     finally:
         gc.enable()  # a run switches it off
         gc.unfreeze()
