@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final, Literal
 
 EMULATED: Final = "emulated"
@@ -50,14 +50,9 @@ class TrueServo:
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSettings:
-    """The configuration of a servo; a backend uses the fields it knows.
+class DriverSettings:
+    """The part of a servo's settings that a driver may know: nothing of a simulated truth."""
 
-    Further settings of another distribution's backend are in ``options``.
-    """
-
-    backend: str = "simulated"
-    """Name of the backend that opens it"""
     port: str = ""
     """Device path; empty: none, which for an emulated servo means a bus in memory"""
     baud: int = 0
@@ -77,12 +72,24 @@ class ServoSettings:
     probe_direction: int = -1
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
-    """Of the loop that will drive it [s]"""
+    """Of the loop that will drive it [s]: limits the additional bytes beside a sample"""
     max_speed: float | None = 0.0
     """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
     ``Facts.fastest``"""
     speed_asked: bool = False
-    """A user has set ``max_speed``"""
+    """A user has set ``max_speed``: the start-up reports where it is above the servo's no-load
+    speed"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSettings(DriverSettings):
+    """The configuration of a servo; a backend uses the fields it knows.
+
+    Further settings of another distribution's backend are in ``options``.
+    """
+
+    backend: str = "simulated"
+    """Name of the backend that opens it"""
     true: TrueServo | None = None
     """True parameters of a simulated or emulated servo; None: it is real"""
     faults: tuple[str, ...] = ()
@@ -91,3 +98,8 @@ class ServoSettings:
     """Seed of those faults' random choices"""
     options: Any = None
     """The backend's own settings, an instance of its ``options``; None: it has none"""
+
+    def driver(self) -> DriverSettings:
+        """Return the driver's part."""
+        names = (part.name for part in fields(DriverSettings))
+        return DriverSettings(**{name: getattr(self, name) for name in names})

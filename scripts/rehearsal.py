@@ -14,7 +14,6 @@ from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -104,7 +103,7 @@ def rehearse(
             adapter=None if adapter is None else Adapter(*adapter, 0),
         )
         buses.append(bus)
-        return DynamixelServo(DynamixelSettings.of(settings), MemoryLine(bus, clock))
+        return DynamixelServo(settings.driver(), MemoryLine(bus, clock))
 
     def tell(text: str) -> None:
         if "torque is on" in text:

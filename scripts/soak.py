@@ -14,7 +14,6 @@ from scipy.stats import binom
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Parser, encode_status
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.damage import Passage
@@ -22,7 +21,7 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import DriverSettings, TrueServo
 
 DAMAGE = (
     "drop:p=0.01,way=reply",
@@ -48,7 +47,7 @@ PERIOD_NS = 1_000_000
 COLLECT_NS = 800_000
 MAX_SPEED = 15.0
 TRUE = TrueServo(inertia=0.011951, damping=0.011692, coulomb=0.09039)
-SETTINGS = DynamixelSettings(
+SETTINGS = DriverSettings(
     port="", baud=4_000_000, id=1, model="XM430-W350", max_speed=MAX_SPEED, watchdog_s=0.04
 )
 CRC_PASSES = 2.0**-16

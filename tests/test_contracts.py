@@ -74,7 +74,7 @@ def test_opening_loads_only_what_is_opened() -> None:
         "from haptic_wall.hw.open import open_servo\n"
         "from haptic_wall.hw.settings import ServoSettings\n"
         "with contextlib.suppress(PortError):\n"
-        "    settings = ServoSettings('dynamixel', '/dev/none', 57600, 1, 'XM430-W350')\n"
+        "    settings = ServoSettings('/dev/none', 57600, 1, 'XM430-W350', backend='dynamixel')\n"
         "    open_servo(settings, MonotonicClock())"
     )
     assert "haptic_wall.hw.dynamixel.servo" in real

@@ -32,7 +32,6 @@ from haptic_wall.hw.dynamixel.examine.replies import Replies
 from haptic_wall.hw.dynamixel.examine.search import FoundServo, opened
 from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
 from haptic_wall.hw.errors import (
     PortBusyError,
@@ -41,7 +40,7 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
 _CABLE: Final = "check the cable and the power supply"
 _OF_THE_SERVO: Final = ("model", "firmware", "registers")
@@ -77,7 +76,7 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     settings = config.servo_settings()
     if config.servo.backend == "dynamixel":
         with _port_of(config, settings) as path:
-            checkup.bus(replace(DynamixelSettings.of(settings), port=path))
+            checkup.bus(replace(settings.driver(), port=path))
     else:
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
@@ -114,7 +113,7 @@ class _Checkup:
 
     # The bus
 
-    def bus(self, settings: DynamixelSettings) -> None:
+    def bus(self, settings: DriverSettings) -> None:
         """Run all checks from the port to the processor."""
         self._tell(f"port {settings.port}")
         self._add(*examine_port(settings.port))
@@ -135,7 +134,7 @@ class _Checkup:
             measured = measure(self._config, None)
         self.machine(measured)
 
-    def _servo(self, settings: DynamixelSettings) -> dict[str, Any] | None:
+    def _servo(self, settings: DriverSettings) -> dict[str, Any] | None:
         """Run the servo's checks; return the measurements, if possible."""
         try:
             found = self._locator.find(settings)
@@ -164,7 +163,7 @@ class _Checkup:
 
     # The servo
 
-    def _set_up(self, settings: DynamixelSettings, found: FoundServo) -> bool:
+    def _set_up(self, settings: DriverSettings, found: FoundServo) -> bool:
         """Check model, firmware and registers; return whether torque is off, for the timing."""
         model = self._model(settings, found)
         if model is None:
@@ -185,7 +184,7 @@ class _Checkup:
         self._add(*(judgement.finding for judgement in judged))
         return next(j.finding.ok for j in judged if j.finding.name == "torque")
 
-    def _model(self, settings: DynamixelSettings, found: FoundServo) -> Model | None:
+    def _model(self, settings: DriverSettings, found: FoundServo) -> Model | None:
         """Return the found model, judged against the configured one; None: unknown."""
         model = model_by_number(found.model_number)
         number = found.model_number
@@ -234,7 +233,7 @@ class _Checkup:
         return level > 0
 
     def _judge(
-        self, servo: ServoAccess, settings: DynamixelSettings, model: Model, firmware: int
+        self, servo: ServoAccess, settings: DriverSettings, model: Model, firmware: int
     ) -> list[Judgement]:
         constant = settings.torque_constant or model.torque_constant or 0.0
         examined = read_all(servo, model, firmware)

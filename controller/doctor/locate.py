@@ -20,10 +20,10 @@ from haptic_wall.hw.dynamixel.examine.search import (
     search,
 )
 from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
+from haptic_wall.hw.settings import DriverSettings
 
 
 class Locator:
@@ -52,7 +52,7 @@ class Locator:
         self._consent = consent
         self._change_baud = change_baud
 
-    def find(self, settings: DynamixelSettings) -> FoundServo | None:
+    def find(self, settings: DriverSettings) -> FoundServo | None:
         """Return where the servo replies: at the configured rate, else at another; None: nowhere.
 
         Args:
@@ -102,7 +102,7 @@ class Locator:
         self._add(Finding("servo answers", False, found, wanted, fix))
         return None
 
-    def _look(self, settings: DynamixelSettings) -> BaudSearch:
+    def _look(self, settings: DriverSettings) -> BaudSearch:
         """Search at the configured rate; with the port open, check its latency timer as well."""
         try:
             with opened(settings.port, settings.baud, self._clock) as line:
@@ -118,7 +118,7 @@ class Locator:
             return BaudSearch(settings.baud, [], 0, str(error))
 
     def _elsewhere(
-        self, settings: DynamixelSettings, found: FoundServo, wanted: str, refused: bool
+        self, settings: DriverSettings, found: FoundServo, wanted: str, refused: bool
     ) -> FoundServo:
         """Report that the servo replies at another rate, and change its rate on request.
 
@@ -142,9 +142,7 @@ class Locator:
         self._add(Finding("servo answers", False, f"at {found.baud} bit/s", wanted, fix))
         return found
 
-    def _set_baud(
-        self, settings: DynamixelSettings, found: FoundServo
-    ) -> tuple[Change, FoundServo]:
+    def _set_baud(self, settings: DriverSettings, found: FoundServo) -> tuple[Change, FoundServo]:
         """Write Baud Rate, and find the servo again."""
         name, before = "baud rate", str(found.baud)
         model = model_by_number(found.model_number)

@@ -17,7 +17,7 @@ from haptic_wall.hw.settings import ServoSettings, TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.hw.dynamixel.line import Line
-    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
+    from haptic_wall.hw.settings import DriverSettings
 
 EMULATED_FIRMWARE: Final = 48
 """Of the emulated servo in memory: knows everything the driver wants of a servo"""
@@ -62,9 +62,8 @@ def _open_port(settings: ServoSettings) -> int:
 
 def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Servo:
     from haptic_wall.hw.dynamixel.servo import DynamixelServo
-    from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 
-    driver = DynamixelSettings.of(settings)
+    driver = settings.driver()
     if descriptor is None and not settings.port and settings.true is not None:
         if not isinstance(clock, SimulatedClock):
             raise PortError(
@@ -85,7 +84,7 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
 
 
 def _memory_line(
-    settings: ServoSettings, driver: DynamixelSettings, true: TrueServo, clock: SimulatedClock
+    settings: ServoSettings, driver: DriverSettings, true: TrueServo, clock: SimulatedClock
 ) -> Line:
     """An emulated bus in memory with the configured servo on it."""
     from haptic_wall.hw.dynamixel.drivable import drivable

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.settings import DriverSettings
 
 
-def drivable(settings: DynamixelSettings) -> tuple[Model, float]:
+def drivable(settings: DriverSettings) -> tuple[Model, float]:
     """Return the configured model, and its torque constant [N·m/A].
 
     Raises:

@@ -15,10 +15,10 @@ from typing import Final
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.together import Together, Way
 from haptic_wall.hw.errors import ServoError, UnfitServoError
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.settings import DriverSettings
 
 _TRIES: Final = 3
 _PATIENCE_NS: Final = 20_000_000
@@ -35,7 +35,7 @@ class DynamixelGroup:
         UnfitServoError: Two have the same id, or a model cannot be driven in torque.
     """
 
-    def __init__(self, settings: Sequence[DynamixelSettings], line: Line) -> None:
+    def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
         ids = [one.id for one in settings]
         if not ids or len(set(ids)) != len(ids):
             raise UnfitServoError(

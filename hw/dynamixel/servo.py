@@ -15,7 +15,6 @@ from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
@@ -30,6 +29,7 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.servo import Bus, BusCounts, Check, Facts, Outcome, Reading
+from haptic_wall.hw.settings import DriverSettings
 
 _NAN: Final = math.nan
 _REPLY_PATIENCE: Final = 1.5
@@ -45,7 +45,7 @@ class DynamixelServo:
     trouble: str
     """See ``HasTrouble``"""
 
-    def __init__(self, settings: DynamixelSettings, line: Line) -> None:
+    def __init__(self, settings: DriverSettings, line: Line) -> None:
         """Take over ``line``; ``close`` closes it. Nothing is sent yet.
 
         Raises:

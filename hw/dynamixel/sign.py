@@ -9,17 +9,17 @@ from haptic_wall.hw.dynamixel.checklist import Checklist
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import Push, probe_sign
 from haptic_wall.hw.dynamixel.sdk import Table
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
+from haptic_wall.hw.settings import DriverSettings
 
 _PUSHES: Final = 3
 """Number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
 
 
 def prove_the_sign(
-    settings: DynamixelSettings,
+    settings: DriverSettings,
     law: TorqueLaw,
     current_limit: int,
     table: Table,

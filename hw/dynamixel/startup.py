@@ -25,13 +25,13 @@ from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.sdk import Sdk, Table
 from haptic_wall.hw.dynamixel.serial_line import FdLine
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.servo import Check, Outcome
+from haptic_wall.hw.settings import DriverSettings
 
 _SAMPLE_PATIENCE_NS: Final = 40_000_000
 _SAMPLE_ATTEMPTS: Final = 3
@@ -71,7 +71,7 @@ class Startup:
 
     def __init__(
         self,
-        settings: DynamixelSettings,
+        settings: DriverSettings,
         model: Model,
         line: Line,
         link: Link,

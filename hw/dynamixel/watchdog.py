@@ -7,10 +7,10 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
+from haptic_wall.hw.settings import DriverSettings
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
@@ -35,7 +35,7 @@ class Armed(Enum):
     """The servo does not reply"""
 
 
-def watchdog_units(settings: DynamixelSettings) -> int:
+def watchdog_units(settings: DriverSettings) -> int:
     """Return the configured Bus Watchdog in the register's unit.
 
     Raises:

@@ -6,10 +6,10 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock, Suspension
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_UNIT_NS
 from haptic_wall.hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
 from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.settings import DriverSettings
 
 _NEVER_NS: Final = 1 << 62
 
@@ -39,7 +39,7 @@ class WatchdogMonitor:
         "most_ns",
     )
 
-    def __init__(self, settings: DynamixelSettings, link: Link, clock: Clock, name: str) -> None:
+    def __init__(self, settings: DriverSettings, link: Link, clock: Clock, name: str) -> None:
         self._units = watchdog_units(settings)
         self._watchdog_s = settings.watchdog_s
         self._link = link

@@ -201,7 +201,7 @@ def test_a_simulated_servo_has_no_port_and_ends_with_its_process() -> None:
 
 
 def test_a_real_servo_without_a_port_is_never_said_to_be_off() -> None:
-    settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350")
+    settings = ServoSettings("", 4_000_000, 1, "XM430-W350", backend="dynamixel")
     assert cut_torque(settings, None, MonotonicClock()) is False
     with pytest.raises(PortError, match="No serial port"):
         open_servo(settings, MonotonicClock())

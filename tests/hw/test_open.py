@@ -27,7 +27,7 @@ TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
 def settings(
     port: str = "", true: TrueServo | None = None, servo_id: int = 1, model: str = "XM430-W350"
 ) -> ServoSettings:
-    return ServoSettings("dynamixel", port, 4_000_000, servo_id, model, true=true)
+    return ServoSettings(port, 4_000_000, servo_id, model, true=true, backend="dynamixel")
 
 
 @pytest.fixture
@@ -102,7 +102,8 @@ def test_whoever_opens_a_port_can_cut_the_torque_without_loading_anything(silent
         "from haptic_wall.hw.clock import MonotonicClock\n"
         "from haptic_wall.hw.open import cut_torque, open_port\n"
         "from haptic_wall.hw.settings import ServoSettings\n"
-        f"settings = ServoSettings('dynamixel', {silent_port!r}, 4_000_000, 1, 'XM430-W350')\n"
+        f"settings = ServoSettings({silent_port!r}, 4_000_000, 1, 'XM430-W350',"
+        " backend='dynamixel')\n"
         "port = open_port(settings)\n"
         "before = set(sys.modules)\n"
         "cut_torque(settings, port, MonotonicClock())\n"

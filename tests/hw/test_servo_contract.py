@@ -28,5 +28,5 @@ class TestDynamixelInMemory(ServoContract):
     def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)
         true = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
-        settings = ServoSettings("dynamixel", "", 4_000_000, 1, "XM430-W350", true=true)
+        settings = ServoSettings("", 4_000_000, 1, "XM430-W350", true=true, backend="dynamixel")
         return Rig(open_servo(settings, clock), clock)

@@ -15,7 +15,7 @@ from haptic_wall.hw.errors import ServoMissingError
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import ServoSettings
 
-SETTINGS = ServoSettings("line", torque_limit=0.8, options=LineOptions(COUNTS_PER_REV))
+SETTINGS = ServoSettings(backend="line", torque_limit=0.8, options=LineOptions(COUNTS_PER_REV))
 
 
 class MemoryLine:

@@ -7,16 +7,15 @@ from dataclasses import replace
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo, TrueState
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import DriverSettings, TrueServo
 
 BAUD = 4_000_000
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
-SETTINGS = DynamixelSettings(port="", baud=BAUD, id=1, model="XM430-W350")
+SETTINGS = DriverSettings(port="", baud=BAUD, id=1, model="XM430-W350")
 
 
 class SpyLine:

@@ -12,7 +12,6 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.line import Line
-from haptic_wall.hw.dynamixel.settings import DynamixelSettings
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.dynamixel.together import Together, Way
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -20,7 +19,7 @@ from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.servo import Outcome, Reading
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import DriverSettings, TrueServo
 from tests.hw.dynamixel.lines import US, Fate, TroubledLine
 
 MODEL = "XM430-W350"
@@ -65,7 +64,7 @@ class Bench:
         self.bus = EmulatedBus(self.truths, baud=4_000_000, start_ns=self.clock.now_ns())
         self.line = Spy(MemoryLine(self.bus, self.clock))
         settings = [
-            DynamixelSettings("", 4_000_000, n, model, max_speed=15.0, watchdog_s=0.2)
+            DriverSettings("", 4_000_000, n, model, max_speed=15.0, watchdog_s=0.2)
             for n, model in enumerate(models, start=1)
         ]
         self.group = DynamixelGroup(settings, self.line)
@@ -254,7 +253,7 @@ def test_a_start_that_fails_leaves_no_torque_on() -> None:
 
 def test_two_servos_with_one_id_are_refused() -> None:
     bench = Bench([48])
-    settings = DynamixelSettings("", 4_000_000, 1, MODEL)
+    settings = DriverSettings("", 4_000_000, 1, MODEL)
     with pytest.raises(UnfitServoError, match="give each another"):
         DynamixelGroup([settings, settings], bench.line)
 
