@@ -23,13 +23,13 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 import numpy as np
 
 from haptic_wall.controller.theory import max_virtual_damping
-from haptic_wall.controller.theory.one_sided_fill import computed_share, parts
 from haptic_wall.controller.theory.one_sided_table import (
     MAX_DELTA,
     MAX_OF_CEILING,
     TABLE,
     tabulated_share,
 )
+from scripts.one_sided_fill import computed_share, parts
 
 CHECKED = 20_000
 DELAYS = ((0.0, 1.0), (1.0, 5.0), (5.0, 60.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -24,17 +24,7 @@ from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
 from haptic_wall.controller.theory.ranges import Member, Ranges
 from haptic_wall.hw.dynamixel.wire import cycle_s
 
-_CHANGES: tuple[Change, ...] = (
-    "virtual_damping",
-    "delay",
-    "rate",
-    "damping",
-    "baud",
-    "latency_timer",
-    "encoder",
-    "two_sided",
-    "belief",
-)
+_CHANGES: tuple[Change, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
 
 
 def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:

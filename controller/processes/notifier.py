@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import threading
 from queue import SimpleQueue
-from types import TracebackType
 
 from haptic_wall.controller.processes.plan import Tell
 
@@ -38,12 +37,7 @@ class Notifier:
     def __enter__(self) -> Notifier:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Wait until all messages are passed on."""
         self._texts.put(None)
         if self._thread is not None:

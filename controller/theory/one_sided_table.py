@@ -12,7 +12,7 @@ coordinates that make interpolation easy:
 
 The stored values are lowered until the interpolation lies below the computed limit. Cells where
 that costs more than a few per cent are left out, and there the limit is computed.
-``one_sided_fill`` makes the table.
+``scripts/study one_sided_table`` makes the table.
 """
 
 from __future__ import annotations

@@ -16,7 +16,6 @@ import tty
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -58,12 +57,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         self._untouched_speed: int | None = None
         self._open()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __enter__(self) -> Self:
