@@ -36,13 +36,13 @@ FunctionDef = ast.FunctionDef | ast.AsyncFunctionDef
 
 @dataclass
 class Module:
-    """What one file defines and imports."""
+    """Definitions and imports of one file."""
 
     name: str
     bodies: dict[str, list[ast.AST]] = field(default_factory=lambda: defaultdict(list))
     """The code of each name"""
     imported: dict[str, Node] = field(default_factory=dict)
-    """What a local name stands for"""
+    """The object that a local name stands for"""
     foreign: set[str] = field(default_factory=set)
     """Classes with a base from outside, which may call any of their methods"""
 
@@ -268,7 +268,7 @@ def entry_points() -> Iterator[Node]:
 
 
 def public(module: str) -> list[str]:
-    """What a module exports."""
+    """Names that a module exports."""
     path = ROOT.joinpath(*module.split(".")[1:])
     source = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     tree = ast.parse(source.read_text(encoding="utf-8"))

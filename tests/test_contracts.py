@@ -1,4 +1,4 @@
-"""Which part of the program may know of which: by what is imported, and by what gets loaded."""
+"""Parts of the program know only those they may: by imports, and by loaded modules."""
 
 from __future__ import annotations
 

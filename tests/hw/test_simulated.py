@@ -1,4 +1,4 @@
-"""What is particular to the simulated servo; what it shares is in the contract tests."""
+"""The simulated servo's own behaviour; the contract tests hold the shared one."""
 
 import math
 import random

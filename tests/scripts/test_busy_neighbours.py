@@ -1,4 +1,4 @@
-"""What the table of runs beside busy processes says of reports."""
+"""The table of runs beside busy processes describes their reports."""
 
 from scripts.studies.busy_neighbours import Run, cells, of_report
 

@@ -1,4 +1,4 @@
-"""What the table of runs in a second terminal says of reports."""
+"""The table of runs in a second terminal describes their reports."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the tests of trials ask besides what the trials report."""
+"""Quantities that the tests of trials need beyond a trial's report."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def test_above_the_lowest_speed_none_comes_back_faster_and_below_some_do(
 
 
 def test_slow_contacts_come_back_faster_at_any_margin() -> None:
-    """What the limit alone does not promise."""
+    """Below the limit alone, the device may come back faster."""
     servos = one()
     for of_limit in (0.8, 0.4, 0.1):
         slow = returned(wall(servos, 0.1, of_limit), servos, np.array([0.01 * UNIT]))

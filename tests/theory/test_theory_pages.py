@@ -1,4 +1,4 @@
-"""What the pages on the theory show is what Python answers."""
+"""The pages on the theory show the answers that Python gives."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ QUICKER = 6.0
 """Ratio of the sweep's first frequency to its last"""
 STEP_S = 0.1
 """Half the length of a torque step [s]"""
-SWING_S = 1.2
-"""Duration of a free oscillation [s]"""
+RELEASE_S = 1.2
+"""Duration of a free oscillation after a release [s]"""
 _LOST = 2.0
 """Excursion at which the shaft is released, as a multiple of the reach. From one reach it is still
 brought back: a motion that was too large ends there, and a smaller one begins."""
@@ -96,7 +96,7 @@ def motions(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     return [
         *_shaking(guess, bounds, amplitude),
         *_steps(guess, bounds, amplitude),
-        *_swings(guess, bounds, amplitude),
+        *_releases(guess, bounds, amplitude),
     ]
 
 
@@ -142,7 +142,7 @@ def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     ]
 
 
-def _swings(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
+def _releases(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     """Return slow travel to each side, which shows friction alone, and a release at a spring."""
     width = min(12.0, bounds.speed / amplitude)
     spring = _spring(guess, bounds, width, friction_at=amplitude)
@@ -150,7 +150,7 @@ def _swings(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     for side in (1.0, -1.0):
         phases += [
             *_held(guess, bounds, side * amplitude),
-            Phase(SWING_S, stiffness=spring, reach=bounds.reach),
+            Phase(RELEASE_S, stiffness=spring, reach=bounds.reach),
         ]
     return [*phases, *_home(guess, bounds)]
 

@@ -28,7 +28,7 @@ class Board:
         self._on = False
 
     def take(self, data: bytes, now_ns: int) -> bytes:
-        """What it answers to these bytes."""
+        """Its answer to these bytes."""
         *lines, self._unread = (self._unread + data).split(b"\n")
         return b"".join(self._answer(*line.decode().split(), now_ns=now_ns) for line in lines)
 

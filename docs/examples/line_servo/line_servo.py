@@ -25,7 +25,7 @@ ANSWER_NS = 500_000_000
 
 @dataclass(frozen=True)
 class LineOptions:
-    """What ``servo.options`` may hold."""
+    """Contents of ``servo.options``."""
 
     counts_per_rev: int
     """Of the encoder on the board's shaft"""

@@ -1,4 +1,4 @@
-"""What each improvement buys, against the limits of the theory evaluated directly."""
+"""The gain of each improvement, against the limits of the theory evaluated directly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the guard promises one by one: clamps, names, reasons, modes, errors."""
+"""The guard's promises one by one: clamps, names, reasons, modes, errors."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class Bench:
         return self.truth.state(self.clock.now_ns())
 
     def found(self, name: str) -> str:
-        """What the start found for one check."""
+        """The start's finding for one check."""
         return next(check.found for check in self.servo.start() if check.name == name)
 
     def wait(self, seconds: float) -> None:

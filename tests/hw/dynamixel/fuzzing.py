@@ -1,4 +1,4 @@
-"""What must hold whatever bytes come: of the parser, and of the bus from the first byte on.
+"""Invariants under any bytes: of the parser, and of the bus from the first byte on.
 
 ``run`` takes any bytes as a programme, so that a fuzzer that knows nothing of frames finds its way
 past their checksums: good frames, damaged ones, noise and pauses, cut anywhere.

@@ -66,7 +66,7 @@ class ClockLine:
 
 
 Fate = Callable[[int, bytes], list[tuple[int, bytes]]]
-"""What becomes of a reply: its number and its bytes; to pieces with a further delay [ns] each."""
+"""Turns a reply, by its number and bytes, into pieces with a further delay [ns] each."""
 
 
 class TroubledLine:

@@ -361,7 +361,7 @@ def test_a_pause_is_got_over_with_lost_replies() -> None:
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 4])
 def test_an_ended_torque_is_not_brought_back_when_replies_are_lost_besides(lost: int) -> None:
-    """What the watchdog says is not known then, and clearing it would bring the wall back."""
+    """The watchdog's state is not known then, and clearing it would bring the wall back."""
     bench, servo, line = troubled(unharmed)
     servo.write(1.0)
     bench.wait(0.1)

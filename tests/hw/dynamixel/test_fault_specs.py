@@ -1,4 +1,4 @@
-"""What a SPEC asks for, and what is said of one that asks for nothing."""
+"""A SPEC is read as a fault; one that is no fault is refused with a reason."""
 
 import re
 from pathlib import Path

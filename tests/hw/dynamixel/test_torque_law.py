@@ -77,7 +77,7 @@ def test_a_held_shaft_feels_the_stiffness_asked_for(displacement: float) -> None
 
 @pytest.mark.parametrize("displacement", [0.06, 0.2, 0.7])
 def test_a_law_in_proportion_makes_the_wall_stiffer_than_asked(displacement: float) -> None:
-    """What the law is for: at x the spring is sqrt(stall torque / K x) times too stiff."""
+    """Without the law the spring at x is sqrt(stall torque / K x) times too stiff."""
     asked, _, acting = held_stiffness(displacement, in_proportion)
     too_stiff = math.sqrt(TORQUE / abs(asked))
     assert too_stiff > 1.5
