@@ -34,7 +34,7 @@ _POINT_S = 0.05
 _STEPS = (0, 1, 2, 3, 4, 5)
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
-"""Of a servo without friction, encoder and play, to which the kick does not matter [rad]."""
+"""Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
 _COLUMNS = (
     *("virtual_damping", "delay_steps", "delay_s", "kick_rad"),
@@ -80,9 +80,9 @@ def command(
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
-    The servo is what servo.* says it is (friction, encoder, play, torque limit, own delay); guard,
-    safety and the believed model take no part. A two-sided wall is kicked; a servo comes against a
-    one-sided wall and is returned.
+    The servo is what servo.* says it is (friction, encoder, backlash, torque limit, own delay);
+    guard, safety and the believed model take no part. A two-sided wall is kicked; a servo comes
+    against a one-sided wall and is returned.
     """
     from haptic_wall.controller.experiments.maps.maps import (
         MapInterruptedError,

@@ -118,7 +118,7 @@ class Servo(Section):
         0.0,
         ge=0,
         le=1,
-        description="True play between shaft and encoder, full width",
+        description="True backlash between shaft and encoder, full width",
         json_schema_extra=_facts("rad", _TRUTH),
     )
     supply: float | None = Field(

@@ -37,7 +37,7 @@ SERVOS: dict[str, tuple[str, ...]] = {
         "servo.torque_step=0.0008",
     ),
     "coarse encoder (1024)": ("servo.counts_per_rev=1024",),
-    "with 5 mrad of play": ("servo.backlash=0.005",),
+    "with 5 mrad of backlash": ("servo.backlash=0.005",),
 }
 PATIENT = (
     "servo.watchdog_s=2.54",

@@ -60,8 +60,8 @@ def simulated_critical_stiffness(
     amplitude of the oscillation. One-sided: the servo comes freely with the speed that the spring
     alone would stop after ``kick``; what grows is that speed, from entry to exit.
 
-    Without friction, quantisation, play and limit the kick does not matter. With them the result
-    is a property of the kick too.
+    Without friction, quantisation, backlash and limit the kick does not matter. With them the
+    result is a property of the kick too.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -71,7 +71,7 @@ def simulated_critical_stiffness(
         delay: t_d >= 0, from the sample to its torque acting [s].
         coulomb: Coulomb friction c >= 0 [N·m].
         position_step: Encoder count q >= 0 [rad]; 0: not quantised. The wall stands on a count.
-        backlash: Play between shaft and encoder, full width, >= 0 [rad].
+        backlash: Between shaft and encoder, full width, >= 0 [rad].
         torque_limit: [N·m], > 0; inf: none.
         one_sided: The wall never pulls.
         velocity_samples: N of the velocity difference, >= 1.
@@ -99,14 +99,14 @@ def simulated_critical_stiffness(
         velocity_samples=samples("velocity_samples", velocity_samples),
         kick=positive("kick", kick),
     )
-    m, b, big_b, t, t_d, c, q, play, limit, n, amplitude = (a.ravel() for a in arrays)
+    m, b, big_b, t, t_d, c, q, slack, limit, n, amplitude = (a.ravel() for a in arrays)
     whole, lag, rest = split_delay(t_d, t)
     walls = Walls(
         inertia=m,
         damping=b,
         coulomb=c,
         counts_per_radian=np.where(q > 0.0, 1.0 / np.where(q > 0.0, q, 1.0), 0.0),
-        backlash=play,
+        backlash=slack,
         torque_limit=limit,
         torque_step=np.zeros_like(m),
         stiffness=np.zeros_like(m),

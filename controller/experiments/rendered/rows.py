@@ -99,7 +99,7 @@ def stiffness_rows(
     lost = lost_motion(fit)
     rows.append(
         Comparison(
-            "lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: play"
+            "lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: backlash"
         )
     )
     return rows

@@ -33,6 +33,8 @@ _STRETCH = 1.05
 """Largest extrapolation of the growth beyond the observed amplitudes"""
 _BESIDE = 4
 """Number of trials nearest to the guess that define the observed amplitudes"""
+_LEVEL = 0.2
+"""Least slope of the growth at its zero, relative to that at the guess"""
 _FADED = 0.35
 """Fraction of the wanted amplitude below which friction and noise dominate"""
 
@@ -186,14 +188,11 @@ def _root(constant: float, slope: float, bend: float) -> float | None:
     """Return the nearest upward zero of the growth to the guess; None: none is near."""
     if slope <= 0.0:
         return None
-    x = -constant / slope
-    for _ in range(30):
-        steep = slope + 2.0 * bend * x
-        if steep <= 0.2 * slope:
-            # The curvature is only noise there: use the straight line.
-            x = -constant / slope
-            break
-        x -= (constant + slope * x + bend * x * x) / steep
+    squared = slope * slope - 4.0 * bend * constant
+    if squared <= (_LEVEL * slope) ** 2:  # the curvature is only noise: use the straight line
+        x = -constant / slope
+    else:
+        x = -2.0 * constant / (slope + math.sqrt(squared))
     return x if abs(x) < 1.5 else None
 
 

@@ -6,7 +6,7 @@ run at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 
@@ -14,9 +14,9 @@ from haptic_wall.controller.experiments.processes import cores, not_from_the_ter
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import (
-    HoldingSpring,
     Options,
     PlanePoint,
+    Reach,
     hold_spring,
     reach,
     trial_phase,
@@ -24,6 +24,7 @@ from haptic_wall.controller.experiments.sweep.plan import (
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.store import LOGS, SweepStore
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 
@@ -126,15 +127,11 @@ def measure(config: str, folder: Path, setting: PlanePoint, options: Options) ->
 def expected_s(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
     """Return the approximate duration of the points in real time [s]."""
     device = Device.of(config)
-    total = 0.0
-    for setting in settings:
-        delay = setting.delay_steps * device.period + device.lag
-        if device.exact(setting.virtual_damping, delay) <= 0.0:
-            continue
-        at = reach(device, setting, delay, options.kick)
-        trial = trial_phase(device, setting, delay, at.predicted, at.kick).seconds + _SETTLE_S
-        total += _RUNS * _START_S + (_TRIALS[0] + _TRIALS[1] * options.repeats) * trial
-    return total
+    trials = _TRIALS[0] + _TRIALS[1] * options.repeats
+    return sum(
+        _RUNS * _START_S + trials * (phase.seconds + _SETTLE_S)
+        for _, _, phase in _predicted(device, settings, options)
+    )
 
 
 def excursion(config: Config, settings: tuple[PlanePoint, ...], options: Options) -> float:
@@ -144,13 +141,19 @@ def excursion(config: Config, settings: tuple[PlanePoint, ...], options: Options
     """
     device = Device.of(config)
     furthest = 0.0
-    for setting in settings:
-        delay = setting.delay_steps * device.period + device.lag
-        if device.exact(setting.virtual_damping, delay) <= 0.0:
-            continue
-        at = reach(device, setting, delay, options.kick)
-        phase = trial_phase(device, setting, delay, at.predicted, at.kick)
-        hold: HoldingSpring = hold_spring(device, setting.delay_steps, device.period, at.kick)
+    for setting, at, phase in _predicted(device, settings, options):
+        hold = hold_spring(device, setting.delay_steps, device.period, at.kick)
         ratio = (at.predicted / hold.stiffness) ** 0.5
         furthest = max(furthest, (phase.reach or 0.0) * (1.0 + ratio) ** 0.5 + at.kick)
     return furthest
+
+
+def _predicted(
+    device: Device, settings: tuple[PlanePoint, ...], options: Options
+) -> Iterator[tuple[PlanePoint, Reach, Phase]]:
+    """Yield the points where some stiffness is stable, with their reach and a trial's phase."""
+    for setting in settings:
+        delay = setting.delay_steps * device.period + device.lag
+        if device.exact(setting.virtual_damping, delay) > 0.0:
+            at = reach(device, setting, delay, options.kick)
+            yield setting, at, trial_phase(device, setting, delay, at.predicted, at.kick)

@@ -176,7 +176,7 @@ def _boundary(points: list[Mapping[str, Any]], margin: float) -> Iterator[str]:
     if low:
         yield (
             f"Where they do not, the servo oscillates from {min(low):.2f} of the expected stiffness"
-            " on: something takes stability away that the model does not know (play, an elastic"
+            " on: something takes stability away that the model does not know (backlash, an elastic"
             f" coupling, a longer delay). Until it is found, set guard.margin to"
             f" {margin * min(low):.2g}."
         )
@@ -224,7 +224,7 @@ def unknown(report: Report) -> Iterator[str]:
         )
         yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
         if identify["backlash"] is None:
-            yield "Play between motor and shaft was not to be seen; a little may be there."
+            yield "Backlash between motor and shaft was not seen; a little may be there."
     for step in report["steps"]:
         if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
             yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
