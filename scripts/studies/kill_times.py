@@ -230,7 +230,7 @@ def lines(found: Found[tuple[str, int], Hit]) -> list[str]:
     return [
         *table([*head, "exit", "rows lost", "left"], *(cells(n, hits[n]) for n in names)),
         "",
-        "What the program says of it:",
+        "The program's messages:",
         "",
         *table(["shot", "what the program says"], *words),
         "",
