@@ -44,10 +44,12 @@ def held_response(delta: FloatArray, t: FloatArray | float) -> HeldResponse:
     argument = np.where(small, x, 0.0)
     series = np.zeros_like(argument)
     for coefficient in reversed(_SERIES):
-        series = series * argument + coefficient
-    closed = (x + exponential) / np.where(small, 1.0, divisor) ** 2
+        series *= argument  # in place: identification spends a good part of its time here
+        series += coefficient
+    if not np.all(small):
+        series = np.where(small, series, (x + exponential) / np.where(small, 1.0, divisor) ** 2)
     return HeldResponse(
         position_per_speed=t * np.where(tiny, 1.0, -exponential / divisor),
-        position_per_torque=t * t * np.where(small, series, closed),
+        position_per_torque=t * t * series,
         speed_per_speed=np.exp(-x),
     )

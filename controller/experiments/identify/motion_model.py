@@ -144,6 +144,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     held, lengths = np.moveaxis(torques, (2, 3), (0, 1)), np.moveaxis(lengths, (2, 3), (0, 1))
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
     half = np.broadcast_to(0.5 * parameters.backlash, speeds.shape)
+    loose = bool(np.any(half))
     drag, first = coulomb, coulomb
     if fading is not None:
         first = np.where(fading > _NO_SPEED, static, coulomb)
@@ -153,14 +154,19 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     out[0] = shown
     for k in range(held.shape[0]):
         for j in range(held.shape[1]):
-            u = held[k, j]
+            u, by_speed = held[k, j], phi[k, j]
             sign = np.sign(v)
-            sign = np.where(sign == 0.0, np.where(np.abs(u) > static, np.sign(u), 0.0), sign)
+            moving = bool(sign.all())
+            if not moving:
+                sign = np.where(sign == 0.0, np.where(np.abs(u) > static, np.sign(u), 0.0), sign)
             if fading is not None:
                 drag = coulomb + (first - coulomb) * np.exp(-np.abs(v) / fading)
-            push = np.where(sign == 0.0, 0.0, u - sign * drag) / inertia
-            end = v * kept[k, j] + push * phi[k, j]
-            moved = v * phi[k, j] + push * psi[k, j]
+            push = u - sign * drag
+            if not moving:
+                push[sign == 0.0] = 0.0
+            push /= inertia
+            end = v * kept[k, j] + push * by_speed
+            moved = v * by_speed + push * psi[k, j]
             turned = (end * sign < 0.0).nonzero()
             if turned[0].size:
                 rest, moved[turned], end[turned] = _through_rest(
@@ -170,11 +176,12 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
                     lengths[k, j][turned],
                     _breakaway(u[turned], first[turned], static[turned]) / inertia[turned],
                 )
-                at = x[turned] + rest
-                shown[turned] = np.clip(shown[turned], at - half[turned], at + half[turned])
+                if loose:
+                    at = x[turned] + rest
+                    shown[turned] = np.clip(shown[turned], at - half[turned], at + half[turned])
             x = x + moved
             v = end
-        shown = np.clip(shown, x - half, x + half)
+        shown = np.minimum(np.maximum(shown, x - half), x + half) if loose else x
         out[k + 1] = shown
     return np.moveaxis(out, 0, 2)
 
