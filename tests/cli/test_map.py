@@ -11,9 +11,10 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -25,6 +26,21 @@ from haptic_wall.controller.theory import critical_stiffness
 from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
+
+
+class Here(Executor):
+    """Computes in this process, as soon as it is asked."""
+
+    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        done = Future[Any]()
+        done.set_result(task(*args, **kwargs))
+        return done
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pool of processes has tests of its own, and one takes half a second to start."""
+    monkeypatch.setattr(maps, "critical_map", functools.partial(maps.critical_map, executor=Here()))
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

@@ -126,6 +126,17 @@ def after_long(loop, stiffness, kick, coulomb, play, turns=80):
     return found / kick
 
 
+def both_sides(loop, share, found, kick, coulomb, play):
+    """The amplitudes this share below and above the critical stiffness, of one simulation."""
+
+    def twice(value):
+        return np.tile(np.broadcast_to(value, found.shape), 2)
+
+    stiffness = np.concatenate([(1.0 - share) * found, (1.0 + share) * found])
+    loop = tuple(twice(value) for value in loop)
+    return np.split(after_long(loop, stiffness, twice(kick), twice(coulomb), twice(play)), 2)
+
+
 def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth() -> None:
     """At 5.9 N·m/rad the motion goes from 0.02 to 0.0265 rad, and stays."""
     loop, play, kick = (0.001483, 0.002747, 0.0508, 1e-3, 6.2e-3), 0.004, np.array([0.01, 0.02])
@@ -133,8 +144,9 @@ def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth() -
         *loop, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
     )
     assert found[1] == pytest.approx(5.57, rel=0.02)
-    assert np.all(after_long(loop, 0.96 * found, kick, 0.0, play) < 1.0)
-    assert np.all(after_long(loop, 1.04 * found, kick, 0.0, play) > 1.0)
+    below, above = both_sides(loop, 0.04, found, kick, 0.0, play)
+    assert np.all(below < 1.0)
+    assert np.all(above > 1.0)
     # A simulation that shares nothing with the program's.
     stiffness, one = np.array([0.96 * found[1], 1.04 * found[1], 5.9]), np.ones(3)
     m, b, virtual, _, delay = (value * one for value in loop)
@@ -165,8 +177,9 @@ def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
         found = simulated_critical_stiffness(
             *loop, coulomb=friction, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
         )
-        assert np.all(after_long(loop, 0.93 * found, kick, friction, play) < 1.02)
-        assert np.all(after_long(loop, 1.07 * found, kick, friction, play) > 0.98)
+        below, above = both_sides(loop, 0.07, found, kick, friction, play)
+        assert np.all(below < 1.02)
+        assert np.all(above > 0.98)
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero() -> None:

@@ -1,5 +1,6 @@
 """The whole controller on the simulated clock: deterministic, stable where the guard says so."""
 
+import gc
 import json
 import math
 import subprocess
@@ -10,6 +11,7 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
+from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
@@ -53,12 +55,22 @@ def run_command(folder, *arguments):
     )
 
 
+def call(arguments):
+    try:
+        return cli.main(arguments)
+    except SystemExit as ended:
+        return ended.code
+    finally:
+        gc.enable()  # a run switches it off
+        gc.unfreeze()
+
+
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path: Path) -> None:
     logs = []
-    for name in ("a.hwlog", "b.hwlog"):
+    for name, picture in (("a.hwlog", ["--plot", "p.png"]), ("b.hwlog", ["--no-plot"])):
         arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
-        done = run_command(tmp_path, *arguments, "--plot", "p.png", "--json")
+        done = run_command(tmp_path, *arguments, *picture, "--json")
         assert done.returncode == 0, done.stderr
         logs.append((tmp_path / name).read_bytes())
     assert logs[0] == logs[1]
@@ -432,17 +444,22 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.Mon
     [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
 )
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
-    tmp_path: Path, side, kick, where
+    side,
+    kick,
+    where,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    arguments = ["emulated-xm430", "--set", f"wall.side={side}", "--set", f"servo.kick={kick}"]
-    arguments += ["--set", "loop.clock=simulated", "--duration", "1"]
-    done = run_command(tmp_path, *arguments)
-    assert done.returncode == 3
-    assert done.stdout.startswith(f"run         THE WALL NEVER CAME ON: the shaft is {where}")
-    assert "2.99 turns" in done.stderr
-    done = run_command(tmp_path, *arguments, "--json")
-    assert done.returncode == 3
-    assert json.loads(done.stdout)["wall_came_on"] is False
+    arguments = ["run", "emulated-xm430", "--set", f"wall.side={side}", "--duration", "1"]
+    arguments += ["--set", f"servo.kick={kick}", "--set", "loop.clock=simulated", "--no-plot"]
+    monkeypatch.chdir(tmp_path)
+    assert call(arguments) == 3
+    out, said = capsys.readouterr()
+    assert out.startswith(f"run         THE WALL NEVER CAME ON: the shaft is {where}")
+    assert "2.99 turns" in said
+    assert call([*arguments, "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["wall_came_on"] is False
 
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
