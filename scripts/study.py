@@ -45,6 +45,10 @@ Found = Sequence[tuple[Case, Row]]
 """Each case with its row"""
 
 
+class NoPlaceError(LookupError):
+    """The page of a study, or the two comments of a part, are missing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Option:
     """An option of a study: an amount, a seed, a choice."""
@@ -190,12 +194,15 @@ def renewed(page: str, parts: dict[str, Iterable[str]]) -> str:
     """The page with some of its parts made anew.
 
     Raises:
-        LookupError: The page has no place for one of them.
+        NoPlaceError: The page has no place for one of them.
     """
     lacking = parts.keys() - {mark[2] for mark in PART.finditer(page)}
     if lacking:
         names = ", ".join(sorted(lacking))
-        raise LookupError(f"the page has no place for {names}: put the two comments into it")
+        raise NoPlaceError(
+            f"the page has no place for {names}: write <!-- computed: NAME --> and <!-- end -->"
+            " into it, on lines of their own"
+        )
 
     def part(mark: re.Match[str]) -> str:
         begin, name, old, end = mark.groups()
@@ -241,30 +248,41 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
             continue
         many = isinstance(each.usual, tuple)
         kind = type(each.usual[0] if many else each.usual)
-        about = f"{each.help} (usually {' '.join(map(str, each.usual)) if many else each.usual})"
+        default = " ".join(map(str, each.usual)) if many else str(each.usual)
+        about = f"{each.help} (default: {default})" if default else each.help
         parser.add_argument(
             flag, type=kind, nargs="+" if many else None, choices=each.choices, help=about
         )
     if any(each.quick is not None for each in study.options):
-        parser.add_argument("--quick", action="store_true", help="little of all")
+        parser.add_argument("--quick", action="store_true", help="small amounts, to try the study")
     names = [part.name for part in study.parts]
     if len(names) > 1:
         parser.add_argument(
-            "--only", nargs="+", choices=names, metavar="PART", help=f"of {', '.join(names)}"
+            "--only",
+            nargs="+",
+            choices=names,
+            metavar="PART",
+            help=f"compute only these: {', '.join(names)}",
         )
     parser.add_argument(
-        "--rows", type=Path, metavar="FILE", help="keeps rows as they come, and goes on from there"
+        "--rows",
+        type=Path,
+        metavar="FILE",
+        help="store each row as it is computed; a later call goes on from there",
     )
     parser.add_argument(
-        "--known", action="store_true", help="runs nothing: the page is made of the rows in FILE"
+        "--known", action="store_true", help="compute nothing: make the page from the rows in FILE"
     )
-    parser.add_argument("--workers", type=int, default=cores(), help="processes side by side")
+    parser.add_argument(
+        "--workers", type=int, default=cores(), help="parallel processes (default: one per core)"
+    )
     if any(part.examples for part in study.parts):
         parser.add_argument(
             "--examples", type=Path, metavar="FILE", help="where counter-examples are written"
         )
     page = ROOT / "docs" / study.page
-    parser.add_argument("--out", type=Path, default=page, metavar="FILE", help="the page")
+    about = f"page to write (default: docs/{study.page})"
+    parser.add_argument("--out", type=Path, default=page, metavar="FILE", help=about)
     return parser
 
 
@@ -278,6 +296,10 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
     command = _command(study, name, options)
     parts = [part for part in study.parts if part.name in (chosen.get("only") or part.name)]
     source = options.out if options.out.exists() else ROOT / "docs" / study.page
+    if not source.exists():
+        raise NoPlaceError(
+            f"docs/{study.page} does not exist: write it first, with a place for each part"
+        )
     text, holds = source.read_text(encoding="utf-8"), True
     renewed(text, dict.fromkeys((part.name for part in parts), ()))  # before the work
     kept, began, examples = Kept(options.rows), time.monotonic(), ""
@@ -338,7 +360,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     place = "scripts.studies" if (ROOT / "scripts/studies" / f"{name}.py").exists() else "scripts"
     module = importlib.import_module(f"{place}.{name}")
     if hasattr(module, "STUDY"):
-        return run(module.STUDY, name, module.__doc__ or "", rest)
+        try:
+            return run(module.STUDY, name, module.__doc__ or "", rest)
+        except NoPlaceError as error:
+            _say(f"scripts/study {name}: {error}")
+            return 2
     sys.argv = [f"scripts/study {name}", *rest]
     return module.main() or 0
 

@@ -59,18 +59,18 @@ _PAGE = Kind(
     "names",
     multiple=True,
     type=click.Choice(list(SECTIONS)),
-    help="Only this part (repeatable).",
+    help="Measure only this section (repeatable).",
 )
 @click.option(
     "--html",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write the report as one HTML page too, with histograms.",
+    help="Also write the report as one HTML page, with histograms.",
 )
 @force_option
 @json_option
 def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_wanted: bool) -> None:
-    """Measure how well this machine keeps time, computes limits, simulates walls, talks to servos.
+    """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
     Pieces of work that are compared take turns over several rounds; the figures are medians. Times
     are of this machine, now: nothing is asserted about another. A Ctrl-C ends it with a report of

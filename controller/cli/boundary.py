@@ -42,34 +42,50 @@ _WIDEST = 10_000
 
 @click.command()
 @click.option(
-    "--servo", "servo_name", metavar="NAME", help="A servo identified elsewhere: MX-64..."
+    "--servo", "servo_name", metavar="NAME", help="A servo with published parameters, e.g. MX-64."
 )
-@click.option("--inertia", callback=span, metavar="M", help="m [kg·m²], a number or LOW:HIGH.")
+@click.option(
+    "--inertia", callback=span, metavar="M", help="Inertia [kg·m²], a number or LOW:HIGH."
+)
 @click.option("--damping", callback=span, metavar="b", help="Viscous friction [N·m·s/rad].")
 @click.option("--period", type=float, metavar="T", help="Sampling period [s].")
-@click.option("--rate", type=float, metavar="HZ", help="Or the sampling rate [Hz].")
+@click.option("--rate", type=float, metavar="HZ", help="Sampling rate [Hz], instead of --period.")
 @click.option(
-    "--delay", callback=span, required=True, metavar="td", help="From sample to torque, in all [s]."
+    "--delay",
+    callback=span,
+    required=True,
+    metavar="td",
+    help="Whole delay from a sample to its torque [s].",
 )
-@click.option("--torque-gain", callback=span, default="1", help="Torque that acts per commanded.")
+@click.option(
+    "--torque-gain",
+    callback=span,
+    default="1",
+    help="Acting torque over commanded torque; default: 1.",
+)
 @click.option(
     "--virtual-damping",
     "dampings",
     callback=numbers,
     metavar="B[,B...]",
-    help="Of each point [N·m·s/rad]; default: shares of the ceiling.",
+    help="Virtual damping of each point [N·m·s/rad]; default: fractions of the ceiling.",
 )
 @click.option("--velocity-samples", type=click.IntRange(1, 64), default=1, metavar="N",
-              help="Samples the velocity difference spans (1).")  # fmt: skip
+              help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
 @click.option("--side", type=click.Choice(["one", "both"]), default="one",
-              help="Whether the wall also pulls: says which limits count (one).")  # fmt: skip
+              help="A one-sided wall never pulls; other limits apply. Default: one.")  # fmt: skip
 @click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
 @click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
-@click.option("--baud", type=float, help="Of a Dynamixel bus whose wire is part of the delay.")
 @click.option(
-    "--latency-timer", type=float, metavar="MS", help="An adapter's, part of the delay [ms]."
+    "--baud", type=float, help="Baud rate of a Dynamixel bus, whose wire time is part of the delay."
 )
-@click.option("--plot", type=FileToWrite(), help="Draw the K-B plane there as PNG.")
+@click.option(
+    "--latency-timer",
+    type=float,
+    metavar="MS",
+    help="Latency timer of the adapter, part of the delay [ms].",
+)
+@click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option
 @json_option
 def command(
@@ -79,11 +95,11 @@ def command(
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    """Stiffness limits of a virtual wall over its virtual damping, and what would raise them.
+    """Compute the stiffness limits of a wall over its virtual damping, and what would raise them.
 
-    For an inertia with viscous friction whose torque is held over each period and acts a delay
-    after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits then
-    hold at the least safe corner.
+    The servo is an inertia with viscous friction. Its torque is held over each period and acts a
+    delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
+    then hold at the least safe corner.
 
     \b
     haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5

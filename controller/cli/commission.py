@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--fresh", is_flag=True, help="Replace what an earlier commissioning left in DIR.")
-@click.option("--plan", "only_plan", is_flag=True, help="Only say what would move, and how far.")
+@click.option("--plan", "only_plan", is_flag=True, help="Only announce the motions and their size.")
 @click.option(
     "--reach",
     type=float,
     default=REACH,
     show_default=True,
     metavar="RAD",
-    help="How far the shaft may come from where it is, to each side, while it is identified.",
+    help="Largest excursion of the shaft from where it is, to either side, for identify.",
 )
 @experiment(
     folder_option(

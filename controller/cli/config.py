@@ -29,7 +29,7 @@ def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
     """Show the effective values of CONFIG: unit, where each came from, range and meaning.
 
     Any line's name can be changed with --set NAME=VALUE, here and in every command that takes
-    CONFIG. A value marked - is not used by this kind of servo.
+    CONFIG. This kind of servo does not use the values marked -.
     """
     loaded = load_config(config, sets)
     if as_json_wanted:

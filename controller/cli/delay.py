@@ -22,15 +22,16 @@ if TYPE_CHECKING:
     "steps",
     callback=periods,
     metavar="n[,n...]",
-    help="Whole periods to insert and to recover, beside those of CONFIG; default: 0 and 5 more.",
+    help="Inserted delays to recover, in whole periods, beside that of CONFIG; default: 0, and 5"
+    " more than CONFIG.",
 )
 @click.option(
     "--bursts",
     type=click.IntRange(1, 1000),
     metavar="N",
-    help="Bursts of torque steps in each run; four times as many halve the error (8).",
+    help="Bursts of torque steps in each run; four times as many halve the error. Default: 8.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the steps' lengths.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the torque steps.")
 @experiment(
     folder_option("Where delay.json, delay.png and the logs go; default: a folder in ./runs/.")
 )

@@ -35,18 +35,20 @@ _LIGHTEST, _MOST = 1e-12, 1e6
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--inertia", type=_NUMBER, metavar="m", help="[kg·m²]")
+@click.option("--inertia", type=_NUMBER, metavar="m", help="Inertia of the servo [kg·m²].")
 @click.option("--damping", type=_NUMBER, metavar="b", help="Viscous friction [N·m·s/rad].")
 @click.option("--coulomb", type=_NUMBER, metavar="c", help="Coulomb friction [N·m].")
 @click.option(
-    "--delay", type=_NUMBER, metavar="S", help="From a sample to its torque's action [s]."
+    "--delay", type=_NUMBER, metavar="S", help="Delay from a sample until its torque acts [s]."
 )
 @click.option(
-    "--stiffness", type=_NUMBER, metavar="K", help="Of the wall that was rendered [N·m/rad]."
+    "--stiffness", type=_NUMBER, metavar="K", help="Stiffness of the rendered wall [N·m/rad]."
 )
-@click.option("--virtual-damping", type=_NUMBER, metavar="B", help="Likewise [N·m·s/rad].")
-@click.option("--wall-position", type=_NUMBER, metavar="X", help="Where the wall stands [rad].")
-@click.option("--plot", type=FileToWrite(), help="Draw what was seen there as PNG.")
+@click.option(
+    "--virtual-damping", type=_NUMBER, metavar="B", help="Its virtual damping [N·m·s/rad]."
+)
+@click.option("--wall-position", type=_NUMBER, metavar="X", help="Position of the wall [rad].")
+@click.option("--plot", type=FileToWrite(), help="Draw the result as PNG to this path.")
 @force_option
 @json_option
 def command(
@@ -62,12 +64,12 @@ def command(
     force: bool,
     as_json_wanted: bool,
 ) -> None:
-    """Look for an oscillation in LOG: a log of run, whatever its name, or a CSV.
+    """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
-    A CSV needs the columns time_s and position_rad; torque_nm, the torque commanded at that sample,
-    tells an oscillation that the wall feeds from a hand that moves. What is known of the servo
-    comes from a log's own configuration; for a CSV, and in place of that, give the options. The
-    wall of a CSV that is not given is estimated from torque against position.
+    A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at that
+    sample, an oscillation that the wall feeds is told from a hand that moves. The parameters of
+    servo and wall come from a log's own configuration; the options replace them, and give those of
+    a CSV. Without options the wall of a CSV is estimated from torque and position.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
     from haptic_wall.controller.logs.reader import is_log

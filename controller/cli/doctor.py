@@ -34,7 +34,9 @@ TORQUE = "No torque was enabled."
 @click.command()
 @config_argument(default="simulated")
 @set_option
-@click.option("--fix", is_flag=True, help="Mend what can be mended, and read it back.")
+@click.option(
+    "--fix", is_flag=True, help="Apply the remedies that can be written, and read them back."
+)
 @click.option("--yes", is_flag=True, help="With --fix: do not ask before each change.")
 @click.option(
     "--change-baud",
@@ -52,8 +54,8 @@ def command(
 ) -> None:
     """Examine the testbed of CONFIG: port, servo, registers, timing, machine.
 
-    Reads only, and never enables torque. --fix writes what can be mended: at a terminal each
-    change is asked for first; with --yes, or where standard input is no terminal, it is not.
+    It only reads, and never enables torque. --fix writes the remedies. At a terminal it asks before
+    each change, unless --yes is given; if standard input is no terminal it does not ask.
 
     Exit status: 0 all well; 1 something is wrong; 4 the port or the servo cannot be reached.
     """

@@ -55,7 +55,7 @@ _MS_NS = 1_000_000
     default=str(DEFAULT_BAUD),
     show_default=True,
     metavar="RATE",
-    help="Speed the servos listen at. Real ones come set to 57600, too slow for 1 kHz.",
+    help="Baud rate of the servos. The factory setting of real ones is 57600, too slow for 1 kHz.",
 )
 @click.option(
     "--link",
@@ -72,20 +72,20 @@ _MS_NS = 1_000_000
     default="0",
     show_default=True,
     metavar="MS",
-    help="Of the USB adapter, 1 to 255; 0: replies are handed over at once.",
+    help="Latency timer of the USB adapter, 1 to 255; 0: it forwards replies at once.",
 )
 @click.option(
     "--block",
     metavar="BYTES",
-    help=f"What the adapter hands over without waiting: {BLOCKS[0]} on full-speed parts, "
-    f"{BLOCKS[1]} on high-speed ones.  [default: {BLOCKS[1]}]",
+    help="Size of a block that the adapter forwards without waiting: "
+    f"{BLOCKS[0]} on full-speed parts, {BLOCKS[1]} on high-speed ones.  [default: {BLOCKS[1]}]",
 )
 @click.option(
     "--fault",
     "faults",
     multiple=True,
     metavar="SPEC",
-    help="What goes wrong (repeatable), e.g. "
+    help="Fault to inject (repeatable), e.g. "
     + ", ".join(kind.example for kind in KINDS.values())
     + ". While it runs, each line on standard input is one more; `off NAME` ends it, `list` lists.",
 )
@@ -94,7 +94,7 @@ _MS_NS = 1_000_000
     type=int,
     default=0,
     show_default=True,
-    help="Decides where the servos' clocks start, and what the faults strike.",
+    help="Seed of the servos' clocks and of the random faults.",
 )
 @click.option(
     "--set",
@@ -104,7 +104,7 @@ _MS_NS = 1_000_000
     shell_complete=lambda _context, _parameter, begun: [
         path for path in (f"servo.{name}=" for name in TRUTH) if path.startswith(begun)
     ],
-    help="What the servos truly are (repeatable): " + ", ".join(TRUTH) + ". SI units.",
+    help="True parameter of the servos (repeatable): " + ", ".join(TRUTH) + ". SI units.",
 )
 @force_option
 @click.option("--die-with-parent", is_flag=True, hidden=True)

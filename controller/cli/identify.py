@@ -37,35 +37,35 @@ _CONFIG = Kind(
 
 
 @click.command()
-@click.option("--plot", "plot_path", type=FileToWrite(), help="Where the PNG goes.")
+@click.option("--plot", "plot_path", type=FileToWrite(), help="Draw the fit as PNG to this path.")
 @click.option("--logs", type=click.Path(path_type=Path), metavar="DIR",
-              help="Where the logs of all motions go; default: a folder in ./runs/.")  # fmt: skip
+              help="Folder for the logs of the motions; default: one in ./runs/.")  # fmt: skip
 @click.option(
     "--reach",
     type=float,
     default=REACH,
     show_default=True,
     metavar="RAD",
-    help="How far the shaft may come from where it is, to each side.",
+    help="Largest excursion of the shaft from where it is, to either side.",
 )
 @click.option(
     "--from-sweep",
     "sweep",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="A sweep.json: damping and delay from its boundary too, compared with the motion's.",
+    help="A sweep.json: also fit damping and delay to its boundary, and compare.",
 )
 @click.option(
     "--no-motion",
     is_flag=True,
-    help="With --from-sweep: move nothing, compare with what CONFIG believes.",
+    help="With --from-sweep: do not move; compare with the model section of CONFIG.",
 )
 @experiment(
     click.option(
         "--out",
         type=FileToWrite(),
         metavar="FILE",
-        help="Where CONFIG goes with its model section replaced by what was found.",
+        help="Write CONFIG to this path, with the identified values in its model section.",
     )
 )
 def command(

@@ -49,23 +49,29 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
     "dampings",
     callback=numbers,
     metavar="B[,B...]",
-    help="[N·m·s/rad]; default: 12 from 0 to the ceiling at the longest delay.",
+    help="Virtual damping [N·m·s/rad]; default: 12 values from 0 to the ceiling at the longest"
+    " delay.",
 )
 @click.option(
     "--delay-steps",
     "steps",
     callback=periods,
     metavar="n[,n...]",
-    help="Whole periods inserted, on top of servo.delay; default: 0 to 5.",
+    help="Inserted delay in whole periods, beside servo.delay; default: 0 to 5.",
 )
 @click.option(
     "--kick",
     "kicks",
     callback=numbers,
     metavar="RAD[,RAD...]",
-    help="Size of the motion at the start [rad]; default: 0.003 to 0.3.",
+    help="Amplitude of the motion at the start [rad]; default: 0.003 to 0.3.",
 )
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes (all cores).")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Parallel processes; default: one per core.",
+)
 @experiment(
     folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
     "simulated",
@@ -80,9 +86,9 @@ def command(
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
-    The servo is what servo.* says it is (friction, encoder, backlash, torque limit, own delay);
-    guard, safety and the believed model take no part. A two-sided wall is kicked; a servo comes
-    against a one-sided wall and is returned.
+    The servo has the parameters of servo.* (friction, encoder, backlash, torque limit, own delay);
+    guard, safety and the believed model are not used. In a two-sided wall the shaft is kicked; a
+    one-sided wall is hit, and returns the shaft.
     """
     from haptic_wall.controller.experiments.maps.maps import (
         MapInterruptedError,

@@ -25,7 +25,9 @@ _ITEM_S = 2.0
 
 @click.command()
 @click.argument("item", metavar="[ITEM]", default=_ALL)
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Where the files go.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the files; required."
+)
 @force_option
 @json_option
 def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:

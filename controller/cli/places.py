@@ -28,7 +28,7 @@ _TAKEN = ("", ".hwlog", ".png")
 def force_option(command: Command) -> Command:
     """Add ``--force``, passed to the command as ``force``."""
     return click.option(
-        "--force", is_flag=True, help="Replace files there that haptic-wall did not write."
+        "--force", is_flag=True, help="Also replace existing files that haptic-wall did not write."
     )(command)
 
 

@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all that is random.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random choices.")
 @experiment(
     folder_option(
         "Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/."
     )
 )
 def command(asked: Asked, seed: int) -> None:
-    """Measure what CONFIG's servo renders: is the commanded stiffness that of the wall?
+    """Measure the stiffness, drag and contacts that CONFIG's servo renders.
 
-    The wall that a run would command is pushed as a spring, the free shaft is moved at several
-    speeds, and the wall is struck. The shaft moves by up to half a radian either way.
+    A slow torque pushes the shaft in the wall to and fro, the free shaft is moved at several
+    speeds, and the shaft hits the wall. The shaft moves by up to half a radian either way.
     """
     from haptic_wall.controller.experiments.rendered.rendering import (
         SECONDS,

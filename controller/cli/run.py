@@ -50,23 +50,31 @@ SIMULATED_S = 5.0
 @click.command()
 @config_argument(default="simulated")
 @set_option
-@click.option("--duration", type=float, metavar="S", help="How long the wall is on [s].")
-@click.option("--log", "log_path", type=click.Path(path_type=Path), help="Where the log goes.")
-@click.option("--plot", "plot_path", type=FileToWrite(), help="Where the PNG goes.")
+@click.option("--duration", type=float, metavar="S", help="Time for which the wall is on [s].")
+@click.option(
+    "--log",
+    "log_path",
+    type=click.Path(path_type=Path),
+    help="Write the log to this path; default: in ./runs/.",
+)
+@click.option(
+    "--plot",
+    "plot_path",
+    type=FileToWrite(),
+    help="Draw the run as PNG to this path; default: beside the log.",
+)
 @click.option("--no-plot", is_flag=True, help="Draw no picture.")
 @click.option(
     "--witness",
     type=click.Path(path_type=Path),
-    help="Where the emulated bus records every frame and the true motion (CSV).",
+    help="Record every frame of the emulated bus and the true motion to this CSV file.",
 )
 @click.option(
     "--stream",
     metavar="HOST:PORT",
     help="Send rows there while the wall runs: UDP, one JSON object each, for PlotJuggler.",
 )
-@click.option(
-    "--stream-rate", type=float, metavar="HZ", help="How many rows a second (default: 100)."
-)
+@click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
 @click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
 @click.option(
     "--hold",
@@ -75,7 +83,9 @@ SIMULATED_S = 5.0
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
     " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
 )
-@click.option("-v", "--verbose", is_flag=True, help="The whole report, in place of eight lines.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
+)
 @force_option
 @json_option
 def command(

@@ -42,7 +42,7 @@ HARDWARE = 4
 def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
-    Sends pings and nothing else; the port's settings are as before when it ends. Exit status 4 when
+    It sends only pings, and restores the port's settings when it ends. Exit status 4 when
     nothing answers.
     """
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)

@@ -37,7 +37,7 @@ _MOST_STEPS = 1000
     callback=numbers,
     metavar="B[,B...]",
     required=True,
-    help="[N·m·s/rad], negative ones too.",
+    help="Virtual damping, also negative [N·m·s/rad].",
 )
 @click.option(
     "--delay-steps",
@@ -45,14 +45,14 @@ _MOST_STEPS = 1000
     callback=periods,
     metavar="n[,n...]",
     required=True,
-    help="Whole periods inserted, on top of what the loop and the servo have.",
+    help="Inserted delay in whole periods, beside the delay of loop and servo.",
 )
 @click.option(
     "--kick",
     type=float,
     metavar="RAD",
-    help="How far from the wall the shaft is let go [rad]; default: for each point the largest up"
-    " to 0.1 that leaves the torque room.",
+    help="Distance from the wall at which the shaft is released [rad]; default: for each point"
+    " the largest up to 0.1 that the torque limit allows.",
 )
 @click.option("--fresh", is_flag=True, help="Replace what an earlier sweep left in DIR.")
 @click.option(
@@ -69,10 +69,10 @@ _MOST_STEPS = 1000
     default=0.005,
     show_default=True,
     metavar="SHARE",
-    help="Trials go on until the standard error is this share of the stiffness.",
+    help="Trials continue until the standard error is this fraction of the stiffness.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
-              help="Processes on the simulated clock (all cores).")  # fmt: skip
+              help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
 @experiment(
     folder_option(
         "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
@@ -89,10 +89,10 @@ def command(
     tolerance: float,
     workers: int | None,
 ) -> None:
-    """Measure the stiffness above which CONFIG's servo oscillates, at every B and delay.
+    """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
-    The shaft is kicked, at many stiffnesses about the limit: a soft spring moves it, lets it rest,
-    then the wall takes over and its first cycles are watched. On real hardware the shaft moves!
+    The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
+    still, then the wall takes over and its first cycles are observed. A real shaft moves by itself!
     """
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options

@@ -158,8 +158,8 @@ STUDY = Study(
         ),
     ),
     (
-        Option("phases", 20, "of the timer, for each row"),
-        Option("seconds", 1.5, "length of each run"),
+        Option("phases", 20, "phases of the latency timer for each row"),
+        Option("seconds", 1.5, "duration of each run [s]"),
     ),
     everywhere=True,
 )

@@ -161,6 +161,6 @@ STUDY = Study(
             case_s=30.0,
         ),
     ),
-    (Option("rounds", 80, "of each search"), Option("seed", 1, "of the searches")),
+    (Option("rounds", 80, "rounds of each search"), Option("seed", 1, "seed of the searches")),
     everywhere=True,
 )

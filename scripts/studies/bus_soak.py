@@ -160,9 +160,9 @@ STUDY = Study(
         ),
     ),
     (
-        Option("cycles", 1_000_000, "on the simulated clock"),
-        Option("frames", 2_000_000, "random ones, for the CRC"),
-        Option("seconds", 60.0, "in real time"),
-        Option("seed", 1, "of the damage"),
+        Option("cycles", 1_000_000, "cycles on the simulated clock"),
+        Option("frames", 2_000_000, "random frames for the CRC"),
+        Option("seconds", 60.0, "duration in real time [s]"),
+        Option("seed", 1, "seed of the damage"),
     ),
 )

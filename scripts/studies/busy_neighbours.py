@@ -107,7 +107,7 @@ STUDY = Study(
         ),
     ),
     (
-        Option("runs", 20, "of each configuration"),
-        Option("seconds", 3.0, "how long each lasts"),
+        Option("runs", 20, "runs of each configuration"),
+        Option("seconds", 3.0, "duration of each run [s]"),
     ),
 )

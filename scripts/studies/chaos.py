@@ -211,9 +211,9 @@ STUDY = Study(
         ),
     ),
     (
-        Option("minutes", 60.0, "how long"),
-        Option("seed", 1, "of the schedule"),
+        Option("minutes", 60.0, "duration [min]"),
+        Option("seed", 1, "seed of the schedule"),
         Option("step_clock", False, "also set the system's clock wrong, for a second at a time"),
-        Option("keep", "", "folder for the files of runs that went wrong"),
+        Option("keep", "", "folder for the files of failed runs (default: none are kept)"),
     ),
 )

@@ -405,9 +405,9 @@ STUDY = Study(
         ),
     ),
     (
-        Option("tries", 500, "of each command by Ctrl-C"),
-        Option("others", 30, "of each by the other signals"),
-        Option("span", 2.0, "the first seconds"),
-        Option("commands", "", "those with this text in their name"),
+        Option("tries", 500, "interruptions of each command by Ctrl-C"),
+        Option("others", 30, "interruptions of each command by each other signal"),
+        Option("span", 2.0, "interrupt within this time from the start [s]"),
+        Option("commands", "", "only commands with this text in their name"),
     ),
 )

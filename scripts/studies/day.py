@@ -288,8 +288,8 @@ STUDY = Study(
         Part("uptime", lambda _: [UPTIME_DAYS], long_uptime, lines, case_s=5.0, wanted=hold),
     ),
     (
-        Option("hours", 24.0, "of the simulated preset"),
-        Option("bus_hours", 1.0, "of the emulated bus"),
-        Option("turning_minutes", 20.0, "of turning one way"),
+        Option("hours", 24.0, "duration with the simulated preset [h]"),
+        Option("bus_hours", 1.0, "duration on the emulated bus [h]"),
+        Option("turning_minutes", 20.0, "duration of turning in one direction [min]"),
     ),
 )

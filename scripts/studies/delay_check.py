@@ -192,8 +192,8 @@ STUDY = Study(
         ),
     ),
     (
-        Option("runs", 60, "of each simulated servo", quick=4),
-        Option("bursts", BURSTS, "in each run"),
-        Option("adapters", 3, "of those in real time", quick=1),
+        Option("runs", 60, "runs of each simulated servo", quick=4),
+        Option("bursts", BURSTS, "bursts of torque steps in each run"),
+        Option("adapters", 3, "adapters that are emulated in real time", quick=1),
     ),
 )

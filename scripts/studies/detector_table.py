@@ -188,5 +188,5 @@ STUDY = Study(
         BACKLASH_CYCLES,
         RECORDINGS,
     ),
-    (Option("seed", SEED, "of all draws"), WALLS_TRIED, HOURS_TRIED),
+    (Option("seed", SEED, "seed of all draws"), WALLS_TRIED, HOURS_TRIED),
 )

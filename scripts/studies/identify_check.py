@@ -279,7 +279,7 @@ STUDY = Study(
         ),
     ),
     (
-        Option("seeds", SEEDS, "servos of each kind", quick=5),
+        Option("seeds", SEEDS, "simulated servos of each kind", quick=5),
         Option("ordinary", 25, "ordinary servos of each kind and effect", quick=1),
     ),
 )

@@ -296,8 +296,8 @@ STUDY = Study(
         ),
     ),
     (
-        Option("servos", 60, "random ones, for each mixture"),
-        Option("patterns", 2000, "random ones"),
+        Option("servos", 60, "random servos for each mixture of intervals"),
+        Option("patterns", 2000, "random patterns of intervals"),
     ),
     everywhere=True,
 )

@@ -268,7 +268,7 @@ STUDY = Study(
     "kill-times.md",
     (Part("shots", aimed, hit, lines, case_s=8.0, in_turn=True, wanted=held),),
     (
-        Option("rounds", 5, "runs shot at in each way"),
-        Option("shots", "", "those with this text in their name"),
+        Option("rounds", 5, "runs for each kind of shot"),
+        Option("shots", "", "only kinds of shots with this text in their name"),
     ),
 )

@@ -316,6 +316,6 @@ STUDY = Study(
             case_s=60.0,
         ),
     ),
-    (Option("walls", 100, "random ones, of each effect"),),
+    (Option("walls", 100, "random walls for each effect"),),
     everywhere=True,
 )

@@ -248,7 +248,11 @@ STUDY = Study(
         ),
     ),
     (
-        Option("hours", 4.0, "length of the long log"),
-        Option("folder", "", "where logs are written (a disk to measure)"),
+        Option("hours", 4.0, "length of the long log [h]"),
+        Option(
+            "folder",
+            "",
+            "folder for the logs, on the disk to measure (default: the temporary folder)",
+        ),
     ),
 )

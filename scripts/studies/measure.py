@@ -205,5 +205,8 @@ STUDY = Study(
             in_turn=True,
         ),
     ),
-    (Option("seconds", 10.0, "length of each run"), Option("rounds", 3, "alternating rounds")),
+    (
+        Option("seconds", 10.0, "duration of each run [s]"),
+        Option("rounds", 3, "alternating rounds"),
+    ),
 )

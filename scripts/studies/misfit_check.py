@@ -98,5 +98,5 @@ STUDY = Study(
             case_s=30.0,
         ),
     ),
-    (Option("servos", 20, "of each effect"),),
+    (Option("servos", 20, "simulated servos for each effect"),),
 )

@@ -204,9 +204,9 @@ STUDY = Study(
         ),
     ),
     (
-        Option("seed", 1, "says which files are made"),
-        Option("kinds", tuple(KINDS), "of files", choices=tuple(KINDS)),
-        Option("share", 1.0, "of all files, for a shorter run"),
+        Option("seed", 1, "seed of the files"),
+        Option("kinds", tuple(KINDS), "kinds of files", choices=tuple(KINDS)),
+        Option("share", 1.0, "fraction of all files, for a shorter run"),
     ),
 )
 

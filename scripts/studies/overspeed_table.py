@@ -367,5 +367,5 @@ STUDY = Study(
         Part("hands", drawn(HANDS), outcome, hands, case_s=0.02),
         Part("runaways", drawn(RUNAWAYS), outcome, runaways, case_s=0.02),
     ),
-    (Option("cases", 1000, "of each kind"), Option("seed", 1, "of what is drawn")),
+    (Option("cases", 1000, "random cases of each kind"), Option("seed", 1, "seed of the cases")),
 )

@@ -337,8 +337,8 @@ STUDY = Study(
     "reaction-table.md",
     (Part("belief", walls, answered, lines, case_s=0.15), GROWTH, WORST),
     (
-        Option("cases", 300, "walls of each kind, by belief", quick=4),
-        Option("seed", 1, "of what is drawn"),
+        Option("cases", 300, "walls of each kind, for each belief", quick=4),
+        Option("seed", 1, "seed of the walls"),
         WALLS_TRIED,
         GENERATIONS,
     ),

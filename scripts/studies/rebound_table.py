@@ -168,9 +168,13 @@ STUDY = Study(
         ),
     ),
     (
-        Option("walls", 25, "in each row"),
-        Option("seed", 7, "of what is drawn"),
-        Option("friction", (0.0, 0.2, 0.5, 0.9, 1.5, 3.0), "parts of one count's torque"),
+        Option("walls", 25, "random walls in each row"),
+        Option("seed", 7, "seed of the walls"),
+        Option(
+            "friction",
+            (0.0, 0.2, 0.5, 0.9, 1.5, 3.0),
+            "Coulomb friction over the torque of one count, a row each",
+        ),
     ),
     everywhere=True,
 )

@@ -120,8 +120,8 @@ STUDY = Study(
         ),
     ),
     (
-        Option("runs", 20, "of each configuration"),
-        Option("seconds", 5.0, "how long each lasts"),
+        Option("runs", 20, "runs of each configuration"),
+        Option("seconds", 5.0, "duration of each run [s]"),
         Option("quiet_cores", False, "start no busy processes"),
     ),
 )

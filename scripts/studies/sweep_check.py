@@ -338,9 +338,9 @@ STUDY = Study(
         Part("time", lambda _: [None], grid, taken, case_s=20.0, in_turn=True, wanted=quick_enough),
     ),
     (
-        Option("seed", 1, "of the linear settings"),
-        Option("settings", 40, "linear ones", quick=8),
-        Option("delays", 2, "with friction", quick=1),
-        Option("points", 3, "on the bus", quick=1),
+        Option("seed", 1, "seed of the linear settings"),
+        Option("settings", 40, "random settings without friction", quick=8),
+        Option("delays", 2, "pairs of damping and delay with friction", quick=1),
+        Option("points", 3, "points on the emulated bus", quick=1),
     ),
 )

@@ -102,6 +102,6 @@ STUDY = Study(
         Part("costs", lambda _: (0.0, 0.02, 0.1, 0.5, 1.0), cost, costs),
         Part("corner", drawn, at_corner, corner, case_s=0.15),
     ),
-    (Option("beliefs", 200, "random ones, for the corner"),),
+    (Option("beliefs", 200, "random beliefs for the corner"),),
     everywhere=True,
 )

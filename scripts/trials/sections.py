@@ -13,9 +13,9 @@ from scripts.study import Given, Option, Part
 Result = TypeVar("Result")
 Job = tuple[Any, ...]
 """The arguments of a job; the last one is the seed of all it draws"""
-WALLS_TRIED = Option("walls", 25, "in each row with a believed lag", quick=0)
-HOURS_TRIED = Option("hours", 3.0, "of each operator and servo", quick=1.0 / 720.0)
-GENERATIONS = Option("generations", 8, "of each worst-case search", quick=1)
+WALLS_TRIED = Option("walls", 25, "walls in each row with a believed lag", quick=0)
+HOURS_TRIED = Option("hours", 3.0, "hours of each operator model on each servo", quick=1.0 / 720.0)
+GENERATIONS = Option("generations", 8, "generations of each worst-case search", quick=1)
 
 
 @dataclass(frozen=True, slots=True)

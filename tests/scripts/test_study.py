@@ -112,6 +112,32 @@ def test_a_page_without_a_place_is_told_before_anything_is_computed(page) -> Non
     assert asked == []
 
 
+def test_a_missing_place_is_one_sentence_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("no place")
+    assert main(["uncertainty", "--out", str(page)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("scripts/study uncertainty: the page has no place for corner, costs")
+    assert len(said.splitlines()) == 1
+
+
+def test_a_study_without_its_page_is_told_so(tmp_path: Path) -> None:
+    study = Study("no-such-page.md", (PART,), STUDY.options)
+    with pytest.raises(LookupError, match=r"docs/no-such-page\.md does not exist"):
+        run(study, "squares", "Squares.", ["--out", str(tmp_path / "new.md")])
+
+
+def test_help_names_defaults_and_no_empty_one(capsys: pytest.CaptureFixture[str]) -> None:
+    options = (Option("count", 5, "number of squares"), Option("only_in", "", "in this folder"))
+    with pytest.raises(SystemExit, match="0"):
+        run(Study("squares.md", (PART,), options), "squares", "Squares.", ["--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "number of squares (default: 5)" in said
+    assert "in this folder --rows" in said
+
+
 def test_what_one_gives_goes_before_what_is_quick(page) -> None:
     call(page, "--quick", "--count", "4")
     assert len(asked) == 4
