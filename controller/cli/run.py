@@ -106,9 +106,9 @@ def command(
 ) -> None:
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
-    On hardware it runs until Ctrl-C; simulated and emulated it runs for 5 s. --duration sets another
-    time; --duration inf: until Ctrl-C. However the run ends, the torque is off at its end. At a
-    terminal one line shows the state of the run; space or q ends it.
+    On hardware it runs until Ctrl-C, simulated and emulated for 5 s. --duration sets another time;
+    --duration inf: until Ctrl-C. However the run ends, the torque is off at its end. At a terminal
+    one line shows the state of the run; space or q ends it.
     """
     from haptic_wall.controller.cli.live_line import live_line
     from haptic_wall.controller.processes import run_report as reports
