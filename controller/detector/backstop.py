@@ -115,6 +115,7 @@ class Backstop:
     """
 
     __slots__ = (
+        "_asks_again",
         "_begun",
         "_beyond",
         "_bounce",
@@ -124,6 +125,7 @@ class Backstop:
         "_evenly",
         "_evidence",
         "_gaining",
+        "_gentle",
         "_hands",
         "_largest",
         "_largest_before",
@@ -138,6 +140,7 @@ class Backstop:
         "_stiffness",
         "_still",
         "_stop",
+        "_stops",
         "_streak",
         "_time",
         "_tuning",
@@ -173,6 +176,8 @@ class Backstop:
         self._steadiness = Steadiness(settings.period, settings.position_step, tuning.steadiness)
         self._time = self._since = self._begun = 0.0
         self._stiffness = self._elongation = 0.0
+        self._gentle = self._stops = 0
+        self._asks_again = False
         self._streak = self._count = self._step = self._whole = self._gaining = 0
         self._cause = Cause.STOPPED
         self._probe = Probe(settings.threshold, tuning, contacts=settings.bounces)
@@ -257,6 +262,8 @@ class Backstop:
         undying = lasts(motion, self._evidence)
         even = undying and same_period(motion, self._evidence)
         self._streak = self._streak + 1 if even else 0
+        gentle = even and motion.amplitude < self._tuning.gentle * motion.amplitude_3
+        self._gentle = self._gentle + 1 if gentle else 0
         if not settings.acts and size >= settings.threshold:
             self.steady = self.steady or self._streak >= settings.unprobed
         if not self._streak:
@@ -265,6 +272,8 @@ class Backstop:
         if self.phase == Phase.WATCHING:
             if self.suspected:
                 self._probe_a_suspicion(begun=False)
+            elif self._asks_again and self._whole > 1:
+                self._ask_again(size)
             if self.phase == Phase.WATCHING:
                 self._watch(size)
         elif self.phase == Phase.PROBING:
@@ -323,13 +332,16 @@ class Backstop:
         elif not settings.acts:
             return
         elif self._loaded:
-            own = self._streak >= self._tuning.regular_loaded and seen.inertia > settings.light
-            if (self.steady or own) and seen.amplitude >= settings.threshold:
+            servos = settings.light < seen.inertia < settings.heavy
+            own = servos and self._streak >= self._tuning.regular_loaded
+            weight = seen.inertia > settings.light and self._gentle >= self._tuning.gentle_loaded
+            if (self.steady or own or weight) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
-        elif self._held_off(seen):
-            if self.steady and seen.amplitude >= settings.threshold:
-                self._alarm(Cause.BEYOND_HANDS)  # no hand is so regular
+        elif self.steady and self._like_hands(seen) and seen.amplitude >= settings.threshold:
+            self._alarm(Cause.BEYOND_HANDS)  # a probe took it for a hand's; no hand is so regular
+        elif self._held_off(seen) or self._nearly_steady:
+            return
         elif (
             self.steady
             or self._streak >= self._tuning.regular_unlikely
@@ -360,6 +372,17 @@ class Backstop:
             self._alarm(Cause.BEYOND_HANDS)
             return
         self._ask(within=begun)
+
+    def _ask_again(self, size: float) -> None:
+        """Probe a motion once more, after a doubtful answer.
+
+        Args:
+            size: Smaller amplitude of the last two half-cycles [rad].
+        """
+        self._asks_again = False
+        if size >= self._settings.threshold and not self._loaded:
+            self._probe.before = sighting(self._motion, self._time)
+            self._ask(within=False)
 
     def _probe_what_throws(self) -> None:
         """Probe a wall that returns the shaft faster, contact by contact, regular or not."""
@@ -408,11 +431,22 @@ class Backstop:
             seen.cycle, seen.amplitude, pull, self._evidence
         )
 
+    @property
+    def _nearly_steady(self) -> bool:
+        """Whether it has been steady for half of what no hand is: a probe would disturb it."""
+        return not self.steady and 2 * self._steadiness.count > self._evenly
+
     def _held_off(self, seen: Sighting) -> bool:
         """Whether a hand was recently found to make a similar motion."""
+        return self._recent_hand(seen) and self._like_hands(seen)
+
+    def _like_hands(self, seen: Sighting) -> bool:
+        """Whether the last hand that was found made a motion like this."""
+        hands, tuning = self._hands, self._tuning
         return (
-            self._recent_hand(seen)
-            and abs(math.log(seen.cycle / self._hands.cycle)) < self._tuning.other_period
+            hands.at > -math.inf
+            and abs(math.log(seen.cycle / hands.cycle)) < tuning.other_period
+            and seen.amplitude < tuning.other_amplitude * hands.amplitude
         )
 
     def _recent_hand(self, seen: Sighting) -> bool:
@@ -426,6 +460,7 @@ class Backstop:
     def _ask(self, *, within: bool) -> None:
         """Start a probe; ``within`` a half-cycle that has begun before."""
         self.phase = Phase.PROBING
+        self._asks_again = False
         self.probes += 1
         self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self.damping_scale = self._probing.scale
@@ -440,6 +475,7 @@ class Backstop:
             self._somebody_moves_it()
         elif verdict in (Verdict.CHANGED, Verdict.DOUBTFUL):
             self.phase = Phase.RETURNING
+            self._asks_again = verdict == Verdict.DOUBTFUL
 
     def _stopped(self) -> None:
         """Process a motion that has stopped in the probe.
@@ -449,7 +485,10 @@ class Backstop:
         before = self._probe.before
         recent = self._time - self._stop.at < self._tuning.again_s
         again = recent and alike(before, self._stop, self._probing)
-        if again:
+        self._stops = self._stops + 1 if recent else 1
+        many = self._stops >= self._tuning.stops and before.amplitude >= self._settings.threshold
+        if again or many:
+            self._stops = 0
             self._alarm(Cause.STOPPED)
             return
         self._stop = before._replace(at=self._time)

@@ -32,7 +32,7 @@ class Verdict(IntEnum):
     CHANGED = 4
     """This is another motion than before."""
     DOUBTFUL = 5
-    """It became longer, but so unevenly that a second probe must confirm it."""
+    """It became longer, but so unevenly, or by so much, that a second probe must confirm it."""
 
 
 class Probe:
@@ -70,7 +70,7 @@ class Probe:
         self._count = 0
         self._first = self._fading = 0.0
         self._unsure: tuple[Answer, Sighting] | None = None
-        self._doubted = NEVER
+        self._doubted: tuple[Answer, Sighting] | None = None
         self.before = NEVER
 
     def begin(self, motion: Repeated, *, within: bool) -> None:
@@ -116,14 +116,19 @@ class Probe:
     def _both(self, answer: Answer, amplitude: float) -> Verdict:
         """Judge the first two half-cycles, with their mean amplitude [rad]."""
         tuning, before = self._tuning, self.before
-        if self._twice_unsure(answer):
+        longer = took_longer(answer, tuning, contacts=self._contacts)
+        another = answer.second >= tuning.longest and not self._contacts
+        doubtful = longer or (another and answer.first > tuning.first)
+        if self._twice_unsure(answer) or self._confirms(answer, doubtful=doubtful):
             return Verdict.WALL
-        if took_longer(answer, tuning, contacts=self._contacts):
-            clear = is_clear(answer, tuning, contacts=self._contacts)
-            return Verdict.WALL if clear or self._doubted_before() else Verdict.DOUBTFUL
+        if longer and is_clear(answer, tuning, contacts=self._contacts):
+            return Verdict.WALL
+        if doubtful:
+            self._doubted = answer, before
+            return Verdict.DOUBTFUL
         if answer.amplitude < tuning.collapsed:
             return Verdict.STOPPED if answer.first > tuning.quicker else Verdict.CHANGED
-        if answer.second >= tuning.longest and not self._contacts:
+        if another:
             return Verdict.CHANGED
         fast = before.cycle * tuning.load_hz < 1.0
         if self._contacts or not fast or before.amplitude <= tuning.load_size * self._threshold:
@@ -131,13 +136,25 @@ class Probe:
         self._fading = amplitude  # it may be a load that swings on its transmission
         return Verdict.OPEN
 
-    def _doubted_before(self) -> bool:
-        """Whether a probe of this motion has just become longer, too."""
-        last, self._doubted = self._doubted, self.before
-        recent = self.before.at - last.at < self._tuning.confirmed_s
-        return (
-            recent and abs(math.log(self.before.cycle / last.cycle)) < self._tuning.confirmed_period
-        )
+    def _confirms(self, answer: Answer, *, doubtful: bool) -> bool:
+        """Whether a probe of this motion had a doubtful answer, and this one is so, too, or alike.
+
+        Args:
+            answer: Of this probe.
+            doubtful: It would be doubtful by itself.
+        """
+        if self._doubted is None:
+            return False
+        last, before = self._doubted
+        tuning = self._tuning
+        window = max(tuning.confirmed_s, tuning.confirmed_cycles * before.cycle)
+        if (
+            self.before.at - before.at > window
+            or abs(math.log(self.before.cycle / before.cycle)) > tuning.confirmed_period
+        ):
+            return False
+        alike = abs(math.log(answer.second / last.second)) < tuning.unsure_alike
+        return doubtful or (alike and abs(answer.inertia - last.inertia) < tuning.unsure_alike)
 
     def _twice_unsure(self, answer: Answer) -> bool:
         """Whether the last probe of this motion had the same doubtful answer."""

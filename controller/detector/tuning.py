@@ -416,6 +416,9 @@ class ProbeTuning:
         HANDS,
         off=ANY,
     )
+    confirmed_cycles: float = tuned(
+        12.0, "cycles", "or within this time, if that is longer,", HANDS, off=0.0
+    )
     confirmed_period: float = tuned(
         0.25,
         "1",
@@ -582,13 +585,22 @@ class BackstopTuning:
         off=MANY,
     )
     regular_loaded: int = tuned(
-        16,
+        20,
         "1",
-        "So many of them end the run where a load forbids the probe, if the apparent inertia is the"
-        " servo's or, with a load on it, larger.",
-        "measured: in 5 hours of hands the longest such row had 9, each further one half as often",
+        "So many of them end the run where a load forbids the probe and the torque explains the"
+        " motion.",
+        "measured: detector-table, One-sided walls under a steady push and Hours of operators",
         off=MANY,
     )
+    gentle_loaded: int = tuned(
+        24,
+        "1",
+        "So many of them that grow gently end such a run if the apparent inertia is larger, as of a"
+        " weight: a hand that swings up grows faster.",
+        "measured: in 5 hours of hands the longest row had 9, each further one half as often",
+        off=MANY,
+    )
+    gentle: float = tuned(1.2, "1", "They grow by less than this ratio a cycle.", HANDS, off=ANY)
     regular_unlikely: int = tuned(
         10,
         "1",
@@ -641,6 +653,14 @@ class BackstopTuning:
         "A motion that stopped in a probe is the wall's if it is back within this time.",
         WALLS_HANDS,
         off=0.0,
+    )
+    stops: int = tuned(
+        3,
+        "1",
+        "So many stops in probes, each within that time of the one before, are the wall's whatever"
+        " the motion: a load changes its period.",
+        WALLS_HANDS,
+        off=MANY,
     )
     hand_shortest: float = tuned(
         0.85,
