@@ -19,6 +19,7 @@ from tests.scripts.trial_help import called_quiet
 BENCH = bench_of("xm430-w350")
 RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)
 VALUE = Truth(0.011951, 0.011692, 0.09039, delay=0.001)
+XL330 = Truth(0.0018142, 0.0018309, 0.0064165, torque_limit=0.52, stall_torque=0.52, delay=0.015)
 SCALES = {1.0, 0.25, 0.0625, 0.015625}
 
 
@@ -243,6 +244,66 @@ def test_an_uneven_answer_is_no_alarm_until_a_second_probe_confirms_it(ratios) -
     for ratio in ratios:
         take(stop, seen, 0.1 * ratio, 0.1)
     assert stop.alarm
+
+
+def test_a_doubtful_answer_is_asked_about_again_at_once_however_slow_the_motion_is() -> None:
+    seen = motion()
+    stop = backstop(seen)
+    while stop.phase != Phase.PROBING:
+        take(stop, seen, 0.6, 0.1)
+    for _ in range(2):
+        assert not stop.alarm
+        take(stop, seen, 0.6 * 1.15, 0.1)
+        take(stop, seen, 0.6 * 1.6, 0.1)
+        if not stop.alarm:
+            back(stop)
+            for _ in range(3):
+                take(stop, seen, 0.6, 0.1)
+            assert stop.phase == Phase.PROBING
+    assert stop.alarm
+
+
+@pytest.mark.parametrize("answers", [((1.15, 1.6), (1.04, 1.58)), ((2.5, 3.3), (2.5, 3.4))])
+def test_an_answer_like_a_doubtful_one_confirms_it(answers) -> None:
+    """By itself it would be a hand's, or another motion's."""
+    stop, seen = probing()
+    for first, second in answers:
+        assert not stop.alarm
+        take(stop, seen, 0.1 * first, 0.1)
+        take(stop, seen, 0.1 * second, 0.1)
+        if not stop.alarm:
+            back(stop)
+            until_probed(stop, seen)
+    assert stop.alarm
+
+
+def test_three_stops_in_a_row_are_the_walls_whatever_the_motion() -> None:
+    """A load changes the period from one to the next."""
+    seen = motion()
+    stop = backstop(seen)
+    for duration in (0.1, 0.14, 0.2):
+        assert not stop.alarm
+        for _ in range(12):
+            take(stop, seen, duration, 0.1)
+            if stop.phase == Phase.PROBING:
+                break
+        seen.elapsed = 10.0
+        stop.update(1e-3, 0.2, 10.0, ended=False)
+        seen.elapsed = 0.0
+        if not stop.alarm:
+            back(stop)
+    assert stop.alarm
+
+
+def test_a_load_that_swings_the_shaft_at_one_hertz_is_not_asked_about_for_ever() -> None:
+    """Its answers take longer than any without a load, so that none is clear."""
+    load = operator_of(0.0, 0.0, np.zeros(13000), push=0.12 * 0.52, mass=0.004)
+    wall = WallAsked(1e6, 0.01, forced=False)
+    trial = run_trial(
+        XL330, bench_of("xl330-m288").sets, wall, load, duration_s=12.0, position=0.228
+    )
+    assert not math.isnan(trial.first_alarm_s)
+    assert np.ptp(trial.output[-1000:]) < 0.01
 
 
 def test_an_answer_of_a_motion_that_saturated_the_torque_is_clear() -> None:
