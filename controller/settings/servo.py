@@ -9,14 +9,21 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    Field,
     SerializerFunctionWrapHandler,
     TypeAdapter,
     model_serializer,
 )
 from pydantic_core import PydanticCustomError
 
-from haptic_wall.controller.settings.model import Lag, NotNegative, Positive, Section, Whole, whole
+from haptic_wall.controller.settings.model import (
+    Lag,
+    NotNegative,
+    Positive,
+    Section,
+    Whole,
+    setting,
+    whole,
+)
 from haptic_wall.hw.errors import BackendError
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
@@ -63,11 +70,6 @@ def _backend(found: str) -> str:
     return found
 
 
-def _facts(unit: str, used_by: tuple[Kind, ...]) -> dict[str, Any]:
-    """Return a field's metadata beside its bounds: unit, and kinds of servo that use it."""
-    return {"unit": unit, "used_by": list(used_by)}
-
-
 def used_by(name: str) -> tuple[str, ...]:
     """Return the kinds of servo that use a field of this section; by default all."""
     extra = Servo.model_fields[name].json_schema_extra
@@ -84,141 +86,129 @@ _EMULATED: tuple[Kind, ...] = ("emulated",)
 class Servo(Section):
     """The servo: true parameters if simulated or emulated, connection if real."""
 
-    backend: Annotated[str, AfterValidator(_backend)] = Field(
-        "simulated", description="In this process, on a Dynamixel bus, or of an installed plugin"
+    backend: Annotated[str, AfterValidator(_backend)] = setting(
+        "simulated", "In this process, on a Dynamixel bus, or of an installed plugin"
     )
-    inertia: Positive | None = Field(
-        None, description="True inertia", json_schema_extra=_facts("kg·m²", _TRUTH)
-    )
-    damping: NotNegative = Field(
-        0.0, description="True viscous friction", json_schema_extra=_facts("N·m·s/rad", _TRUTH)
-    )
-    coulomb: NotNegative = Field(
-        0.0, description="True Coulomb friction", json_schema_extra=_facts("N·m", _TRUTH)
-    )
-    counts_per_rev: Whole = Field(
+    inertia: Positive | None = setting(None, "True inertia", "kg·m²", used_by=_TRUTH)
+    damping: NotNegative = setting(0.0, "True viscous friction", "N·m·s/rad", used_by=_TRUTH)
+    coulomb: NotNegative = setting(0.0, "True Coulomb friction", "N·m", used_by=_TRUTH)
+    counts_per_rev: Whole = setting(
         4096,
+        "Encoder counts per revolution; 0: the position is not quantised",
+        "counts/rev",
         ge=0,
         le=2**24,
-        description="Encoder counts per revolution; 0: the position is not quantised",
-        json_schema_extra=_facts("counts/rev", _TRUTH),
+        used_by=_TRUTH,
     )
-    delay: Lag = Field(
-        0.0,
-        description="True lag from a torque's arrival at the servo to its action",
-        json_schema_extra=_facts("s", _TRUTH),
+    delay: Lag = setting(
+        0.0, "True lag from a torque's arrival at the servo to its action", "s", used_by=_TRUTH
     )
-    torque_step: NotNegative = Field(
+    torque_step: NotNegative = setting(
         0.0,
-        description="Torques are rounded to multiples of it; 0: not rounded (an emulated servo "
-        "rounds to its current unit)",
-        json_schema_extra=_facts("N·m", ("simulated",)),
+        "Torques are rounded to multiples of it; 0: not rounded (an emulated servo rounds to its "
+        "current unit)",
+        "N·m",
+        used_by=("simulated",),
     )
-    backlash: float = Field(
+    backlash: float = setting(
         0.0,
+        "True backlash between shaft and encoder, full width",
+        "rad",
         ge=0,
         le=1,
-        description="True backlash between shaft and encoder, full width",
-        json_schema_extra=_facts("rad", _TRUTH),
+        used_by=_TRUTH,
     )
-    supply: float | None = Field(
+    supply: float | None = setting(
         None,
+        "True voltage of the supply; null: the one its model's figures hold for",
+        "V",
         ge=1,
         le=60,
-        description="True voltage of the supply; null: the one its model's figures hold for",
-        json_schema_extra=_facts("V", _EMULATED),
+        used_by=_EMULATED,
     )
-    ambient: float = Field(
+    ambient: float = setting(
         32.0,
+        "True temperature of the servo while it does nothing",
+        "°C",
         ge=-40,
         le=200,
-        description="True temperature of the servo while it does nothing",
-        json_schema_extra=_facts("°C", _EMULATED),
+        used_by=_EMULATED,
     )
-    faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+    faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = setting(
         (),
-        description="What goes wrong on the emulated bus, as for haptic-wall emulate --fault, e.g. "
+        "What goes wrong on the emulated bus, as for haptic-wall emulate --fault, e.g. "
         "drop:p=0.01; several as a list, or in one text with blanks between them",
-        json_schema_extra=_facts("", _EMULATED),
+        used_by=_EMULATED,
     )
-    fault_seed: Whole = Field(
-        0,
-        ge=0,
-        le=2**32,
-        description="Decides what the faults strike",
-        json_schema_extra=_facts("", _EMULATED),
+    fault_seed: Whole = setting(
+        0, "Decides what the faults strike", ge=0, le=2**32, used_by=_EMULATED
     )
-    hand: HandName = Field(
+    hand: HandName = setting(
         "none",
-        description="Scripted hand: push, slowly in and out of the wall; tap; lean, a steady "
-        "push in the positive direction",
-        json_schema_extra=_facts("", _TRUTH),
+        "Scripted hand: push, slowly in and out of the wall; tap; lean, a steady push in the "
+        "positive direction",
+        used_by=_TRUTH,
     )
-    kick: float | None = Field(
+    kick: float | None = setting(
         None,
+        "Displacement from wall.position at the start, positive toward positive positions; up to "
+        "a quarter turn the wall comes on around it at once; null: 0.1 rad outside a one-sided "
+        "wall, on a two-sided one",
+        "rad",
         ge=-100,
         le=100,
-        description="Displacement from wall.position at the start, positive toward positive "
-        "positions; up to a quarter turn the wall comes on around it at once; null: 0.1 rad "
-        "outside a one-sided wall, on a two-sided one",
-        json_schema_extra=_facts("rad", _TRUTH),
+        used_by=_TRUTH,
     )
-    torque_limit: Positive | None = Field(
+    torque_limit: Positive | None = setting(
         None,
-        description="The largest torque: where a simulated one saturates (null: 4.1); on a bus "
-        "a limit of ours below the servo's own (null: the servo's Current Limit)",
-        json_schema_extra=_facts("N·m", _ANY),
+        "The largest torque: where a simulated one saturates (null: 4.1); on a bus a limit of "
+        "ours below the servo's own (null: the servo's Current Limit)",
+        "N·m",
+        used_by=_ANY,
     )
-    torque_constant: Positive | None = Field(
+    torque_constant: Positive | None = setting(
         None,
-        description="Torque per current: the truth of an emulated servo, a calibration of a real "
-        "one; null: the model's stall torque over its stall current",
-        json_schema_extra=_facts("N·m/A", _BUS),
+        "Torque per current: the truth of an emulated servo, a calibration of a real one; null: "
+        "the model's stall torque over its stall current",
+        "N·m/A",
+        used_by=_BUS,
     )
-    port: Annotated[str, AfterValidator(_port)] | None = Field(
+    port: Annotated[str, AfterValidator(_port)] | None = setting(
         None,
+        "Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus of our own",
         min_length=1,
-        description="Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus of our own",
-        json_schema_extra=_facts("", _BUS),
+        used_by=_BUS,
     )
-    baud: Baud | None = Field(
-        None, description="Speed of the bus", json_schema_extra=_facts("bit/s", _BUS)
+    baud: Baud | None = setting(None, "Speed of the bus", "bit/s", used_by=_BUS)
+    id: Whole = setting(1, "The servo's id on the bus", ge=0, le=252, used_by=_BUS)
+    model: str | None = setting(
+        None, "The servo's model, e.g. XM430-W350", min_length=1, used_by=_BUS
     )
-    id: Whole = Field(
-        1, ge=0, le=252, description="The servo's id on the bus", json_schema_extra=_facts("", _BUS)
-    )
-    model: str | None = Field(
-        None,
-        min_length=1,
-        description="The servo's model, e.g. XM430-W350",
-        json_schema_extra=_facts("", _BUS),
-    )
-    schedule: Schedule = Field(
+    schedule: Schedule = setting(
         "immediate",
-        description="immediate: ask and answer within one period; pipelined: the reply travels "
-        "while the loop sleeps, its age is counted",
-        json_schema_extra=_facts("", _BUS),
+        "immediate: ask and answer within one period; pipelined: the reply travels while the loop "
+        "sleeps, its age is counted",
+        used_by=_BUS,
     )
-    watchdog_s: float = Field(
+    watchdog_s: float = setting(
         0.04,
+        "The servo stops by itself after this long without a message",
+        "s",
         ge=0.02,
         le=2.54,
         multiple_of=0.02,
-        description="The servo stops by itself after this long without a message",
-        json_schema_extra=_facts("s", _BUS),
+        used_by=_BUS,
     )
-    probe_torque: float = Field(
+    probe_torque: float = setting(
         0.3,
+        "Largest torque of the probe that proves the torque's sign at the start; 0: no probe",
+        "N·m",
         ge=0,
         le=5,
-        description="Largest torque of the probe that proves the torque's sign at the start; 0: "
-        "no probe",
-        json_schema_extra=_facts("N·m", _BUS),
+        used_by=_BUS,
     )
 
-    options: dict[str, Any] = Field(
-        {}, description="What a plugin's backend itself wants to know, by name"
-    )
+    options: dict[str, Any] = setting({}, "What a plugin's backend itself wants to know, by name")
 
     @property
     def kind(self) -> Kind:
