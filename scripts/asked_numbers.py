@@ -111,7 +111,9 @@ def _computing(name: str) -> Callable[..., object]:
     plain: Callable[..., object] = getattr(float, name)
 
     def operation(self: _Number, *others: object) -> object:
-        self.asked.computed = True
+        for each in (self, *others):
+            if isinstance(each, _Number):
+                each.asked.computed = True
         return plain(float(self), *(float(o) if isinstance(o, _Number) else o for o in others))
 
     return operation

@@ -393,9 +393,8 @@ def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
     for group in EVERY:
         for name, _, _ in _of_group(group):
             number = f"{group}.{name}"
-            felt = [
-                _felt(found, number, title) for title in ("", f" / {FACTOR:g}", f" × {FACTOR:g}")
-            ]
+            ends = ("", f" / {FACTOR:g}", f" × {FACTOR:g}")
+            felt = [_felt(found, number, end) for end in ends]
             asked = sum(number in row.asked for _, row in found)
             if any(felt):
                 rows.append((f"`{number}`", asked, *felt))
@@ -406,11 +405,12 @@ def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
     yield f"Felt by none, in brackets how many ask for it: {', '.join(unfelt) or 'none'}."
 
 
-def _felt(found: Found[str, Row], number: str, end: str) -> int:
+def _felt(found: Found[str, Row], number: str, end: str) -> int | str:
     """Return how many cases may change with a number; without an end: with it left out."""
-    titles = {f"{number}{end}"} if end else set(without(number.partition(".")[0]))
-    mine = {title for title in titles if title.partition(" ")[0] == number}
-    return sum(not mine.isdisjoint(row.may) for _, row in found)
+    group = number.partition(".")[0]
+    tries = {f"{number}{end}"} & scaled(group).keys() if end else without(group).keys()
+    mine = {title for title in tries if title.partition(" ")[0] == number}
+    return sum(not mine.isdisjoint(row.may) for _, row in found) if mine else ""
 
 
 def lines_of(
