@@ -313,7 +313,8 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
         turns = ((part, begun(part, given, kept, None)) for part in parts if part.in_turn)
         for part, wait in itertools.chain(waits, turns):
             rows = wait()
-            lines = [f"By `{command}`, {length(time.monotonic() - began)} on {this_machine()}.", ""]
+            took = "of the rows kept" if options.known else length(time.monotonic() - began)
+            lines = [f"By `{command}`, {took} on {this_machine()}.", ""]
             made = [*([] if study.everywhere else lines), *part.lines(rows)]
             holds = part.wanted(rows) and holds
             text = renewed(text, {part.name: made})

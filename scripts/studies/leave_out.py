@@ -444,7 +444,7 @@ def _lines(found: Found[Tried, Row], tries: Callable[[str], Tries], whole: int) 
             if others:
                 lines.append((f"`{title}`" if group else title, len(rows), ran, len(others), *ways))
             else:
-                silent.append(f"`{title}` ({ran} of {len(rows)})" if group else title)
+                silent.append(f"{f'`{title}`' if group else title} ({ran} of {len(rows)})")
     yield from table(("without" if tries is not scaled else "with", *HEAD), *lines)
     yield ""
     yield f"No case differs, in brackets how many ran: {', '.join(silent) or 'none'}."
