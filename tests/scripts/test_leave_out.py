@@ -10,7 +10,11 @@ from scripts.asked_numbers import Asked, asked_tuning
 from scripts.studies import leave_out
 from scripts.studies.leave_out import CRITERIA, EVERY, Outcome, Row, scaled, varied, without
 
-CASE = next(name for name in leave_out.whole_names(3) if name.startswith("bounces"))
+CASE = next(
+    name
+    for name, (kind, case) in leave_out.table_cases().items()
+    if kind == "hands" and case.duration_s < 20.0
+)
 
 
 def two_names(_most):
