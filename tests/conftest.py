@@ -13,7 +13,7 @@ import pytest
 os.environ["COLUMNS"] = "98"
 
 
-def pytest_addoption(parser) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
     )
@@ -36,12 +36,12 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers():
+def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: some tests wait for processes more than they compute."""
     return len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.fixture(scope="session")
-def thorough(pytestconfig: pytest.Config):
+def thorough(pytestconfig: pytest.Config) -> bool:
     """Whether the full number of random cases is wanted, however long it takes."""
     return pytestconfig.getoption("thorough")

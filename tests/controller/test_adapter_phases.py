@@ -11,7 +11,7 @@ PIPELINED = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000", "servo.schedule=pi
 
 
 @pytest.mark.parametrize("shift_us", [0, 450, 900])
-def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us) -> None:
+def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us: int) -> None:
     # Blocks of 62 bytes move the timer's grid at every look at the servo's health, which is longer:
     # also into the phases where a request sent after a loss would miss its tick again, for ever.
     run = rehearse(PIPELINED, 0.5, adapter=(MS_NS, 62), shift_ns=shift_us * 1000)

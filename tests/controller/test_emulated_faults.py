@@ -5,12 +5,13 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.processes.emulator import emulator_arguments
-from haptic_wall.controller.runtime.session import run_session
+from haptic_wall.controller.runtime.session import Result, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -21,7 +22,7 @@ EMULATED = "emulated-xm430"
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 
-def faults(*sets):
+def faults(*sets: str) -> tuple[str, ...]:
     return load_config(EMULATED, [f"servo.faults={text}" for text in sets]).config.servo.faults
 
 
@@ -35,7 +36,7 @@ def faults(*sets):
         ("[]", ()),
     ],
 )
-def test_one_fault_or_several_as_people_write_them(text, found) -> None:
+def test_one_fault_or_several_as_people_write_them(text: str, found: tuple[str, ...]) -> None:
     assert faults(text) == found
 
 
@@ -54,7 +55,7 @@ def test_one_fault_or_several_as_people_write_them(text, found) -> None:
         ("xm430-w350", "servo.supply=12", ["servo.port", "is a real one"]),
     ],
 )
-def test_what_cannot_happen_is_refused_by_name(source, change, words) -> None:
+def test_what_cannot_happen_is_refused_by_name(source: str, change: str, words: list[str]) -> None:
     with pytest.raises(ConfigError) as refused:
         load_config(source, [change])
     (problem,) = refused.value.problems
@@ -79,7 +80,7 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     assert not any("None" in word for word in words)
 
 
-def run(folder, *sets):
+def run(folder: Path, *sets: str) -> tuple[int, Any, str]:
     """A run as a process of its own."""
     changes = [word for text in sets for word in ("--set", text)]
     done = subprocess.run(
@@ -92,7 +93,7 @@ def run(folder, *sets):
     return done.returncode, json.loads(done.stdout or "null"), done.stderr
 
 
-def simulated(*sets):
+def simulated(*sets: str) -> Result:
     config = load_config(EMULATED, ["loop.clock=simulated", *sets]).config
     return run_session(config, SimulatedClock(), Telemetry.create(), 1.0)
 
@@ -113,7 +114,7 @@ def test_a_supply_outside_the_servo_s_limits_is_found_before_the_torque_is_on() 
 
 
 @pytest.mark.parametrize(("gap_s", "ended"), [(0.008, "duration"), (0.02, "trip:losses_in_row")])
-def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended) -> None:
+def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s: float, ended: str) -> None:
     """With the limits of hardware: 15 ms without a reading, a Bus Watchdog of 40 ms."""
     limits = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s=0.04")
     found = simulated(f"servo.faults=drop:at=0.9,for={gap_s},way=reply", *limits)
@@ -123,7 +124,7 @@ def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s, ended) -> None:
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 1000, 2000])
 def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
-    rate_hz, schedule
+    rate_hz: int, schedule: str
 ) -> None:
     telemetry = Telemetry.create()
     sets = (

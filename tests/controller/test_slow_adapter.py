@@ -3,11 +3,14 @@
 In memory on the simulated clock; what the shaft did is the emulated bus's own record.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import rehearse
+from tests.typed import not_none
 
 MS = 1_000_000
 TIMER_MS = 16
@@ -24,7 +27,7 @@ FREE_WALL = (
 decides whether it comes to rest."""
 
 
-def swings(found):
+def swings(found: Any) -> list[float]:
     """The largest distance from the wall in each fifth of the run with the wall on [rad]."""
     begun = int(found.ticks["deadline_ns"][np.flatnonzero(found.ticks["stiffness"] > 0)[0]])
     ended = int(found.ticks["deadline_ns"][-1])
@@ -39,7 +42,7 @@ def swings(found):
 @pytest.mark.parametrize("schedule", ["pipelined", "immediate"])
 @pytest.mark.parametrize("rate_hz", [1000, 500])
 def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
-    rate_hz, schedule, thorough: bool
+    rate_hz: int, schedule: str, thorough: bool
 ) -> None:
     sets = (f"loop.rate_hz={rate_hz}", f"servo.schedule={schedule}", "loop.warm_up_s=0.3")
     phases = range(0, 32) if thorough else (1, 12, 23)
@@ -48,14 +51,20 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
         result = found.result
         assert result.stop_reason == "duration"
         assert result.torque_off
-        assert (result.bus["lost"], result.bus["late"], result.bus["corrupt"]) == (0, 0, 0)
+        assert (not_none(result.bus)["lost"], result.bus["late"], result.bus["corrupt"]) == (
+            0,
+            0,
+            0,
+        )
         on = found.ticks[found.ticks["stiffness"] > 0]
         # The sample in use is one timer old when it comes and two when the next one does.
         assert np.max(on["age_ns"]) <= (2 * TIMER_MS + 2000 / rate_hz) * MS
-        commanded = result.guard["commanded"]["stiffness"]
-        assert 0 < commanded < 0.2 * result.guard["requested"]["stiffness"]
+        commanded = not_none(result.guard)["commanded"]["stiffness"]
+        assert 0 < commanded < 0.2 * not_none(result.guard)["requested"]["stiffness"]
         assert np.ptp(on["stiffness"]) == 0, "lowered from the first tick on"
-        (why,) = (reason for reason in result.guard["reasons"] if "sample's age" in reason)
+        (why,) = (
+            reason for reason in not_none(result.guard)["reasons"] if "sample's age" in reason
+        )
         assert "% of the total delay" in why
         assert "with its latency timer at 1 ms the age is at most" in why
         assert "K could be about" in why
@@ -70,7 +79,7 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> N
     assert swung[0] <= 0.31
     assert swung == sorted(swung, reverse=True)
     assert swung[-1] < 0.3 * swung[0]
-    twice = 2 * calm.result.guard["limit"]["exact"]
+    twice = 2 * not_none(calm.result.guard)["limit"]["exact"]
     wild = rehearse(
         (*FREE_WALL, "guard.mode=off", f"wall.stiffness={twice}"),
         6.0,
@@ -92,9 +101,9 @@ def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
         faults=["drop:every=4,way=reply"],
     )
     assert calm.result.stop_reason == "duration"
-    assert calm.result.bus["lost"] >= 20
+    assert not_none(calm.result.bus)["lost"] >= 20
     lost = np.count_nonzero(calm.ticks["outcome"] == Outcome.LOST)
-    assert lost == pytest.approx(calm.result.bus["lost"], abs=2), "one loss each"
+    assert lost == pytest.approx(not_none(calm.result.bus)["lost"], abs=2), "one loss each"
 
 
 def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
@@ -103,7 +112,7 @@ def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
     adapter = (TIMER_MS * MS, 62)
     found = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9"])
     assert found.result.stop_reason == "trip:losses_in_row"
-    assert found.result.bus["lost"] == 3
+    assert not_none(found.result.bus)["lost"] == 3
     calm = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
     assert calm.result.stop_reason == "duration"
 
@@ -112,4 +121,4 @@ def test_a_quick_adapter_is_untouched() -> None:
     found = rehearse((), 0.3, adapter=(1 * MS, 62))
     assert not np.any(found.ticks["outcome"] == Outcome.WAITING)
     assert np.percentile(found.ticks["age_ns"], 99) <= 2 * MS
-    assert not any("latency timer" in reason for reason in found.result.guard["reasons"])
+    assert not any("latency timer" in reason for reason in not_none(found.result.guard)["reasons"])

@@ -8,15 +8,15 @@ ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 
-def text_of(name):
+def text_of(name: str) -> str:
     return (ROOT / name).read_text()
 
 
-def name_of(page):
+def name_of(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-def commands():
+def commands() -> list[tuple[str, tuple[str, ...]]]:
     """Every distinct line of the ``sh`` blocks: the page it is first seen on, and its words."""
     found = {}
     for page in PAGES:
@@ -28,11 +28,11 @@ def commands():
     return [(page, words) for words, page in found.items()]
 
 
-def without_code(text):
+def without_code(text: str) -> str:
     return re.sub(r"`[^`\n]*`", "", re.sub(r"^ *```.*?^ *```", "", text, flags=re.S | re.M))
 
 
-def anchors(page):
+def anchors(page: Path) -> set[str]:
     """The names that links into a page may use, made of its headings."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
     return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}

@@ -56,7 +56,7 @@ def test_what_was_measured_is_written_and_the_rest_stays() -> None:
 
 @pytest.mark.parametrize("text", [None, "no JSON", "{}", "[]"])
 def test_a_report_that_is_none_is_refused_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str | None
 ) -> None:
     page, report = tmp_path / "bench.md", tmp_path / "report.json"
     page.write_text(text_of("docs/bench.md"), encoding="utf-8")

@@ -12,6 +12,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import NoReturn
@@ -24,7 +25,7 @@ from haptic_wall.controller.experiments.testbed import ExperimentInterruptedErro
 from haptic_wall.controller.paper import items
 from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
-from tests.typed import status_of
+from tests.typed import not_none, status_of
 
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
@@ -39,7 +40,7 @@ NOTHING = {"rows": [], "notes": [], "histograms": [], "seconds": 0.0, "steal_per
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder with what the pages' commands find: the presets' files, a testbed's, a log."""
     monkeypatch.chdir(tmp_path)
     # What is measured has tests of its own, and takes minutes.
@@ -64,7 +65,7 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     if thorough:
         return
 
-    def interrupted(*_, **__) -> NoReturn:
+    def interrupted(*_: object, **__: object) -> NoReturn:
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
@@ -87,27 +88,29 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
 class Nobody(Executor):
     """Is interrupted before it takes a task."""
 
-    def submit(self, *_, **__) -> NoReturn:
+    def submit(self, *_: object, **__: object) -> NoReturn:
         raise KeyboardInterrupt
 
 
-def call(words):
+def call(words: Sequence[str]) -> int:
     try:
         return cli.main(words)
     except SystemExit as ended:
         return status_of(ended)
 
 
-def shown(found):
+def shown(found: tuple[str, tuple[str, ...]]) -> str:
     page, words = found
     return f"{page}: {' '.join(words)}"
 
 
-def value_of(words, option):
+def value_of(words: Sequence[str], option: str) -> str | None:
     return words[words.index(option) + 1] if option in words else None
 
 
-def run_quickly(words, folder, capsys):
+def run_quickly(
+    words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> tuple[int, int]:
     """A ``run`` in the way that fits its servo; its exit status, and the one wanted."""
     if "--hold" in words:  # the device is another machine's
         at = words.index("--hold")
@@ -136,7 +139,7 @@ def run_quickly(words, folder, capsys):
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
 
 
-def look(words, folder, capsys) -> None:
+def look(words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A ``scan`` or ``doctor``, at a port where nothing is unless it brings its own bus."""
     nowhere = folder / "ttyUSB0"
     if words[0] == "scan":
@@ -151,7 +154,10 @@ def look(words, folder, capsys) -> None:
 @pytest.mark.usefixtures("cut_short")
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
 def test_commands_of_the_program(
-    found, folder, capsys: pytest.CaptureFixture[str], thorough: bool
+    found: tuple[str, tuple[str, ...]],
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    thorough: bool,
 ) -> None:
     _, (first, *words) = found
     if first == "scripts/run":
@@ -177,7 +183,7 @@ def test_commands_of_the_program(
 
 
 @pytest.mark.parametrize("found", OTHERS, ids=shown)
-def test_other_commands(found, folder) -> None:
+def test_other_commands(found: tuple[str, tuple[str, ...]], folder: Path) -> None:
     _, words = found
     match words:
         case (".", activate):
@@ -195,11 +201,13 @@ def test_other_commands(found, folder) -> None:
 
 
 @pytest.fixture
-def bus(tmp_path: Path):
+def bus(
+    tmp_path: Path,
+) -> Iterator[Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]]]:
     """Starts emulated buses by the pages' words, files apart; ends them."""
     started = []
 
-    def start(words):
+    def start(words: list[str]) -> tuple[subprocess.Popen[str], str | None, Path]:
         link = value_of(words, "--link")
         place = {
             link: str(tmp_path / "bus"),
@@ -212,7 +220,7 @@ def bus(tmp_path: Path):
             text=True,
         )
         started.append(emulator)
-        path = emulator.stdout.readline().strip()
+        path = not_none(emulator.stdout).readline().strip()
         if not path.startswith("/dev/pts/"):
             said = emulator.communicate(timeout=10)
             pytest.fail(f"the bus did not start: {path!r}, {said}, status {emulator.returncode}")
@@ -224,13 +232,15 @@ def bus(tmp_path: Path):
         emulator.communicate()
 
 
-def second_terminal():
+def second_terminal() -> list[str]:
     """The README's command for the other terminal."""
     return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
 
 
 @pytest.mark.realtime
-def test_two_terminals(bus, tmp_path: Path) -> None:
+def test_two_terminals(
+    bus: Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
+) -> None:
     """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
     first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
     emulator, _, there = bus(first)
@@ -258,7 +268,9 @@ def test_two_terminals(bus, tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_the_vendors_client(bus, tmp_path: Path) -> None:
+def test_the_vendors_client(
+    bus: Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
+) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
     page = "docs/emulated-bus.md"
     first = next(words for found, words in RUNS if words in BUSES and found == page)

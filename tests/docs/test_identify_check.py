@@ -13,6 +13,7 @@ from scripts.studies.identify_check import (
     NAMES,
     SEEDS,
     Bounded,
+    Kind,
     cells,
     holds,
     identified,
@@ -24,7 +25,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_a_seed_is_found_as_well_as_the_page_says(kind, thorough: bool) -> None:
+def test_a_seed_is_found_as_well_as_the_page_says(kind: Kind, thorough: bool) -> None:
     if kind is not KINDS[0] and not thorough:
         pytest.skip("seconds; --thorough runs it")
     cases = [identified((kind, seed)) for seed in range(SEEDS if thorough else 1)]

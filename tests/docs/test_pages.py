@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -14,10 +15,11 @@ from haptic_wall.controller.settings.fields import fields
 from scripts import readme_output
 from tests.docs.pages import PAGES, anchors, name_of, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
+from tests.typed import not_none
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page) -> None:
+def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text())):
         if re.match(r"[a-z]+:", target):
             continue
@@ -50,7 +52,7 @@ def test_the_presets_are_those_of_the_program(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_settings_that_are_named_exist(page) -> None:
+def test_settings_that_are_named_exist(page: Path) -> None:
     sections = "|".join({path.split(".")[0] for path in fields()})
     named = set(re.findall(rf"`((?:{sections})\.[a-z_]+)(?:[=:.][^`]*)?`", page.read_text()))
     groups = {key.rpartition(".")[0] for key in report_keys_named()}
@@ -58,7 +60,7 @@ def test_settings_that_are_named_exist(page) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_that_are_named_exist(page) -> None:
+def test_commands_that_are_named_exist(page: Path) -> None:
     named = set(re.findall(r"`haptic-wall ([a-z]+)", page.read_text()))
     assert sorted(named - {*COMMANDS}) == []
 
@@ -68,7 +70,7 @@ def test_every_trip_has_its_section() -> None:
     assert sorted(sections) == sorted(trip.label for trip in Trip)
 
 
-def report_keys_named():
+def report_keys_named() -> set[str]:
     table = text_of("docs/report.md").partition("## Keys")[2].partition("\n## ")[0]
     return {
         key
@@ -78,7 +80,7 @@ def report_keys_named():
     }
 
 
-def keys(value, path=""):
+def keys(value: object, path: str = "") -> set[str]:
     """The keys of a report, by path; times and lists are one key."""
     if not isinstance(value, dict) or "p50" in value:
         return {path}
@@ -109,7 +111,7 @@ def test_every_column_of_the_log_is_explained() -> None:
     page = text_of("docs/report.md")
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
     assert dict(rows) == COLUMNS
-    assert set(ROW.names) - set(COLUMNS.values()) == {"seq", "sampled_ns"}
+    assert set(not_none(ROW.names)) - set(COLUMNS.values()) == {"seq", "sampled_ns"}
 
 
 def test_every_start_up_check_is_explained() -> None:

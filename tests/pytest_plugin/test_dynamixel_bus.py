@@ -1,5 +1,7 @@
 """The fixture used as others use it, in this suite: marker, faults, record, mistakes."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
@@ -11,6 +13,7 @@ import dynamixel_sdk as sdk
 import pytest
 
 from haptic_wall.controller.pytest_plugin import BusError, BusRow, DynamixelBus
+from tests.typed import not_none
 
 pytestmark = pytest.mark.realtime
 
@@ -18,19 +21,19 @@ PATIENCE_MS, SHORT_MS = 10_000, 50
 
 
 class Client:
-    def __init__(self, bus) -> None:
+    def __init__(self, bus: DynamixelBus) -> None:
         self.port = sdk.PortHandler(bus.port)
         self.port.baudrate = bus.baud
         assert self.port.openPort()
         self.handler = sdk.PacketHandler(2.0)
 
-    def __enter__(self):
+    def __enter__(self) -> Client:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.port.closePort()
 
-    def ping(self, id_=1, patience_ms=PATIENCE_MS):
+    def ping(self, id_: int = 1, patience_ms: int = PATIENCE_MS) -> tuple[int, int, int]:
         self.port.setPacketTimeout = lambda _: self.port.setPacketTimeoutMillis(patience_ms)
         return self.handler.ping(self.port, id_)
 
@@ -165,7 +168,7 @@ def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path: Path) -> Non
     with subprocess.Popen(
         words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | folders
     ) as tests:
-        assert tests.stdout.readline().startswith(str(tmp_path))
+        assert not_none(tests.stdout).readline().startswith(str(tmp_path))
         tests.kill()
     end = time.monotonic() + 60.0
     while list(tmp_path.iterdir()):

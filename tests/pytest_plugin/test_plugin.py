@@ -6,6 +6,7 @@ import sys
 import textwrap
 import time
 import venv
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ EXAMPLES = ROOT / "docs" / "examples"
 HEAD = "import pytest\nimport dynamixel_sdk as sdk\n"
 
 
-def emulators(folder):
+def emulators(folder: Path) -> set[int]:
     """Processes that run an emulated bus whose files are in this folder."""
     own = os.fsencode(folder) + b"/dynamixel-bus-"
     found = []
@@ -35,11 +36,13 @@ def emulators(folder):
 
 
 @pytest.fixture
-def outside(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch):
+def outside(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., pytest.RunResult]]:
     """Runs tests in an empty folder; no bus may be left over."""
     monkeypatch.setenv("TMPDIR", str(pytester.path))
 
-    def run(text, *arguments):
+    def run(text: str, *arguments: str) -> pytest.RunResult:
         pytester.makepyfile(HEAD + textwrap.dedent(text))
         return pytester.runpytest_subprocess("-W", "error", *arguments, timeout=300)
 
@@ -47,7 +50,9 @@ def outside(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch):
     assert emulators(pytester.path) == set()
 
 
-def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside) -> None:
+def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(
+    outside: Callable[..., pytest.RunResult],
+) -> None:
     done = outside(
         """
         import os, signal
@@ -94,7 +99,9 @@ def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(outside) ->
 
 
 def test_it_meets_no_modules_of_the_program_under_test(
-    outside, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+    outside: Callable[..., pytest.RunResult],
+    pytester: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Their own `controller` and `hw`, in the folder and on the path, stay theirs."""
     for name in ("controller", "hw"):
@@ -206,7 +213,7 @@ def test_the_page_s_programs_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["wheel", "editable"])
-def test_installed(how, tmp_path: Path, thorough: bool) -> None:
+def test_installed(how: str, tmp_path: Path, thorough: bool) -> None:
     """As a wheel and editable, in a fresh environment that sees this one's other packages."""
     if not thorough:
         pytest.skip("makes a virtual environment and builds: --thorough")

@@ -1,9 +1,12 @@
 """Whether the parts of a page are what its study computes now."""
 
-from scripts.study import PART, ROOT, found, usual
+from collections.abc import Collection
+from typing import Any
+
+from scripts.study import PART, ROOT, Study, found, usual
 
 
-def stale(study, names=None, **options):
+def stale(study: Study, names: Collection[str] | None = None, **options: Any) -> list[str]:
     """The parts of a page, all or some by name, that a study would write anew."""
     text = (ROOT / "docs" / study.page).read_text(encoding="utf-8")
     there = {mark[2]: mark[3] for mark in PART.finditer(text)}

@@ -1,6 +1,7 @@
 """On made-up records of a run each broken promise is found, and none is invented."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,20 +28,22 @@ WATCHDOG_S = 0.04
 GOAL, ON, OFF = "6600020001", "400001", "400000"
 
 
-def state(time_s, torque):
+def state(time_s: float, torque: float) -> BusRow:
     return BusRow(time_s, "state", 1, None, 0.0, 0.0, torque, None, b"", "")
 
 
-def frame(time_s, torque, instruction, params, error=0):
+def frame(
+    time_s: float, torque: float, instruction: Instruction, params: str, error: int = 0
+) -> BusRow:
     return BusRow(time_s, "rx", 1, instruction, 0.0, 0.0, torque, error, bytes.fromhex(params), "")
 
 
-def goal(time_s, current):
+def goal(time_s: float, current: int) -> BusRow:
     data = current.to_bytes(2, "little", signed=True).hex()
     return frame(time_s, 0.01 * current, Instruction.SYNC_WRITE, GOAL + data)
 
 
-def pressing(until_s):
+def pressing(until_s: float) -> list[BusRow]:
     """A record of a wall that presses at 1 kHz until then, torque enabled at 0."""
     rows = [frame(0.0, 0.0, Instruction.WRITE, ON)]
     for tick in range(round(until_s * 1000)):
@@ -48,7 +51,7 @@ def pressing(until_s):
     return rows
 
 
-def ended(cut_s):
+def ended(cut_s: float) -> list[BusRow]:
     """The same, cut in time."""
     return [
         *pressing(cut_s),
@@ -74,7 +77,7 @@ def test_a_run_that_was_cut_in_time_has_no_offence() -> None:
         (frame(0.55, 0.0, Instruction.WRITE, ON), "torque was switched on again after the cut"),
     ],
 )
-def test_torque_after_a_trip_is_found(late, offence) -> None:
+def test_torque_after_a_trip_is_found(late: BusRow, offence: str) -> None:
     assert ending([*ended(0.5), late], WATCHDOG_S).offences == [offence]
 
 
@@ -99,7 +102,7 @@ def test_behind_an_end_that_nobody_witnessed_the_bus_watchdog_is_the_cut() -> No
     ],
 )
 def test_before_a_cut_that_comes_late_the_bus_watchdog_must_have_ended_the_torque(
-    torque_s, offence
+    torque_s: float, offence: list[str]
 ) -> None:
     rows = [
         *pressing(0.5),
@@ -156,7 +159,7 @@ SHOTS = [
     ],
 )
 def test_only_a_shot_shortly_before_that_may_cause_it_explains_an_end(
-    reason, stopped_s, cause
+    reason: str, stopped_s: float, cause: str | None
 ) -> None:
     assert explanation(reason, stopped_s, SHOTS, MAY_END) == cause
 
@@ -212,11 +215,11 @@ def test_in_the_run_that_watches_the_recorder_none_is_killed() -> None:
     assert spared == [shot.name for shot in GENTLE if shot.name != RECORDER_KILLED]
 
 
-def text_of(hour):
+def text_of(hour: Hour) -> str:
     return "\n".join(lines(hour))
 
 
-def a_run(reason="interrupted", cause=ASKED, **more):
+def a_run(reason: str = "interrupted", cause: str | None = ASKED, **more: Any) -> Run:
     return Run(reason=reason, cause=cause, thrown=[Thrown(ASKED, 9.0, 9.5)], **more)
 
 
@@ -239,7 +242,7 @@ def a_run(reason="interrupted", cause=ASKED, **more):
         ),
     ],
 )
-def test_the_page_says_each_promise_that_did_not_hold(run, words) -> None:
+def test_the_page_says_each_promise_that_did_not_hold(run: Run, words: str) -> None:
     hour = Hour(60.0, 1, [a_run(), run], whole=True)
     text = text_of(hour)
     assert ("Did not hold" in text) == bool(words)

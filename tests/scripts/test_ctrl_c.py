@@ -40,7 +40,7 @@ EMULATE = replace(ENDED, name="emulate", torque=None)
         (replace(EMULATE, number=signal.SIGHUP, status=0), True),  # that is how it is ended
     ],
 )
-def test_a_command_ends_as_asked_quietly_and_leaves_nothing(found, wanted) -> None:
+def test_a_command_ends_as_asked_quietly_and_leaves_nothing(found: Try, wanted: bool) -> None:
     assert found.as_wanted == wanted
 
 

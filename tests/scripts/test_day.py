@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.telemetry import ROW, Row
 from haptic_wall.hw.servo import Outcome
-from scripts.studies.day import PERIOD_NS, WatchedTelemetry, long_run, turning
+from scripts.studies.day import PERIOD_NS, Passed, WatchedTelemetry, long_run, turning
 
 TICKS = 15_000
 
 
-def rows_of_a_run():
+def rows_of_a_run() -> NDArray[np.void]:
     rows = np.zeros(TICKS, ROW)
     rows["seq"] = np.arange(TICKS)
     rows["deadline_ns"] = 5 + PERIOD_NS * np.arange(TICKS)
@@ -18,7 +19,7 @@ def rows_of_a_run():
     return rows
 
 
-def passed(rows):
+def passed(rows: NDArray[np.void]) -> Passed:
     telemetry = WatchedTelemetry.create()
     for start in range(0, TICKS, 4096):
         for row in rows[start : start + 4096].tolist():
@@ -45,7 +46,7 @@ def test_a_run_as_it_should_be_has_nothing_to_show() -> None:
         ("oscillation", 2, "alarmed"),
     ],
 )
-def test_one_tick_that_is_not_as_the_others_is_found(column, value, seen) -> None:
+def test_one_tick_that_is_not_as_the_others_is_found(column: str, value: float, seen: str) -> None:
     rows = rows_of_a_run()
     rows[column][10_000] = value
     assert getattr(passed(rows), seen) == 1

@@ -9,7 +9,7 @@ from tests.docs.pages import text_of
 
 
 @pytest.mark.parametrize("preset", CANDIDATES)
-def test_the_presets_wall_is_chosen_from_the_table(preset) -> None:
+def test_the_presets_wall_is_chosen_from_the_table(preset: str) -> None:
     wall = load_config(preset).config.wall
     cells = row((preset, wall.stiffness, wall.damping))
     line = table([], cells)[-1]

@@ -24,7 +24,7 @@ def test_the_tables_are_what_is_computed(thorough: bool) -> None:
 
 
 @pytest.mark.parametrize("quarters", [4, 6, 12])
-def test_a_regular_loop_has_the_limit_of_the_theory(quarters) -> None:
+def test_a_regular_loop_has_the_limit_of_the_theory(quarters: int) -> None:
     period = quarters * PERIOD / 4
     exact = float(critical_stiffness(0.012, 0.012, 0.03, period, 2 * PERIOD / 4))
     found = least_unstable(

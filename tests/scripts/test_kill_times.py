@@ -3,10 +3,11 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from scripts.shots import SHOTS
+from scripts.shots import SHOTS, Shot
 from scripts.studies.kill_times import Hit, as_wanted, said, torque_of
 
 NAMED = {shot.name: shot for shot in SHOTS}
@@ -34,11 +35,11 @@ ENDED = Hit(40.3, "Bus Watchdog", 3, "`trip:loop_died`", 0, 0, 5.0)
         (SUPERVISOR, replace(ENDED, time_ms=math.inf, status=-9), False),
     ],
 )
-def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot, hit, wanted) -> None:
+def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot: Shot, hit: Hit, wanted: bool) -> None:
     assert as_wanted(shot, hit) == wanted
 
 
-def report(reason, explanation=None):
+def report(reason: str, explanation: None = None) -> dict[str, Any]:
     return {"stop_reason": reason, "explanation": explanation, "warnings": []}
 
 
@@ -56,7 +57,9 @@ ENDING = (812.0, "Torque Enable 0")
         (NAMED["supervisor: SIGTERM"], report("interrupted"), True, False),
     ],
 )
-def test_a_run_went_on_only_where_its_report_says_so(shot, told, lived, goes_on) -> None:
+def test_a_run_went_on_only_where_its_report_says_so(
+    shot: Shot, told: dict[str, Any] | None, lived: bool, goes_on: bool
+) -> None:
     time_ms, by = torque_of(shot, told, ENDING, lived=lived)
     assert (time_ms, by) == ((None, "nothing, the run goes on") if goes_on else ENDING)
 

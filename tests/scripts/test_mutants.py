@@ -5,11 +5,20 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from scripts import mutants
-from scripts.mutant_kinds import ROLES, all_mutants, modules_of, mutants_of, mutated, watched
+from scripts.mutant_kinds import (
+    ROLES,
+    Mutant,
+    all_mutants,
+    modules_of,
+    mutants_of,
+    mutated,
+    watched,
+)
 from scripts.mutants import (
     ROOT,
     Workers,
@@ -63,12 +72,12 @@ KINDS = [
 ]
 
 
-def by_name(source=SOURCE, path="a.py"):
+def by_name(source: str = SOURCE, path: str = "a.py") -> dict[str, Mutant]:
     return {one.id.removeprefix("guard:"): one for one in mutants_of("guard", path, source)}
 
 
 @pytest.mark.parametrize(("name", "line"), KINDS)
-def test_a_mutant_changes_one_line(name, line) -> None:
+def test_a_mutant_changes_one_line(name: str, line: str) -> None:
     text, becomes = mutated(SOURCE, by_name()[name].number)
     assert becomes == line
     before = ast.unparse(ast.parse(SOURCE)).splitlines()
@@ -148,7 +157,7 @@ def test_the_quickest_tests_come_first_and_one_at_least() -> None:
     assert list(chosen(outside, {"a.py": {"any": 0.1}}, 1.0)) == ["any"]
 
 
-def results(source, outcome="killed", path="a.py"):
+def results(source: str, outcome: str = "killed", path: str = "a.py") -> list[dict[str, Any]]:
     return [
         {**asdict(one), "becomes": "", "outcome": outcome} for one in by_name(source, path).values()
     ]
@@ -180,7 +189,7 @@ def test_results_are_kept_and_counted(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small project with one module, of which one test checks something and one nothing."""
     root = tmp_path / "project"
     package, room = root / ".src" / "haptic_wall", root / "controller" / "runtime"
@@ -206,7 +215,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     return root
 
 
-def test_mutants_are_tried_in_a_copy(project, tmp_path: Path, thorough: bool) -> None:
+def test_mutants_are_tried_in_a_copy(project: Path, tmp_path: Path, thorough: bool) -> None:
     source = (project / "controller" / "runtime" / "safety.py").read_text()
     wanted = {
         "safety:far:boundary:2": "survived",
@@ -221,7 +230,7 @@ def test_mutants_are_tried_in_a_copy(project, tmp_path: Path, thorough: bool) ->
         found = reached(workers, project, ["safety"], known, said.append)
         assert reached(workers, project, ["safety"], known, pytest.fail) == found, "not run again"
 
-        def job(tree, run) -> None:
+        def job(tree: Path, run: Any) -> None:
             for one in all_mutants(project):
                 if one.id in wanted:
                     tests = chosen(one, found, 9.0)

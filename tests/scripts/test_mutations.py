@@ -3,7 +3,9 @@
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,7 +20,7 @@ SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
 SEED = 0
 
 
-def faults(kind, folder, count, base=Path(), least=0):
+def faults(kind: str, folder: Path, count: int, base: Path = Path(), least: int = 0) -> list[str]:
     """The faults of some files, until there are ``least``."""
     found = []
     for number in range(count):
@@ -31,7 +33,7 @@ def faults(kind, folder, count, base=Path(), least=0):
 
 @pytest.mark.parametrize("kind", SOME)
 def test_no_file_is_read_wrongly_or_ends_in_a_traceback(
-    kind, tmp_path: Path, thorough: bool
+    kind: str, tmp_path: Path, thorough: bool
 ) -> None:
     assert faults(kind, tmp_path, 10 * SOME[kind] if thorough else SOME[kind]) == []
 
@@ -46,7 +48,7 @@ def test_no_folder_of_a_commissioning_is(
     assert faults("folders", folder, 200 if thorough else 40, base) == []
 
 
-def half_parted(whole, period, notes):
+def half_parted(whole: Any, period: float, notes: Any) -> list[Any]:
     """As it is parted, but for the half of each part, which is lost."""
     return [sliced(part, 0, part.times.size // 2) for part in parted(whole, period, notes)]
 
@@ -64,7 +66,12 @@ def half_parted(whole, period, notes):
     ],
 )
 def test_a_defect_is_noticed(
-    kind, place, wrong, fault, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str,
+    place: str,
+    wrong: Callable[..., object],
+    fault: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(place, wrong)
     assert f"('{fault}'" in faults(kind, tmp_path, 200, least=1)[0]

@@ -27,13 +27,13 @@ MADE_ON, LINES = lines_in(DIGESTS.read_text("utf-8"))
 ROWS = {"time_s": ["0.0", "0.001"], "torque_nm": ["0.0", "-0.25"]}
 
 
-def pytest_generate_tests(metafunc) -> None:
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "case" in metafunc.fixturenames:
         names = CASES if metafunc.config.getoption("thorough") else SOME
         metafunc.parametrize("case", names)
 
 
-def test_rows_are_as_they_were(case) -> None:
+def test_rows_are_as_they_were(case: str) -> None:
     found = ran(CASES[case])
     now, exactly = line_of(case, found), machine() == MADE_ON
     told = change(LINES[case], now, kept(same_rows.KEPT, case), found)
@@ -59,7 +59,7 @@ def test_each_run_has_a_line() -> None:
         ("torque_nm", "torque_nm"),
     ],
 )
-def test_rounding(text, wanted) -> None:
+def test_rounding(text: str, wanted: str) -> None:
     assert rounded(text) == wanted
 
 
@@ -87,7 +87,7 @@ def test_the_order_of_columns_does_not_count() -> None:
         ({**ROWS, "phase": ["0", "0"]}, "new column phase"),
     ],
 )
-def test_the_first_difference_is_named(now, words) -> None:
+def test_the_first_difference_is_named(now: dict[str, list[str]], words: str) -> None:
     assert first_difference(ROWS, now) == words
 
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -17,13 +17,13 @@ ME = getpass.getuser()
 
 
 @pytest.fixture
-def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     """A system of its own: folders, groups, and programs that only change those groups."""
     groups = {"dialout": ["somebody"]}
     gids = {GROUP: os.getgid()}
     done = []
 
-    def command(*words) -> None:
+    def command(*words: object) -> None:
         done.append(" ".join(words))
         match words:
             case ("groupadd", "-r", name):
@@ -45,7 +45,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     )
     monkeypatch.setattr("os.geteuid", lambda: 0)
 
-    def call(*options) -> None:
+    def call(*options: object) -> None:
         monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
         setup_testbed.main()
 
@@ -53,7 +53,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 
 def test_it_says_what_it_will_do_and_does_it_once(
-    system, capsys: pytest.CaptureFixture[str]
+    system: SimpleNamespace, capsys: pytest.CaptureFixture[str]
 ) -> None:
     system.call("--dry-run", f"--user={ME}")
     said = capsys.readouterr().out
@@ -84,7 +84,7 @@ BEFORE = pytest.mark.parametrize(
 
 @BEFORE
 def test_undoing_leaves_what_was_there_before(
-    system, before, capsys: pytest.CaptureFixture[str]
+    system: SimpleNamespace, before: dict[str, list[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     system.groups.update({name: list(members) for name, members in before.items()})
     system.call("--yes", f"--user={ME}")
@@ -96,14 +96,16 @@ def test_undoing_leaves_what_was_there_before(
     assert "nothing to undo" in capsys.readouterr().out
 
 
-def broken_off(system, monkeypatch, plan, steps, *options) -> None:
+def broken_off(
+    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, plan: str, steps: int, *options: str
+) -> None:
     """Call the script, and press Ctrl-C after so many of its changes."""
     usual = getattr(setup_testbed, plan)
 
     def ctrl_c() -> NoReturn:
         raise KeyboardInterrupt
 
-    def planned(*given):
+    def planned(*given: Any) -> list[setup_testbed.Change]:
         return [*usual(*given)[:steps], setup_testbed.Change("be broken off", ctrl_c)]
 
     with monkeypatch.context() as patch:
@@ -116,7 +118,10 @@ def broken_off(system, monkeypatch, plan, steps, *options) -> None:
 @BEFORE
 @pytest.mark.parametrize("steps", range(7))
 def test_one_that_was_broken_off_can_be_undone(
-    system, monkeypatch: pytest.MonkeyPatch, before, steps
+    system: SimpleNamespace,
+    monkeypatch: pytest.MonkeyPatch,
+    before: dict[str, list[str]],
+    steps: int,
 ) -> None:
     """What is done to groups is written down before it is done."""
     system.groups.update({name: list(members) for name, members in before.items()})
@@ -129,7 +134,10 @@ def test_one_that_was_broken_off_can_be_undone(
 @BEFORE
 @pytest.mark.parametrize("steps", range(7))
 def test_an_undoing_that_was_broken_off_can_be_ended(
-    system, monkeypatch: pytest.MonkeyPatch, before, steps
+    system: SimpleNamespace,
+    monkeypatch: pytest.MonkeyPatch,
+    before: dict[str, list[str]],
+    steps: int,
 ) -> None:
     system.groups.update({name: list(members) for name, members in before.items()})
     system.call("--yes", f"--user={ME}")
@@ -141,7 +149,7 @@ def test_an_undoing_that_was_broken_off_can_be_ended(
 
 @pytest.mark.parametrize("steps", range(8))
 def test_undoing_gives_the_latency_device_back_at_once(
-    system, monkeypatch: pytest.MonkeyPatch, steps
+    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, steps: int
 ) -> None:
     """Without its rule it would keep the group until a restart; broken off or not."""
     given = []
@@ -158,7 +166,7 @@ def test_undoing_gives_the_latency_device_back_at_once(
 
 
 def test_the_latency_device_of_another_group_is_not_touched(
-    system, monkeypatch: pytest.MonkeyPatch
+    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.chown", lambda *_: pytest.fail("touched"))
     system.gids[GROUP] = os.getgid() + 1
@@ -184,7 +192,7 @@ def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:
     assert "--undo" in done.stdout
 
 
-def test_files_of_others_are_not_touched(system) -> None:
+def test_files_of_others_are_not_touched(system: SimpleNamespace) -> None:
     (system.root / RULES).parent.mkdir(parents=True)
     (system.root / RULES).write_text("# mine\n")
     for options in (("--yes", f"--user={ME}"), ("--undo", "--yes")):
@@ -193,7 +201,7 @@ def test_files_of_others_are_not_touched(system) -> None:
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
 
-def test_a_note_that_lacks_the_group_is_named(system) -> None:
+def test_a_note_that_lacks_the_group_is_named(system: SimpleNamespace) -> None:
     system.call("--yes", f"--user={ME}")
     with (system.root / LIMITS).open("a") as file:
         file.write("# joined: me\n")
@@ -203,27 +211,33 @@ def test_a_note_that_lacks_the_group_is_named(system) -> None:
 
 
 def test_a_root_that_is_no_folder_is_wrong_input(
-    system, capsys: pytest.CaptureFixture[str]
+    system: SimpleNamespace, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         system.call("--dry-run", f"--user={ME}", f"--root={system.root / 'nothing'}")
     assert ended.value.code == 2 and "wanted a folder" in capsys.readouterr().err
 
 
-def test_who_does_not_exist_is_wrong_input(system, capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_does_not_exist_is_wrong_input(
+    system: SimpleNamespace, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         system.call("--user=no-such-user")
     assert ended.value.code == 2 and "wanted a user" in capsys.readouterr().err
 
 
-def test_nobody_to_be_asked_is_no_leave(system, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_to_be_asked_is_no_leave(
+    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
     with pytest.raises(SystemExit, match="nobody is there to be asked"):
         system.call(f"--user={ME}")
     assert not system.done
 
 
-def test_only_root_changes_anything(system, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_root_changes_anything(
+    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     with pytest.raises(SystemExit, match="sudo"):
         system.call("--yes", f"--user={ME}")

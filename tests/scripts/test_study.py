@@ -29,7 +29,7 @@ def squared(case: int) -> Row:
     return Row(float("inf") if case == 3 else float(case * case), (case, case))
 
 
-def lines(found):
+def lines(found: Any) -> list[str]:
     return [f"{case}: {row.squared:g} {row.pair}" for case, row in found]
 
 
@@ -39,19 +39,19 @@ PAGE = "before\n<!-- computed: squares -->\nold\n<!-- end -->\nbehind\n"
 
 
 @pytest.fixture
-def page(tmp_path: Path):
+def page(tmp_path: Path) -> Path:
     asked.clear()
     place = tmp_path / "squares.md"
     place.write_text(PAGE)
     return place
 
 
-def call(page, *options):
+def call(page: Path, *options: str) -> tuple[int, str]:
     status = run(STUDY, "squares", "Squares.", ["--out", str(page), *options])
     return status, page.read_text()
 
 
-def test_the_part_is_made_anew_and_the_rest_stays(page) -> None:
+def test_the_part_is_made_anew_and_the_rest_stays(page: Path) -> None:
     status, text = call(page, "--count", "3")
     assert status == 0
     assert text.startswith(
@@ -61,13 +61,13 @@ def test_the_part_is_made_anew_and_the_rest_stays(page) -> None:
     assert "old" not in text
 
 
-def test_what_is_the_same_everywhere_names_no_machine(page) -> None:
+def test_what_is_the_same_everywhere_names_no_machine(page: Path) -> None:
     study = Study("squares.md", (PART,), STUDY.options, everywhere=True)
     run(study, "squares", "Squares.", ["--out", str(page), "--quick"])
     assert page.read_text() == PAGE.replace("old\n", "0: 0 (0, 0)\n1: 1 (1, 1)\n")
 
 
-def test_a_later_call_goes_on_where_one_ended(page, tmp_path: Path) -> None:
+def test_a_later_call_goes_on_where_one_ended(page: Path, tmp_path: Path) -> None:
     rows = tmp_path / "rows"
     call(page, "--count", "4", "--rows", str(rows))
     assert [json.loads(line)[1] for line in rows.read_text().splitlines()] == ["0", "1", "2", "3"]
@@ -92,7 +92,7 @@ def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path: Path) -> None:
     assert len(rows.read_text().splitlines()) == 2
 
 
-def test_the_status_says_whether_what_is_wanted_holds(page) -> None:
+def test_the_status_says_whether_what_is_wanted_holds(page: Path) -> None:
     part = Part(
         "squares", PART.cases, squared, lines, in_turn=True,
         wanted=lambda found: all(row.squared < 4 for _, row in found),
@@ -105,7 +105,7 @@ def test_the_status_says_whether_what_is_wanted_holds(page) -> None:
     assert status == [0, 1]
 
 
-def test_a_page_without_a_place_is_told_before_anything_is_computed(page) -> None:
+def test_a_page_without_a_place_is_told_before_anything_is_computed(page: Path) -> None:
     page.write_text("no place")
     with pytest.raises(LookupError, match="no place for squares"):
         call(page)
@@ -138,7 +138,7 @@ def test_help_names_defaults_and_no_empty_one(capsys: pytest.CaptureFixture[str]
     assert "in this folder --rows" in said
 
 
-def test_what_one_gives_goes_before_what_is_quick(page) -> None:
+def test_what_one_gives_goes_before_what_is_quick(page: Path) -> None:
     call(page, "--quick", "--count", "4")
     assert len(asked) == 4
     asked.clear()
@@ -157,7 +157,7 @@ def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(
-    name, capsys: pytest.CaptureFixture[str]
+    name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = importlib.import_module(f"scripts.studies.{name}")
     study = module.STUDY
@@ -200,7 +200,7 @@ def test_every_script_that_a_page_names_is_there() -> None:
     assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
 
 
-def test_a_page_is_made_of_the_known_rows_alone(page, tmp_path):
+def test_a_page_is_made_of_the_known_rows_alone(page: Path, tmp_path: Path) -> None:
     rows = ["--rows", str(tmp_path / "rows")]
     call(page, "--count", "2", *rows)
     asked.clear()

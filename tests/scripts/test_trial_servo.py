@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from haptic_wall.hw.clock import SimulatedClock
@@ -35,7 +36,9 @@ def driven(servo: TrialServo, clock: SimulatedClock, torque: Torque, ticks: int)
     return np.array(servo.outputs)
 
 
-def run(truth: Truth, torque: Torque, ticks: int, operator: Operator = NOBODY, **start: float):
+def run(
+    truth: Truth, torque: Torque, ticks: int, operator: Operator = NOBODY, **start: float
+) -> NDArray[np.void]:
     clock = SimulatedClock()
     return driven(TrialServo(truth, clock, operator, **start), clock, torque, ticks)
 

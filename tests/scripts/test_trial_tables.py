@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scripts.trials.cases import LAGS, ROWS, Case, draw_row, hand_case
+from scripts.trials.cases import LAGS, ROWS, Case, Lags, Row, draw_row, hand_case
 from scripts.trials.draws import bench_of
 from scripts.trials.hand_hours import judged
 from scripts.trials.rates import (
@@ -124,7 +124,7 @@ def test_amplitudes_before_and_after_an_alarm_are_told_apart() -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 @pytest.mark.parametrize("lags", LAGS, ids=lambda lags: lags.name)
-def test_a_row_draws_what_its_name_says(row, lags) -> None:
+def test_a_row_draws_what_its_name_says(row: Row, lags: Lags) -> None:
     random = np.random.default_rng(1)
     drawn = [draw_row(BENCH, row, lags, random) for _ in range(40)]
     delays = [truth.delay / BENCH.belief.delay.high for truth in drawn]

@@ -1,8 +1,9 @@
 """What the benchmark makes of records and of what loops say; nothing is asserted about speed."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from haptic_wall.hw.simulated import SimulatedServo
 READ, SYNC_WRITE = 2, 131
 
 
-def row(time_s, event, instruction=None, fault=""):
+def row(time_s: float, event: str, instruction: int | None = None, fault: str = "") -> BusRow:
     return BusRow(time_s, event, 1, instruction, 0.0, 0.0, 0.0, None, b"", fault)
 
 
@@ -74,7 +75,7 @@ class TestTorqueFrames:
 
 class TestHighestRate:
     @pytest.mark.parametrize("capacity_hz", [520.0, 1234.0, 4700.0, 7990.0])
-    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz) -> None:
+    def test_six_halvings_find_the_rate_to_within_five_per_cent(self, capacity_hz: float) -> None:
         # The range 500 to 8000 Hz halved six times: 16^(1/64) = 1.044.
         search = RateSearch(500.0, 8000.0)
         for _ in range(6):
@@ -99,7 +100,7 @@ class TestHighestRate:
         assert holds(lambda *_: runs.pop(0), "", 1000.0)
 
     def test_a_loop_that_cannot_start_does_not_hold_the_rate(self) -> None:
-        def none(*_) -> NoReturn:
+        def none(*_: object) -> NoReturn:
             raise ServoError("nobody answers")
 
         assert not holds(none, "", 1000.0)
@@ -133,8 +134,8 @@ class TestLostReply:
         reads = {"a": 0, "b": 0, "never loses": 0}
         turns = []
 
-        def client(name, every):
-            def read():
+        def client(name: str, every: int) -> Callable[[], bool]:
+            def read() -> bool:
                 reads[name] += 1
                 turns.append(name)
                 return not every or bool(reads[name] % every)
@@ -169,7 +170,7 @@ class TestStages:
 
     CONFIG = load_config("simulated", ("loop.clock=simulated",)).config
 
-    def listened(self):
+    def listened(self) -> tuple[StageTimes, int]:
         times = StageTimes()
         with times.listening(SimulatedServo):
             result = run_session(self.CONFIG, SimulatedClock(), Telemetry.create(), 0.3)
@@ -188,7 +189,7 @@ class TestStages:
     def test_what_a_stage_takes_falls_on_that_stage(self, monkeypatch: pytest.MonkeyPatch) -> None:
         torque = Wall.torque
 
-        def slow(*values):
+        def slow(*values: Any) -> float:
             until = time.monotonic_ns() + 300_000
             while time.monotonic_ns() < until:
                 pass
@@ -229,7 +230,7 @@ def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(
 
 
 def test_a_machine_where_the_bus_cannot_start_gets_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(*_options) -> NoReturn:
+    def none(*_options: object) -> NoReturn:
         raise PlatformError("the emulated bus did not start: it ended with 4")
 
     monkeypatch.setattr(torque_frames, "emulated_bus", none)

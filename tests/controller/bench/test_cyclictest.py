@@ -40,7 +40,7 @@ def test_every_wake_up_that_the_histogram_counts_is_found() -> None:
         PRINTED.replace(" 000003", " 000003 000004"),  # of two threads
     ],
 )
-def test_other_output_is_refused(text) -> None:
+def test_other_output_is_refused(text: str) -> None:
     with pytest.raises(PlatformError, match="install another version"):
         cyclictest.parsed(text)
 

@@ -1,6 +1,7 @@
 """The section on lateness: its arithmetic, who is missing, and one turn of the real loops."""
 
 import os
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError
 from typing import NoReturn
 
@@ -12,6 +13,7 @@ from haptic_wall.controller.bench.lateness_client import PERIOD_NS, on_grid
 from haptic_wall.controller.bench.rights import granted
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.realtime import pick_cores
+from tests.typed import not_none
 
 SETTINGS = [
     {"name": "scheduler", "wanted": "SCHED_FIFO 80", "got": "refused: no", "ok": False,
@@ -24,11 +26,11 @@ class LateWaiter:
 
     margin_ns = slept_ns = 0
 
-    def __init__(self, late) -> None:
+    def __init__(self, late: Iterable[int]) -> None:
         self.now = 0
         self._late = iter(late)
 
-    def wait(self, deadline_ns):
+    def wait(self, deadline_ns: int) -> int:
         self.now = max(self.now, deadline_ns) + next(self._late)
         return self.now
 
@@ -51,7 +53,7 @@ def stubs(monkeypatch: pytest.MonkeyPatch) -> None:
     }
     turns = {name: iter(each) for name, each in rounds.items()}
 
-    def turn(name):
+    def turn(name: str) -> lateness.Turn:
         late = next(turns[name], None) if name in turns else [60.0] * 100
         return lateness.Turn(np.array(late), 1000.0, 0.25, SETTINGS)
 
@@ -85,7 +87,7 @@ def test_figures_are_medians_of_rounds_and_the_ratio_is_of_the_same_round() -> N
 def test_whoever_is_missing_is_named_and_the_rest_is_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def none(_name) -> NoReturn:
+    def none(_name: object) -> NoReturn:
         raise PackageNotFoundError
 
     monkeypatch.setattr(cyclictest, "installed", lambda: None)
@@ -102,7 +104,7 @@ def test_whoever_is_missing_is_named_and_the_rest_is_measured(
 def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def refuse(*_arguments) -> NoReturn:
+    def refuse(*_arguments: object) -> NoReturn:
         raise PlatformError("cyclictest ended with 1: Probably missing capabilities")
 
     monkeypatch.setattr(cyclictest, "lateness_us", refuse)
@@ -122,6 +124,6 @@ def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(
     for turn in (lateness._child("settings", core), lateness._program(core)):
         # A wake-up a tick: what a busy machine has skipped has none, and lowers the rate.
         assert 0 < turn.late_us.size <= 51
-        assert turn.late_us.size >= 25 or turn.rate_hz < 900.0
+        assert turn.late_us.size >= 25 or not_none(turn.rate_hz) < 900.0
         assert turn.late_us.min() >= 0.0
     assert os.sched_getaffinity(0) == cores

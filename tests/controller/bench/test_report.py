@@ -26,7 +26,7 @@ def test_a_percentile_is_one_of_the_values() -> None:
         ([0.0, 0.0], "linear"),
     ],
 )
-def test_no_sample_is_lost_between_the_bins(samples, scale) -> None:
+def test_no_sample_is_lost_between_the_bins(samples: list[float], scale: str) -> None:
     counted = binned(Histogram("h", "µs", {"one": samples, "none": []}))
     assert counted["scale"] == scale
     assert set(counted["series"]) == {"one"}
@@ -49,7 +49,7 @@ def test_a_sample_is_counted_in_the_bin_that_holds_it() -> None:
     ("value", "text"),
     [(0.04567, "0.0457"), (12.25, "12.2"), (999.97, "1,000"), (423456.0, "423,000"), (None, "–")],
 )
-def test_figures_have_three_digits(value, text) -> None:
+def test_figures_have_three_digits(value: float | None, text: str) -> None:
     assert figure(value) == text
 
 

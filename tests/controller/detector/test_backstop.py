@@ -2,6 +2,7 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from hypothesis import strategies as st
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
 from scripts.trials.draws import bench_of
 from scripts.trials.judges import own_oscillation
-from scripts.trials.operators import NOBODY, operator_of
-from scripts.trials.run import WallAsked, run_trial
+from scripts.trials.operators import NOBODY, Operator, operator_of
+from scripts.trials.run import Trial, WallAsked, run_trial
 from scripts.trials.truth import Truth
 from tests.scripts.trial_help import called_quiet
 
@@ -23,7 +24,15 @@ XL330 = Truth(0.0018142, 0.0018309, 0.0064165, torque_limit=0.52, stall_torque=0
 SCALES = {1.0, 0.25, 0.0625, 0.015625}
 
 
-def run(truth, damping, *sets, operator=NOBODY, kick=0.05, duration_s=5.0, stiffness=None):
+def run(
+    truth: Truth,
+    damping: float,
+    *sets: str,
+    operator: Operator = NOBODY,
+    kick: float = 0.05,
+    duration_s: float = 5.0,
+    stiffness: float | None = None,
+) -> Trial:
     """At the guard's K, or at the one that is given."""
     wall = WallAsked(stiffness or 1e6, damping, forced=stiffness is not None)
     return run_trial(
@@ -49,14 +58,14 @@ def test_a_report_changes_nothing_and_asks_nothing() -> None:
     assert trial.trip is None
 
 
-def ended_or_died(trial):
+def ended_or_died(trial: Trial) -> bool:
     return trial.trip is not None or (
         own_oscillation(trial, BENCH.belief).in_time and not called_quiet(trial)
     )
 
 
 @pytest.mark.parametrize("kick", [0.05, 0.2])
-def test_a_load_that_oscillates_on_its_transmission_is_found(kick) -> None:
+def test_a_load_that_oscillates_on_its_transmission_is_found(kick: float) -> None:
     assert ended_or_died(run(VALUE.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
 
 
@@ -81,20 +90,20 @@ def test_a_ripple_on_a_large_oscillation_does_not_hide_it() -> None:
         0.004,
     ],
 )
-def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay) -> None:
+def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay: float) -> None:
     truth = Truth(0.011951, 0.011692, 0.0453, delay=delay, backlash=math.radians(0.25))
     trial = run(truth, 0.2, duration_s=8.0)
     assert trial.stiffness[-1] < trial.stiffness[0]
     assert not called_quiet(trial)
 
 
-def rhythm(hertz=2.0, seconds=8.0):
+def rhythm(hertz: float = 2.0, seconds: float = 8.0) -> Operator:
     time = np.arange(round(seconds * 1e3)) * 1e-3
     return operator_of(30.0, 0.5, 0.25 * np.sin(math.tau * hertz * time))
 
 
 @pytest.mark.parametrize("limit", [0.3, 0.5, 1.0])
-def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit) -> None:
+def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit: float) -> None:
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
     trial = run(truth, 0.04, f"servo.torque_limit={limit}", operator=rhythm(), stiffness=10.0)
     assert trial.saturated.mean() > 0.2
@@ -112,7 +121,7 @@ class Motion(SimpleNamespace):
     """What was seen of a motion, as a test says."""
 
 
-def motion(**given):
+def motion(**given: Any) -> Motion:
     values = {"known": 0, "elapsed": 0.0, "interval": 0.05, "gain": 0.1, "gaining": 0, "load": 0.0}
     for name in ("duration", "amplitude", "inertia", "pull"):
         for tail in ("", "_2", "_3", "_4"):
@@ -120,7 +129,7 @@ def motion(**given):
     return Motion(**{**values, **given})
 
 
-def backstop(seen, **given):
+def backstop(seen: Motion, **given: Any) -> Backstop:
     values = {
         "period": 1e-3,
         "position_step": math.tau / 4096,
@@ -135,7 +144,14 @@ def backstop(seen, **given):
     return Backstop(BackstopSettings(**{**values, **given}), seen)
 
 
-def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2) -> None:
+def take(
+    stop: Backstop,
+    seen: Motion,
+    duration: float,
+    amplitude: float,
+    inertia: float = 0.012,
+    elongation: float = 0.2,
+) -> None:
     """A half-cycle ends."""
     for name in ("duration", "amplitude", "inertia", "pull"):
         for new, old in (("_4", "_3"), ("_3", "_2"), ("_2", "")):
@@ -146,7 +162,7 @@ def take(stop, seen, duration, amplitude, inertia=0.012, elongation=0.2) -> None
     stop.update(duration, elongation, 10.0, ended=True)
 
 
-def probing(**given):
+def probing(**given: Any) -> tuple[Backstop, Motion]:
     """A backstop that has just begun to probe a regular motion."""
     seen = motion()
     stop = backstop(seen, **given)
@@ -154,7 +170,7 @@ def probing(**given):
     return stop, seen
 
 
-def until_probed(stop, seen):
+def until_probed(stop: Backstop, seen: Motion) -> None:
     """A regular motion, until it is probed."""
     for _ in range(12):
         if stop.phase == Phase.PROBING:
@@ -164,7 +180,7 @@ def until_probed(stop, seen):
     assert stop.stiffness_scale < 1.0
 
 
-def back(stop):
+def back(stop: Backstop) -> None:
     """The spring comes to rest, and the gains return."""
     assert stop.phase == Phase.RETURNING
     stop.update(1e-3, 0.0, 10.0, ended=False)
@@ -233,7 +249,9 @@ def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explai
 
 
 @pytest.mark.parametrize("ratios", [(1.15, 2.4), (1.15, 1.6), (2.0, 3.0), (3.1, 2.0)])
-def test_an_uneven_answer_is_no_alarm_until_a_second_probe_confirms_it(ratios) -> None:
+def test_an_uneven_answer_is_no_alarm_until_a_second_probe_confirms_it(
+    ratios: tuple[float, float],
+) -> None:
     """A hand's answer that is long by chance is seldom as even as a wall makes it."""
     stop, seen = probing()
     for ratio in ratios:
@@ -315,7 +333,7 @@ def test_an_answer_of_a_motion_that_saturated_the_torque_is_clear() -> None:
 
 
 @pytest.mark.parametrize("ratios", [(13.5, 1.9), (1.7, 3.6), (8.0, 3.4)])
-def test_an_uneven_answer_of_contacts_is_no_alarm(ratios) -> None:
+def test_an_uneven_answer_of_contacts_is_no_alarm(ratios: tuple[float, float]) -> None:
     stop, seen = probing(bounces=True)
     for ratio in ratios:
         take(stop, seen, 0.1 * ratio, 0.1)
@@ -427,7 +445,7 @@ def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run() -> N
 
 
 @pytest.mark.parametrize("rests", [True, False])
-def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests) -> None:
+def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests: bool) -> None:
     """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
     stop, seen = probing()
     take(stop, seen, 0.2, 0.1)
@@ -464,7 +482,7 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_it_swings_as_evenly_as_a_machi
 
 @pytest.mark.parametrize(("inertia", "half_cycles"), [(0.012, 23), (0.2, 27), (0.001, 0)])
 def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(
-    inertia, half_cycles
+    inertia: float, half_cycles: int
 ) -> None:
     seen = motion(load=1.2)
     stop = backstop(seen)
@@ -476,7 +494,7 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(
 
 
 @pytest.mark.parametrize("mass", [0.03, 0.054])
-def test_a_weight_that_swings_at_its_wall_ends_the_run(mass) -> None:
+def test_a_weight_that_swings_at_its_wall_ends_the_run(mass: float) -> None:
     """It is heavier than the believed servo, and its wall is not probed: it would give way."""
     truth = Truth(0.017927, 0.011692, 0.045195, delay=0.0067)
     load = operator_of(0.0, 0.0, np.zeros(15000), push=1.2, mass=mass)
@@ -521,7 +539,7 @@ def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load() -> None:
 
 
 @pytest.mark.parametrize(("gain", "fails"), [(-0.02, False), (0.06, False), (0.15, True)])
-def test_contacts_left_hardly_faster_than_entered_end_no_run(gain, fails) -> None:
+def test_contacts_left_hardly_faster_than_entered_end_no_run(gain: float, fails: bool) -> None:
     """A hand that trembles or taps at a reduced wall puts its load there, contact by contact."""
     stop, seen = probing(bounces=True)
     take(stop, seen, 0.2, 0.1)
@@ -544,7 +562,9 @@ def test_a_wall_that_waits_to_come_back_is_watched() -> None:
 
 
 @pytest.mark.parametrize(("load", "probed", "failed"), [(0.1, 1, False), (1.2, 0, True)])
-def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(load, probed, failed) -> None:
+def test_contacts_left_faster_than_entered_are_probed_or_end_the_run(
+    load: float, probed: int, failed: bool
+) -> None:
     seen = motion(load=load)
     stop = backstop(seen, bounces=True)
     for k in range(12):
@@ -618,7 +638,9 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
     st.booleans(),
     st.booleans(),
 )
-def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspected) -> None:
+def test_whatever_moves_the_scales_are_powers_of_a_quarter(
+    rows: list[tuple[float, float, float]], bounces: bool, suspected: bool
+) -> None:
     seen = motion()
     stop = backstop(seen, bounces=bounces)
     stop.suspected = suspected
@@ -634,7 +656,7 @@ def test_whatever_moves_the_scales_are_powers_of_a_quarter(rows, bounces, suspec
 
 @pytest.mark.parametrize(("amplitude", "returned"), [(0.015, 0), (0.1, 1)])
 def test_a_much_smaller_motion_with_the_old_period_is_no_hand_on_a_reduced_wall(
-    amplitude, returned
+    amplitude: float, returned: int
 ) -> None:
     stop, seen = probing()
     for _ in range(2):

@@ -1,6 +1,7 @@
 """Contacts of made-up motions with a one-sided wall: duration, depth and apparent inertia."""
 
 import math
+from collections.abc import Iterable
 
 import pytest
 from hypothesis import given
@@ -9,13 +10,23 @@ from hypothesis import strategies as st
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.evidence import lasts, same_period
 from haptic_wall.controller.detector.tuning import TUNING
+from tests.typed import not_none
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
 INERTIA = 0.012
 
 
-def bounces(stiffness, speed, times=1, *, damping=0.0, lag=0, gravity=2.0, count=0.0):
+def bounces(
+    stiffness: float,
+    speed: float,
+    times: int = 1,
+    *,
+    damping: float = 0.0,
+    lag: int = 0,
+    gravity: float = 2.0,
+    count: float = 0.0,
+) -> list[tuple[float, float]]:
     """A mass that falls onto a spring and comes back; yields depth and torque, at each sample.
 
     Args:
@@ -45,7 +56,9 @@ def bounces(stiffness, speed, times=1, *, damping=0.0, lag=0, gravity=2.0, count
         velocity += acceleration * PERIOD
 
 
-def watched(samples, count=0.0, span=PERIOD):
+def watched(
+    samples: Iterable[tuple[float, float]], count: float = 0.0, span: float = PERIOD
+) -> Contacts:
     seen = Contacts(count, TUNING.contacts)
     for depth, torque in samples:
         seen.update(depth, torque, span)
@@ -54,7 +67,7 @@ def watched(samples, count=0.0, span=PERIOD):
 
 @pytest.mark.parametrize("stiffness", [2.0, 10.0, 60.0])
 @pytest.mark.parametrize("speed", [0.5, 3.0])
-def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed) -> None:
+def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness: float, speed: float) -> None:
     seen = watched(bounces(stiffness, speed, gravity=0.0))
     half = math.pi * math.sqrt(INERTIA / stiffness)
     assert seen.known == 1
@@ -63,7 +76,7 @@ def test_a_bounce_lasts_half_a_cycle_of_the_spring(stiffness, speed) -> None:
 
 
 @pytest.mark.parametrize("stiffness", [2.0, 10.0, 30.0])
-def test_what_bounces_seems_as_heavy_as_it_is(stiffness) -> None:
+def test_what_bounces_seems_as_heavy_as_it_is(stiffness: float) -> None:
     seen = watched(bounces(stiffness, 2.0, gravity=0.0))
     assert seen.inertia == pytest.approx(INERTIA, rel=0.05)
 
@@ -93,7 +106,7 @@ def test_a_wall_that_gives_as_it_takes_repeats_and_one_that_damps_does_not() -> 
 
 
 @pytest.mark.parametrize("depth", [0.5, 1.0])
-def test_a_touch_of_a_count_is_no_contact(depth) -> None:
+def test_a_touch_of_a_count_is_no_contact(depth: float) -> None:
     seen = watched([(-COUNT, 0.0), (depth * COUNT, 0.0)] * 20 + [(-COUNT, 0.0)], COUNT)
     assert seen.known == 0
 
@@ -128,7 +141,9 @@ def test_on_an_encoder_a_bounce_is_as_long_and_as_heavy() -> None:
     ),
     st.sampled_from([0.0, COUNT]),
 )
-def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples, count) -> None:
+def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(
+    samples: list[tuple[float, float, int]], count: float
+) -> None:
     seen = Contacts(count, TUNING.contacts)
     total = inside = 0.0
     last = None
@@ -139,7 +154,7 @@ def test_contacts_are_deeper_than_a_count_and_no_longer_than_what_passed(samples
             inside += span if depth > 0.0 else 0.0
         ended = seen.update(depth, torque, span)
         if ended:
-            assert last > 0.0 >= depth
+            assert not_none(last) > 0.0 >= depth
             assert seen.amplitude > count
             assert 0.0 < seen.duration <= inside + 1e-12
             assert seen.duration <= seen.interval + 1e-12
@@ -170,7 +185,9 @@ def test_the_least_positive_depth_is_no_contact_without_an_encoder() -> None:
 
 
 @pytest.mark.parametrize(("lag", "damping", "gaining"), [(8, 0.0, 4), (0, 0.02, 0)])
-def test_contacts_left_clearly_faster_than_entered_are_counted(lag, damping, gaining) -> None:
+def test_contacts_left_clearly_faster_than_entered_are_counted(
+    lag: int, damping: float, gaining: int
+) -> None:
     samples = bounces(30.0, 1.5, 5, lag=lag, damping=damping, gravity=20.0)
     assert watched(samples).gaining >= gaining
     if not gaining:

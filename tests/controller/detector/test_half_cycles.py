@@ -4,6 +4,7 @@ All positions are in rad, times in s, torques in N·m.
 """
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
@@ -13,12 +14,18 @@ from hypothesis import strategies as st
 from haptic_wall.controller.detector.evidence import lasts, same_period
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.tuning import TUNING
+from haptic_wall.controller.theory.checks import FloatArray
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
 
 
-def watched(positions, torques=None, count=0.0, spans=None):
+def watched(
+    positions: Iterable[float],
+    torques: Sequence[float] | None = None,
+    count: float = 0.0,
+    spans: Sequence[float] | None = None,
+) -> tuple[HalfCycles, FloatArray]:
     """The watcher after all samples, and a row (duration, amplitude) for each half-cycle."""
     found = []
     seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
@@ -29,14 +36,14 @@ def watched(positions, torques=None, count=0.0, spans=None):
     return seen, np.array(found).reshape(-1, 2)
 
 
-def cosine(hertz, amplitude, seconds, count=0.0):
+def cosine(hertz: float, amplitude: float, seconds: float, count: float = 0.0) -> FloatArray:
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     position = amplitude * np.cos(math.tau * hertz * time)
     return np.round(position / count) * count if count else position
 
 
 @pytest.mark.parametrize("hertz", [1.0, 4.7, 30.0])
-def test_a_sinusoid_is_cut_at_its_turning_points(hertz) -> None:
+def test_a_sinusoid_is_cut_at_its_turning_points(hertz: float) -> None:
     seen, found = watched(cosine(hertz, 0.1, 5.0 / hertz))
     assert len(found) in (8, 9)
     assert found[1:, 0] == pytest.approx(0.5 / hertz, abs=1.01 * PERIOD)
@@ -48,7 +55,7 @@ def test_a_sinusoid_is_cut_at_its_turning_points(hertz) -> None:
 
 
 @pytest.mark.parametrize("counts", [4, 10, 100])
-def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts) -> None:
+def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts: int) -> None:
     """A turning point is the first sample on the outermost count, at either side alike."""
     _, found = watched(cosine(3.0, counts * COUNT, 4.0, COUNT), count=COUNT)
     assert len(found) in (22, 23)
@@ -83,7 +90,7 @@ def test_nothing_lasts_before_four_are_known() -> None:
 
 
 @pytest.mark.parametrize("size", [0.4, 1.0, 1.49])
-def test_flicker_of_a_count_is_no_turning_point(size) -> None:
+def test_flicker_of_a_count_is_no_turning_point(size: float) -> None:
     still = [size * COUNT * (k % 2) for k in range(1000)]
     seen, _ = watched(still, count=COUNT)
     assert seen.known == 0
@@ -98,13 +105,15 @@ def test_flicker_on_a_motion_changes_neither_number_nor_size() -> None:
 
 
 @pytest.mark.parametrize("ripple", [0.0005, 0.002])
-def test_a_ripple_on_a_large_motion_is_no_turning_point(ripple) -> None:
+def test_a_ripple_on_a_large_motion_is_no_turning_point(ripple: float) -> None:
     time = np.arange(2000) * PERIOD
     _, found = watched(cosine(2.0, 0.1, 2.0) + ripple * np.cos(math.tau * 60.0 * time))
     assert found[-5:, 0] == pytest.approx(0.25, abs=0.02), "at first ripples may count"
 
 
-def oscillator(inertia, stiffness, gain=1.0, every=1):
+def oscillator(
+    inertia: float, stiffness: float, gain: float = 1.0, every: int = 1
+) -> tuple[list[float], list[float]]:
     """A mass on a spring whose torque is held over each sample; the exact motion.
 
     Position of each sample, and the torque that was commanded over the time before it.
@@ -123,7 +132,7 @@ def oscillator(inertia, stiffness, gain=1.0, every=1):
 
 
 @pytest.mark.parametrize(("inertia", "stiffness"), [(0.012, 5.0), (0.012, 50.0), (0.001, 0.6)])
-def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia, stiffness) -> None:
+def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia: float, stiffness: float) -> None:
     seen, found = watched(*oscillator(inertia, stiffness))
     assert found[1:, 0].mean() == pytest.approx(math.pi * math.sqrt(inertia / stiffness), rel=0.01)
     assert seen.inertia == pytest.approx(inertia, rel=0.03)
@@ -192,7 +201,7 @@ spans = st.integers(1, 5)
 
 @given(st.lists(st.tuples(moves, moves, spans), max_size=200), st.sampled_from([0.0, COUNT]))
 def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(
-    samples, count
+    samples: list[tuple[float, float, float]], count: float
 ) -> None:
     seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
     total = elapsed = 0.0
@@ -218,7 +227,7 @@ def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(
 
 
 @given(st.lists(moves, min_size=2, max_size=200), st.floats(-10.0, 10.0))
-def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque) -> None:
+def test_a_mirrored_motion_has_the_same_half_cycles(positions: list[float], torque: float) -> None:
     one, found = watched(positions, [torque * p for p in positions])
     other, mirrored = watched([-p for p in positions], [-torque * p for p in positions])
     assert np.array_equal(found, mirrored)
@@ -226,7 +235,7 @@ def test_a_mirrored_motion_has_the_same_half_cycles(positions, torque) -> None:
 
 
 @pytest.mark.parametrize("count", [0.0, COUNT])
-def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count) -> None:
+def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count: float) -> None:
     """What turns back by less than a part of the last motion is a ripple only for so long."""
     large = cosine(5.0, 0.5, 0.5, count)
     ripple = cosine(15.0, 0.03, 0.4, count)

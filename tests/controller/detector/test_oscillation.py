@@ -1,6 +1,7 @@
 """The detector on motion whose truth is known: sinusoids by formula, single simulated walls."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,17 +9,20 @@ import pytest
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.detection import detect, position_step
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
+from haptic_wall.controller.theory.checks import FloatArray
 
 PERIOD = 1e-3
 COUNT = 2.0 * math.pi / 4096
 MX64 = {"inertia": 0.011951, "damping": 0.011692, "coulomb": 0.0}
 
 
-def settings(**known):
+def settings(**known: Any) -> DetectorSettings:
     return DetectorSettings(PERIOD, **{**MX64, "position_step": COUNT, **known})
 
 
-def free_oscillation(frequency, growth, amplitude, seconds, step=COUNT):
+def free_oscillation(
+    frequency: float, growth: float, amplitude: float, seconds: float, step: float = COUNT
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A free oscillation, and the torque that makes it by Newton's law, acting at once."""
     t = np.arange(round(seconds / PERIOD)) * PERIOD
     w = 2.0 * math.pi * frequency
@@ -32,7 +36,7 @@ def free_oscillation(frequency, growth, amplitude, seconds, step=COUNT):
     return t, x, torque
 
 
-def watched(detector, x, torque):
+def watched(detector: Detector, x: FloatArray, torque: FloatArray) -> int | None:
     """Feed it; the states seen and the sample of the first alarm."""
     mean = 0.5 * (torque + np.concatenate([[0.0], torque[:-1]]))
     first = None
@@ -45,7 +49,9 @@ def watched(detector, x, torque):
 
 @pytest.mark.parametrize("frequency", [2.0, 9.0, 28.0])
 @pytest.mark.parametrize("counts", [4.0, 40.0])
-def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(frequency, counts) -> None:
+def test_sustained_oscillation_is_seen_with_its_frequency_and_amplitude(
+    frequency: float, counts: float
+) -> None:
     detector = Detector(settings())
     detector.stiffness = MX64["inertia"] * (2.0 * math.pi * frequency) ** 2
     _, x, torque = free_oscillation(frequency, 0.0, counts * COUNT, 40.0 / frequency)
@@ -147,7 +153,7 @@ def test_restart_forgets() -> None:
 
 class TestActingTorque:
     @pytest.mark.parametrize("lag", [0.0, 0.25, 1.0, 2.7])
-    def test_is_the_mean_of_what_was_held(self, lag) -> None:
+    def test_is_the_mean_of_what_was_held(self, lag: float) -> None:
         # Oracle: the held torque on a fine grid, shifted and averaged.
         fine = 1000
         sent = np.random.default_rng(3).normal(size=40)
@@ -174,7 +180,7 @@ class TestActingTorque:
         assert acting.push(51.0) == 0.0
 
     @pytest.mark.parametrize("lag", [-0.1, math.nan, math.inf])
-    def test_says_what_a_lag_is(self, lag) -> None:
+    def test_says_what_a_lag_is(self, lag: float) -> None:
         with pytest.raises(ValueError, match="finite number from 0 up"):
             ActingTorque(lag)
 

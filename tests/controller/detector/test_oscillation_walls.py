@@ -11,6 +11,7 @@ from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 from scripts.trials.detector_trials import kick_trials
 from scripts.trials.hands import HANDS, draw_hands, goes_on, handled
 from scripts.trials.listening import COUNT, listen
@@ -20,7 +21,7 @@ M, B_SERVO, T = 0.011951, 0.011692, 1e-3
 EXACTLY = np.ones(4)
 
 
-def one_wall(stiffness, virtual_damping, one_sided):
+def one_wall(stiffness: float, virtual_damping: float, one_sided: bool) -> Walls:
     one = np.ones(1)
     return Walls(
         inertia=M * one,
@@ -41,7 +42,7 @@ def one_wall(stiffness, virtual_damping, one_sided):
     )
 
 
-def pushed(walls, push, speed, periods):
+def pushed(walls: Walls, push: float, speed: float, periods: int) -> Trace:
     """A servo that comes with a speed, pushed steadily toward the wall; see ``Trace``."""
     loops = Loops(walls, np.full(1, -20 * COUNT), np.full(1, speed))
     loops.hand = np.full(1, push)
@@ -113,7 +114,7 @@ def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> No
 DELAYS = (0, 1, 2, 5, 10)
 
 
-def some_walls(share):
+def some_walls(share: float) -> Walls:
     """Two-sided walls of several delays and dampings, at a share of their exact limit."""
     every = [(n, damping) for n in DELAYS for damping in (0.0, 0.05, 0.2)]
     whole, damping = (np.array(values) for values in zip(*every, strict=True))
@@ -125,13 +126,13 @@ def some_walls(share):
     )
 
 
-def wrong_beliefs(count):
+def wrong_beliefs(count: int) -> FloatArray:
     """Every value believed a fifth too high or too low."""
     return np.random.default_rng(5).choice([0.8, 1.2], (count, 4))
 
 
 @pytest.mark.parametrize("share", [1.2, 1.5, 2.5])
-def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share) -> None:
+def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share: float) -> None:
     walls = some_walls(share)
     kick = np.full(walls.size, 30 * COUNT)
     reached = []
@@ -145,7 +146,7 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share) ->
 
 
 @pytest.mark.parametrize("share", [1.3, 2.2])
-def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share) -> None:
+def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share: float) -> None:
     """B = 0; the file tells positions and torques, the servo is believed a fifth wrong."""
     walls = some_walls(share)
     walls = walls.take(np.flatnonzero(walls.virtual_damping == 0.0))
@@ -169,7 +170,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
 
 
 @pytest.mark.parametrize("hand", HANDS)
-def test_hands_on_walls_below_their_limit_are_no_alarm(hand) -> None:
+def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
     for i, trace in enumerate(handled(walls, hands)):
@@ -177,7 +178,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand) -> None:
 
 
 @pytest.mark.parametrize("hand", ["rhythm", "tap"])
-def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand) -> None:
+def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
     walls = some_walls(0.6)
     walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(3))
@@ -186,7 +187,7 @@ def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand) -
 
 
 @pytest.mark.parametrize("size", [5.0, 40.0])
-def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size) -> None:
+def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) -> None:
     walls = some_walls(1.5)
     walls = replace(walls, torque_limit=walls.stiffness * size * COUNT)
     measured = 0

@@ -21,7 +21,7 @@ SETTINGS = BackstopSettings(
 )
 
 
-def swing(own, amplitude, seconds, hertz=5.0) -> None:
+def swing(own: OwnMotion, amplitude: float, seconds: float, hertz: float = 5.0) -> None:
     """Swing about the surface of a wall with 10 N·m/rad; an amplitude of 0 is rest."""
     for k in range(round(seconds * 1e3)):
         away = amplitude * math.sin(math.tau * hertz * k * 1e-3)
@@ -30,7 +30,7 @@ def swing(own, amplitude, seconds, hertz=5.0) -> None:
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_suspicion_lapses_where_the_motion_stops_before_it_is_probed(side) -> None:
+def test_a_suspicion_lapses_where_the_motion_stops_before_it_is_probed(side: int) -> None:
     own = OwnMotion(SETTINGS, SETTINGS if side else None, side)
     swing(own, 2 * COUNT, 1.0)  # too small to be probed
     own.suspect()

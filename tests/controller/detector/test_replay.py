@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -15,7 +16,9 @@ BASE = ("loop.clock=simulated", "servo.hand=none", "servo.kick=0.05", "servo.cou
 DECEIVED = (*BASE, "wall.side=both", "servo.delay=0.006", "model.delay=0.002", "wall.damping=0")
 
 
-def both(folder, capsys, *sets, duration=3):
+def both(
+    folder: Path, capsys: pytest.CaptureFixture[str], *sets: str, duration: float = 3
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
     words = [word for text in sets for word in ("--set", text)]
     log, picture = folder / "a.hwlog", folder / "a.png"
     arguments = ["--duration", str(duration), "--log", str(log), "--plot", str(picture), "--json"]
@@ -39,7 +42,7 @@ def both(folder, capsys, *sets, duration=3):
     ],
 )
 def test_detect_on_the_log_says_what_the_run_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...]
 ) -> None:
     seen, found, ran = both(tmp_path, capsys, *DECEIVED, *more)
     assert found["state"] == seen["state"]

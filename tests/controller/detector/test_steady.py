@@ -1,6 +1,7 @@
 """What repeats as evenly as a machine: counted; what a hand makes: not."""
 
 import math
+from collections.abc import Iterable
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,7 @@ PERIOD = 1e-3
 COUNT = math.tau / 4096
 
 
-def counted(rows, count=COUNT):
+def counted(rows: Iterable[tuple[float, float]], count: float = COUNT) -> list[int]:
     """Take rows of (amplitude, duration); the counts after each."""
     steady = Steadiness(PERIOD, count, TUNING.steadiness)
     counts = []
@@ -27,7 +28,7 @@ def counted(rows, count=COUNT):
     return counts
 
 
-def of_motion(positions, count=COUNT):
+def of_motion(positions: Iterable[float], count: float = COUNT) -> int:
     """The largest count in a motion."""
     steady, most = Steadiness(PERIOD, count, TUNING.steadiness), 0
     seen = HalfCycles(PERIOD, count, TUNING.half_cycles)
@@ -48,7 +49,7 @@ def test_each_way_is_compared_to_itself() -> None:
 
 
 @pytest.mark.parametrize("one", [(0.12, 0.05), (0.1, 0.07), (0.08, 0.05), (0.1, 0.035)])
-def test_one_that_is_unlike_begins_the_count_anew(one) -> None:
+def test_one_that_is_unlike_begins_the_count_anew(one: tuple[float, float]) -> None:
     counts = counted([(0.1, 0.05)] * 20 + [one] + [(0.1, 0.05)] * 20)
     assert counts[19] == 20
     assert counts[20] == 1
@@ -71,14 +72,14 @@ def test_rounding_of_the_encoder_and_of_the_period_is_forgiven() -> None:
 
 @pytest.mark.parametrize("hertz", [3.0, 10.8, 26.3])
 @pytest.mark.parametrize("counts", [4.2, 8.0, 100.0])
-def test_a_limit_cycle_on_the_encoder_is_steady(hertz, counts) -> None:
+def test_a_limit_cycle_on_the_encoder_is_steady(hertz: float, counts: float) -> None:
     time = np.arange(round(1e3 * (STEADY + 5) / (2 * hertz))) * PERIOD
     wave = counts * COUNT * np.cos(math.tau * hertz * time)
     assert of_motion(np.round(wave / COUNT) * COUNT) >= STEADY
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed) -> None:
+def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed: int) -> None:
     """The most even hands: 3 to 5 %."""
     random = np.random.default_rng(seed)
     lengths = np.maximum(1.0 + 0.03 * random.standard_normal(200), 0.5) / 4.0
@@ -89,7 +90,7 @@ def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1.0), st.floats(1e-3, 1.0)), max_size=60))
-def test_the_count_grows_by_one_or_begins_anew(rows) -> None:
+def test_the_count_grows_by_one_or_begins_anew(rows: list[tuple[float, float]]) -> None:
     last = 0
     for count in counted(rows):
         assert count in (last + 1, 1)

@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase, sizes
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
-from haptic_wall.controller.detector.tuning import TUNING, Origin
+from haptic_wall.controller.detector.tuning import TUNING, Origin, Tuning
 
 NUMBERS = [
     (group.name, one) for group in fields(TUNING) for one in fields(getattr(TUNING, group.name))
@@ -37,7 +37,7 @@ def test_nobody_changes_it() -> None:
         TUNING.probe.first = 2.0  # type: ignore[misc]
 
 
-def oscillation(tuning):
+def oscillation(tuning: Tuning) -> Backstop:
     """A backstop that has seen 5 Hz with 0.1 rad to either side for two seconds."""
     threshold, small = sizes(COUNT, tuning)
     seen = HalfCycles(PERIOD, COUNT, tuning.half_cycles)
@@ -71,7 +71,7 @@ def test_the_backstop_uses_the_tuning_that_it_is_given() -> None:
     assert oscillation(blind).probes == 0
 
 
-def first_alarm(tuning):
+def first_alarm(tuning: Tuning) -> int | None:
     """Samples until a growing oscillation of a wall without friction is an alarm."""
     inertia, stiffness = 0.012, 20.0
     natural = math.sqrt(stiffness / inertia)

@@ -2,11 +2,14 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.backstop import BackstopSettings
 from haptic_wall.controller.detector.oscillation import DetectorSettings, State
@@ -15,11 +18,12 @@ from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.processes.inline import run_inline
-from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, peak
+from haptic_wall.controller.theory.checks import FloatArray
 
 BASE = (
     "loop.clock=simulated",
@@ -48,7 +52,9 @@ BACKSTOP = BackstopSettings(
 )
 
 
-def play(folder, *sets, duration=8.0, telemetry=None):
+def play(
+    folder: Path, *sets: str, duration: float = 8.0, telemetry: Telemetry | None = None
+) -> tuple[Ended, NDArray[np.void]]:
     config = load_config("simulated", (*BASE, *sets)).config
     plan = Plan(config, duration, folder / "a.hwlog", {}, None)
     ended = run_inline(plan, telemetry or Telemetry.create())
@@ -56,11 +62,13 @@ def play(folder, *sets, duration=8.0, telemetry=None):
 
 
 @pytest.fixture(scope="module")
-def reduced(tmp_path_factory: pytest.TempPathFactory):
+def reduced(tmp_path_factory: pytest.TempPathFactory) -> tuple[Ended, NDArray[np.void]]:
     return play(tmp_path_factory.mktemp("reduced"), *DECEIVED)
 
 
-def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced) -> None:
+def test_a_deceived_guard_is_helped_by_reducing_the_wall(
+    reduced: tuple[Ended, NDArray[np.void]],
+) -> None:
     ended, rows = reduced
     seen = ended.result["oscillation"]
     assert ended.stop_reason == "duration"
@@ -83,7 +91,9 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(reduced) -> None:
     assert largest[-1] < 0.4 * at_alarm
 
 
-def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced) -> None:
+def test_the_report_says_what_is_commanded_in_the_end_and_why(
+    reduced: tuple[Ended, NDArray[np.void]],
+) -> None:
     ended, rows = reduced
     guard = ended.result["guard"]
     assert guard["commanded"]["stiffness"] == rows["stiffness"][-1]
@@ -94,13 +104,15 @@ def test_the_report_says_what_is_commanded_in_the_end_and_why(reduced) -> None:
     json.dumps(ended.result, allow_nan=False)
 
 
-def test_the_log_holds_the_detectors_state(reduced) -> None:
+def test_the_log_holds_the_detectors_state(reduced: tuple[Ended, NDArray[np.void]]) -> None:
     _, rows = reduced
     assert rows["oscillation"].max() >= State.SUSTAINED
     assert rows["oscillation"][-1] < State.SUSTAINED
 
 
-def test_the_full_wall_comes_back_only_on_request(tmp_path: Path, reduced) -> None:
+def test_the_full_wall_comes_back_only_on_request(
+    tmp_path: Path, reduced: tuple[Ended, NDArray[np.void]]
+) -> None:
     ended, rows = reduced
     left = rows["stiffness"][-1]
     assert left < 0.6 * ALLOWED, "what an alarm took does not come back by itself"
@@ -112,7 +124,7 @@ def test_the_full_wall_comes_back_only_on_request(tmp_path: Path, reduced) -> No
     class Asking(Telemetry):
         """Asks once, when the wall has been reduced for a while."""
 
-        def write(self, row) -> None:
+        def write(self, row: Row) -> None:
             super().write(row)
             if self.words[Word.HEAD] == 6000:
                 self.words[Word.RAISE] = 1
@@ -162,13 +174,13 @@ def test_the_measured_torque_is_believed_before_the_one_sent() -> None:
     assert watch.acted == -0.3
 
 
-def five_cycles(stiffness, rows):
+def five_cycles(stiffness: float, rows: NDArray[np.void]) -> FloatArray:
     last = round(5e3 * math.tau * math.sqrt(0.011951 / stiffness))
     return np.abs(rows["position"][: last + 1])
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.7])
-def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share) -> None:
+def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share: float) -> None:
     limit = float(critical_stiffness(0.011951, 0.011692, 0.0, 1e-3, 2e-3))
     highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
     stiffness = share * highest
@@ -199,7 +211,14 @@ def test_passivity_control_is_off_unless_asked_for(tmp_path: Path) -> None:
     assert np.all(rows["damping"] == 0.0)
 
 
-def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05, deepest=None):
+def contact_with(
+    torque_in: float,
+    torque_out: float,
+    answer: Literal["reduce", "trip", "report"] = "reduce",
+    side: int = 1,
+    seconds: float = 0.05,
+    deepest: Callable[[Watch], object] | None = None,
+) -> Watch:
     """The watch after a contact: 0.1 rad in and out again, with these measured torques [N·m].
 
     ``deepest`` is called with the watch at the deepest point.
@@ -220,7 +239,7 @@ def contact_with(torque_in, torque_out, answer="reduce", side=1, seconds=0.05, d
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side) -> None:
+def test_a_one_sided_wall_that_gives_more_than_it_took_ends_the_run(side: int) -> None:
     """It takes 0.02 J and gives 0.2 J."""
     assert contact_with(0.2, 2.0, side=side).failed
     assert not contact_with(2.0, 0.2, side=side).failed, "it has taken energy"

@@ -1,6 +1,8 @@
 """What measurements mean: which schedule suits, which rate holds, what the machine grants."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -9,16 +11,24 @@ from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, su
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting
 from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
+from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
+from haptic_wall.hw.settings import Schedule
 
 MS = 1_000_000
 
 
-def replies(took_ns, in_row_ns, lost=0, corrupt=0, counts=(2048, 2048)):
+def replies(
+    took_ns: Sequence[int],
+    in_row_ns: int,
+    lost: int = 0,
+    corrupt: int = 0,
+    counts: tuple[int, int] = (2048, 2048),
+) -> Replies:
     return Replies(took_ns, in_row_ns, len(took_ns) + lost + corrupt, lost, corrupt, *counts)
 
 
-def held(timer_ns):
+def held(timer_ns: int) -> Replies:
     """Replies ready in 0.1 ms, asked for at all phases of 1 ms after the timer has run out."""
     took = sorted(timer_ns - k * MS // 200 + MS // 10 for k in range(200))
     return replies(took, timer_ns)
@@ -31,26 +41,28 @@ STALLED = replies([MS // 10] * 190 + [7 * MS] * 10, MS // 10)
 """Five of a hundred wait for a machine that does something else"""
 
 
-def wanted(schedule="immediate", rate_hz=1000.0, baud=4_000_000, **more):
+def wanted(
+    schedule: Schedule = "immediate", rate_hz: float = 1000.0, baud: int = 4_000_000, **more: Any
+) -> Wanted:
     return Wanted(schedule, rate_hz, baud, **more)
 
 
-def judged(found, wish, *measured):
+def judged(found: Replies, wish: Wanted, *measured: Series) -> dict[str, Finding]:
     return by_name(judge_timing(found, measured or holding(), wish))
 
 
-def holding():
+def holding() -> list[Series]:
     return [series("immediate", 0, 0, age_ns=MS // 5), series("pipelined", 0, 0)]
 
 
-def series(schedule, *shares, age_ns=MS):
+def series(schedule: Schedule, *shares: float, age_ns: int = MS) -> Series:
     phases = [
         Phase(k, 100, round(100 * s), [age_ns] * round(100 * (1 - s))) for k, s in enumerate(shares)
     ]
     return Series(schedule, phases, [0], 0)
 
 
-def by_name(findings):
+def by_name(findings: Iterable[Finding]) -> dict[str, Finding]:
     return {finding.name: finding for finding in findings}
 
 
@@ -102,7 +114,7 @@ def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate(
 
 @pytest.mark.parametrize("timer_ms", [1, 2, 4])
 def test_pipelined_is_not_said_to_sustain_more_than_one_reply_per_expiry_of_the_timer(
-    timer_ms,
+    timer_ms: int,
 ) -> None:
     # 1.8 periods for one reply are enough at 1.6 times the rate, but the next request waits for it.
     found = sustainable_hz(held(timer_ms * MS), "pipelined", 4_000_000)
@@ -137,7 +149,9 @@ def test_a_return_delay_is_blamed_before_schedule_or_rate_since_a_run_sets_it_to
 
 
 @pytest.mark.parametrize("stalls", [False, True], ids=["its own core is quiet", "it stalls"])
-def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(stalls) -> None:
+def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(
+    stalls: bool,
+) -> None:
     # The emulated bus may be kept waiting where the loop is not.
     measured = [series("immediate", 0.06, 0), series("pipelined", 0.01, 0)]
     found = judged(STALLED, wanted(stalls=stalls), *measured)
@@ -203,8 +217,10 @@ def test_late_wake_ups_are_wrong_from_a_quarter_of_the_period_on() -> None:
     ("realtime", "isolated", "governor", "hints"),
     [("1", "1-3,5", "performance", 0), ("0", "", "powersave", 3), (None, "2", None, 2)],
 )
-def test_kernel_and_core_are_advice(tmp_path: Path, realtime, isolated, governor, hints) -> None:
-    def put(path, text) -> None:
+def test_kernel_and_core_are_advice(
+    tmp_path: Path, realtime: str | None, isolated: str, governor: str | None, hints: int
+) -> None:
+    def put(path: str, text: str | None) -> None:
         if text is not None:
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).write_text(text)

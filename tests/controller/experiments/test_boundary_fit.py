@@ -1,5 +1,6 @@
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,22 @@ from haptic_wall.controller.experiments.identify.boundary_fit import (
     read_points,
 )
 from haptic_wall.controller.theory import critical_point
+from haptic_wall.controller.theory.checks import FloatArray
+from tests.typed import not_none
 
 M, B, C, T = 0.0018142, 0.0036617, 0.012833, 1e-3
 LATE = 0.0013
 """What the delay is longer than believed [s]"""
 
 
-def points(dampings, delays, coulomb=0.0, kick=0.05, noise=0.0, seed=0):
+def points(
+    dampings: Sequence[float] | FloatArray,
+    delays: Sequence[float] | FloatArray,
+    coulomb: float = 0.0,
+    kick: float = 0.05,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> BoundaryPoints:
     """Measured as theory says they are, friction as damping at the kick, with noise."""
     virtual, delay = (a.ravel() for a in np.meshgrid(dampings, delays))
     helped = np.zeros(virtual.shape)
@@ -38,7 +48,7 @@ def points(dampings, delays, coulomb=0.0, kick=0.05, noise=0.0, seed=0):
     )
 
 
-def loop(coulomb=0.0, lag=0.001):
+def loop(coulomb: float = 0.0, lag: float = 0.001) -> KnownLoop:
     return KnownLoop(M, coulomb, T, 1, lag)
 
 
@@ -53,8 +63,8 @@ def test_the_straight_part_alone_says_nearly_the_same() -> None:
     fit = fit_boundary(points([0.0, 0.004, 0.008, 0.012, 0.1], [0.002]), loop())
     assert 3 <= fit.straight < 5
     # The line lies up to 2 % off where it counts as straight.
-    assert fit.line_delay.value == pytest.approx(0.001 + LATE, abs=0.1e-3)
-    assert fit.line_damping.value == pytest.approx(B, rel=0.03)
+    assert not_none(fit.line_delay).value == pytest.approx(0.001 + LATE, abs=0.1e-3)
+    assert not_none(fit.line_damping).value == pytest.approx(B, rel=0.03)
 
 
 def test_friction_counts_as_the_damping_that_it_is() -> None:
@@ -94,7 +104,7 @@ def test_unmeasured_points_are_left_out_and_too_few_are_told(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"points": [{"measured": 1}]}', '{"points": 3}'])
-def test_a_file_that_is_no_sweep_is_told(tmp_path: Path, text) -> None:
+def test_a_file_that_is_no_sweep_is_told(tmp_path: Path, text: str) -> None:
     path = tmp_path / "sweep.json"
     path.write_text(text)
     with pytest.raises(UserError, match="--from-sweep"):
@@ -113,7 +123,7 @@ def test_a_file_that_is_no_sweep_is_told(tmp_path: Path, text) -> None:
         ("uncertainty", float("inf")),
     ],
 )
-def test_figures_that_no_servo_has_are_told(tmp_path: Path, name, value) -> None:
+def test_figures_that_no_servo_has_are_told(tmp_path: Path, name: str, value: float) -> None:
     path = tmp_path / "sweep.json"
     listed = [
         {"virtual_damping": b, "delay_s": 0.002, "measured": k, "uncertainty": None}

@@ -1,8 +1,9 @@
 """The search for one point, on simulated servos whose limits are known."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -11,21 +12,27 @@ from haptic_wall.controller.experiments import testbed
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
+from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
-from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
+from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
 
 
-def config(*sets, preset="simulated"):
+def config(*sets: str, preset: str = "simulated") -> Config:
     return experiment_config(load_config(preset, ("loop.clock=simulated", *sets)).config)
 
 
-def search(folder, damping, steps, *sets, preset="simulated", **options):
+def search(
+    folder: Path, damping: float, steps: int, *sets: str, preset: str = "simulated", **options: Any
+) -> PointResult:
     bed = Testbed(config(*sets, preset=preset), folder)
     return PointSearch(bed, PlanePoint(damping, steps), Options(**{"repeats": 1, **options})).run()
 
@@ -33,7 +40,9 @@ def search(folder, damping, steps, *sets, preset="simulated", **options):
 @pytest.mark.parametrize(
     ("damping", "steps", "lag"), [(0.0, 0, 1.3e-3), (0.1, 2, 0.45e-3), (0.5, 3, 0.0)]
 )
-def test_a_linear_servo_has_the_exact_boundary(tmp_path: Path, damping, steps, lag) -> None:
+def test_a_linear_servo_has_the_exact_boundary(
+    tmp_path: Path, damping: float, steps: int, lag: float
+) -> None:
     found = search(tmp_path, damping, steps, *LINEAR, f"servo.delay={lag}")
     delay = lag + steps * 1e-3
     exact = float(critical_stiffness(0.011951, 0.011692, damping, 1e-3, delay))
@@ -54,7 +63,9 @@ def test_it_measures_the_servo_and_not_the_belief(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kick", [0.04, 0.1])
-def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path: Path, kick) -> None:
+def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(
+    tmp_path: Path, kick: float
+) -> None:
     found = search(tmp_path, 0.02, 2, kick=kick)
     # The describing function is within a few per cent; 4096 counts add little at 26 counts.
     assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
@@ -73,7 +84,9 @@ def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(tmp_path: Pat
         (0.02, ("safety.max_speed=2",), ("safety.max_speed leaves room", "--kick")),
     ],
 )
-def test_a_point_out_of_reach_says_why(tmp_path: Path, damping, sets, words) -> None:
+def test_a_point_out_of_reach_says_why(
+    tmp_path: Path, damping: float, sets: tuple[str, ...], words: tuple[str, ...]
+) -> None:
     found = search(tmp_path, damping, 2, *LINEAR, *sets, kick=0.1)
     assert found.measured is None
     assert found.uncertainty is None
@@ -94,7 +107,7 @@ def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path: Path) -> None:
 def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run_and_lose(plan, tell):
+    def run_and_lose(plan: Plan, tell: Callable[[str], None]) -> Ended:
         return replace(run(plan, tell), lacking=3, warnings=["it lacks 3 of 9 rows"])
 
     monkeypatch.setattr(testbed, "run", run_and_lose)
@@ -109,7 +122,7 @@ def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
     played = Testbed.play
     losses = iter([ExperimentTrippedError("trip:losses_in_row", "check cable")])
 
-    def play(bed, name, phases, steps):
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
         done = played(bed, name, phases, steps)
         for loss in losses:
             raise loss
@@ -135,7 +148,7 @@ def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
 ) -> None:
     played = Testbed.play
 
-    def play(bed, name, phases, steps) -> NoReturn:
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> NoReturn:
         played(bed, name, phases, steps)
         raise ExperimentTrippedError("trip:losses_in_row", "check cable")
 
@@ -159,7 +172,7 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
     played = Testbed.play
     centres = []
 
-    def play(bed, name, phases, steps):
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
         centres.extend(abs(phase.center) for phase in phases)
         return played(bed, name, phases, steps)
 
@@ -170,7 +183,7 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
 
 
 @pytest.mark.parametrize("damping", [-0.005, 0.02, 3.0])
-def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping) -> None:
+def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping: float) -> None:
     device = Device.of(config())
     stiffness, amplitude, frequency = device.onsets(damping, 2e-3)
     some = slice(1, None, 60)

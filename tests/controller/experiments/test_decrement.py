@@ -3,24 +3,27 @@
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.sweep.decrement import growth, turning_points
+from haptic_wall.controller.experiments.sweep.decrement import Growth, Turns, growth, turning_points
+from haptic_wall.controller.theory.checks import FloatArray
 
 COUNT = 2 * np.pi / 4096
 
 
-def swing(rate, hertz, seconds=2.0, size=0.1, period=1e-3):
+def swing(
+    rate: float, hertz: float, seconds: float = 2.0, size: float = 0.1, period: float = 1e-3
+) -> tuple[FloatArray, FloatArray]:
     time = np.arange(0.0, seconds, period)
     return time, size * np.exp(rate * time) * np.cos(2 * np.pi * hertz * time)
 
 
-def grown(time, position, least):
+def grown(time: FloatArray, position: FloatArray, least: float) -> tuple[Turns, Growth]:
     turns = turning_points(time, position, least)
     return turns, growth(turns, np.ones(turns.time.size - 1, dtype=bool))
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.0, 3.0])
 @pytest.mark.parametrize("hertz", [3.0, 11.0, 47.0, 160.0])
-def test_growth_of_a_damped_sinusoid(rate, hertz) -> None:
+def test_growth_of_a_damped_sinusoid(rate: float, hertz: float) -> None:
     turns, found = grown(*swing(rate, hertz), 1e-4)
     assert turns.half_period == pytest.approx(0.5 / hertz, rel=1e-3)
     assert np.mean(found.log_ratio) == pytest.approx(rate * 0.5 / hertz, abs=2e-4)
@@ -60,7 +63,7 @@ def test_half_cycles_that_are_not_sound_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("position", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
-def test_too_little_motion_gives_no_growth(position) -> None:
+def test_too_little_motion_gives_no_growth(position: list[float]) -> None:
     position = np.array(position)
     turns = turning_points(1e-3 * np.arange(position.size), position, 1e-3)
     found = growth(turns, np.ones(max(turns.time.size - 1, 0), dtype=bool))

@@ -7,7 +7,7 @@ BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)
 GUESS = Guess(inertia=0.012, damping=0.012, coulomb=0.09, delay=2e-3)
 
 
-def program():
+def program() -> Program:
     return Program(motions(GUESS, BOUNDS, 0.3), BOUNDS.period, BOUNDS.torque)
 
 

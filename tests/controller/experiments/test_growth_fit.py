@@ -1,15 +1,25 @@
 """The stiffness of no growth, from half cycles made up by a law that is known."""
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 import pytest
 
 from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial, balance
+from tests.typed import not_none
 
 LIMIT, KICK = 12.0, 0.1
 
 
-def trial(stiffness, rng, noise=0.0, friction=0.0, start=KICK):
+def trial(
+    stiffness: float,
+    rng: np.random.Generator,
+    noise: float = 0.0,
+    friction: float = 0.0,
+    start: float = KICK,
+) -> Trial:
     """Amplitudes that follow A' = r A - f, with r and f such that LIMIT holds at KICK."""
     amplitude = [start]
     for _ in range(12):
@@ -21,7 +31,7 @@ def trial(stiffness, rng, noise=0.0, friction=0.0, start=KICK):
     return Trial(stiffness, Growth(ratio, mean, np.arange(12)), 0.05, bool(ratio.mean() > 0))
 
 
-def trials(rng, stiffnesses, **how):
+def trials(rng: np.random.Generator, stiffnesses: Iterable[float], **how: Any) -> list[Trial]:
     return [trial(k, rng, **how) for k in stiffnesses]
 
 
@@ -29,7 +39,7 @@ AROUND = (11.0, 11.6, 12.3, 12.9, 11.2, 12.6)
 
 
 def test_without_noise_it_is_exact() -> None:
-    found = balance(trials(np.random.default_rng(0), AROUND), KICK, 13.0)
+    found = not_none(balance(trials(np.random.default_rng(0), AROUND), KICK, 13.0))
     assert found.stiffness == pytest.approx(LIMIT, rel=1e-4)
     assert found.uncertainty < 1e-3 * LIMIT
     assert found.frequency == pytest.approx(10.0)
@@ -37,9 +47,9 @@ def test_without_noise_it_is_exact() -> None:
 
 
 @pytest.mark.parametrize("start", [0.08, 0.098, 0.104, 0.13])
-def test_with_friction_it_is_that_of_the_amplitude_told(start) -> None:
+def test_with_friction_it_is_that_of_the_amplitude_told(start: float) -> None:
     rng, friction = np.random.default_rng(1), 0.005
-    found = balance(trials(rng, AROUND, friction=friction, start=start), KICK, 11.5)
+    found = not_none(balance(trials(rng, AROUND, friction=friction, start=start), KICK, 11.5))
     there = (1.0 + friction / found.amplitude) / (1.0 + friction / KICK)
     assert found.stiffness == pytest.approx(LIMIT * there**5, rel=0.01)
     if 0.09 < start < 0.11:  # as far as a kick misses
@@ -49,7 +59,9 @@ def test_with_friction_it_is_that_of_the_amplitude_told(start) -> None:
 def test_its_uncertainty_is_what_repeating_it_scatters() -> None:
     errors, claimed = [], []
     for seed in range(60):
-        found = balance(trials(np.random.default_rng(seed), AROUND, noise=3e-4), KICK, 12.0)
+        found = not_none(
+            balance(trials(np.random.default_rng(seed), AROUND, noise=3e-4), KICK, 12.0)
+        )
         errors.append(found.stiffness - LIMIT)
         claimed.append(found.uncertainty)
     # The scatter of 60 is known to 10 %; the claim takes the larger of two estimates.

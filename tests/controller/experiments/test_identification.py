@@ -1,6 +1,8 @@
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from haptic_wall.controller.experiments.identify.bench import Bench
 from haptic_wall.controller.experiments.identify.fitting import fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
+    Identified,
     UnidentifiableError,
     bounds_of,
     identify,
@@ -21,11 +24,14 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_model,
 )
 from haptic_wall.controller.experiments.identify.motion_model import motion_of
-from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
+from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant.body import Pull, step
 from haptic_wall.hw.plant.mechanism import Mechanism
 from scripts.ordinary_servos import Effects, ordinary
+from tests.typed import not_none
 
 SMALL = (
     "servo.inertia=0.0018142",
@@ -41,34 +47,36 @@ SMALL = (
 NAMES = ("inertia", "damping", "coulomb", "delay")
 
 
-def config_of(*sets):
+def config_of(*sets: str) -> Config:
     return load_config("simulated", (*SMALL, "loop.clock=simulated", *sets)).config
 
 
-def truth(config):
+def truth(config: Config) -> list[float]:
     return [getattr(config.servo, name) for name in NAMES]
 
 
-def far_off(found, config):
+def far_off(found: Identified, config: Config) -> list[float]:
     """In standard errors."""
     estimates = [getattr(found, name) for name in NAMES]
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
 
 
-def only_thorough(thorough) -> None:
+def only_thorough(thorough: bool) -> None:
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory: pytest.TempPathFactory):
+def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Identified]:
     """A servo, and what is found of it."""
     sets = ("servo.delay=0.0037", "servo.kick=0.0003", "wall.stiffness=3", "servo.hand=push")
     config = config_of(*sets)
     return config, identify(config, tmp_path_factory.mktemp("usual"))
 
 
-def test_a_servo_with_another_truth_than_believed_is_found(usual) -> None:
+def test_a_servo_with_another_truth_than_believed_is_found(
+    usual: tuple[Config, Identified],
+) -> None:
     """Two seeds of scripts/study identify_check have the rest."""
     config, found = usual
     for name, true in zip(NAMES[:3], truth(config)[:3], strict=True):
@@ -84,7 +92,7 @@ def test_a_servo_with_another_truth_than_believed_is_found(usual) -> None:
     assert np.max(np.abs(position - position[0])) <= 0.6
 
 
-def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual) -> None:
+def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual: tuple[Config, Identified]) -> None:
     """The servo went on under torques that the log does not hold, or not at their time."""
     config, found = usual
     rows = found.played.rows
@@ -98,13 +106,13 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual) -> None:
 
 
 @pytest.mark.parametrize("play", [0.0005, 0.01])
-def test_play_is_seen_and_measured(tmp_path: Path, play, thorough: bool) -> None:
+def test_play_is_seen_and_measured(tmp_path: Path, play: float, thorough: bool) -> None:
     """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
     if play > 0.001:
         only_thorough(thorough)
     config = config_of("servo.delay=0.001", f"servo.backlash={play}")
     found = identify(config, tmp_path)
-    assert found.backlash.value == pytest.approx(play, rel=0.2)
+    assert not_none(found.backlash).value == pytest.approx(play, rel=0.2)
     assert found.delay.value == pytest.approx(0.001, abs=1e-4)
     assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.05)
     assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
@@ -147,7 +155,9 @@ def test_a_trip_keeps_its_name(tmp_path: Path) -> None:
 
 def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Reversed(Testbed):
-        def play(self, name, phases, delay_steps=None):
+        def play(
+            self, name: str, phases: Sequence[Phase], delay_steps: int | None = None
+        ) -> Played:
             played = super().play(name, phases, delay_steps)
             rows = played.rows.copy()
             rows["position"] *= -1.0
@@ -161,7 +171,15 @@ def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_strong_spring_on_the_shaft_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def on_a_spring(state, parameters, torque, duration, pull=None, *, turns=None):
+    def on_a_spring(
+        state: Any,
+        parameters: Any,
+        torque: float,
+        duration: float,
+        pull: object = None,
+        *,
+        turns: Any = None,
+    ) -> Any:
         assert pull is None
         return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
 
@@ -192,7 +210,7 @@ def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     ids=["stick", "a period per turn", "an angle"],
 )
 def test_an_ordinary_servo_is_found_and_the_misfit_named(
-    tmp_path: Path, effects, said, thorough: bool
+    tmp_path: Path, effects: Effects, said: str, thorough: bool
 ) -> None:
     if effects.gravity == 0.0:
         only_thorough(thorough)
@@ -215,7 +233,7 @@ def test_a_motion_that_is_not_explained_is_repeated(
     """As one that a hand has touched; the second one is what counts."""
     found = []
 
-    def explained(bench, motion):
+    def explained(bench: Any, motion: Any) -> Any:
         found.append(whole(bench, motion))
         return replace(found[-1], residual=0.01) if len(found) == 2 else found[-1]
 
@@ -227,7 +245,7 @@ def test_a_motion_that_is_not_explained_is_repeated(
 
 
 @pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
-def test_a_reach_that_makes_no_sense_is_refused(reach) -> None:
+def test_a_reach_that_makes_no_sense_is_refused(reach: float) -> None:
     with pytest.raises(UserError, match="--reach"):
         bounds_of(config_of(), reach)
 
@@ -238,7 +256,9 @@ def test_a_bus_without_a_torque_limit_is_refused() -> None:
         bounds_of(config, 0.6)
 
 
-def test_the_configuration_holds_the_truth_and_little_else(usual, tmp_path: Path) -> None:
+def test_the_configuration_holds_the_truth_and_little_else(
+    usual: tuple[Config, Identified], tmp_path: Path
+) -> None:
     config, found = usual
     path = tmp_path / "mine.yaml"
     path.write_text(identified_config(config, found, "simulated"))
@@ -248,5 +268,7 @@ def test_the_configuration_holds_the_truth_and_little_else(usual, tmp_path: Path
         estimate = getattr(loaded.model, name)
         assert estimate.low <= true <= estimate.high
         assert estimate.high - estimate.low <= max(0.11 * true, 2e-4)
-    assert loaded.model.torque_gain.value == loaded.model.torque_gain.high == 1.0
+    assert (
+        not_none(loaded.model.torque_gain).value == not_none(loaded.model.torque_gain).high == 1.0
+    )
     assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0

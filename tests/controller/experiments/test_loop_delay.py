@@ -2,13 +2,14 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
 import haptic_wall.hw.simulated
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.delay import LoopDelay, Shaken, delay_report, measure_delay
 from haptic_wall.controller.experiments.steps.shaken import (
     ExperimentFailedError,
     plan_shaking,
@@ -16,9 +17,11 @@ from haptic_wall.controller.experiments.steps.shaken import (
 )
 from haptic_wall.controller.experiments.steps.step_fit import lost_motion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from scripts.trials.servo import TrialServo
 from scripts.trials.truth import Truth
+from tests.typed import not_none
 
 SMALL = (
     "servo.inertia=0.0018142",
@@ -30,18 +33,18 @@ SMALL = (
 """An XL330-M288's parameters."""
 
 
-def config_of(*sets, preset="simulated"):
+def config_of(*sets: str, preset: str = "simulated") -> Config:
     return load_config(preset, ("loop.clock=simulated", *sets)).config
 
 
-def shaken(config, folder, bursts=3, seed=0):
+def shaken(config: Config, folder: Path, bursts: int = 3, seed: int = 0) -> Shaken:
     limit = config.servo.torque_limit
     shaking = plan_shaking(config, limit, config.delay.steps, bursts, seed)
     return shake(Testbed(config, folder), "steps", shaking)
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory):
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[LoopDelay, list[str]]:
     """A servo with a lag of a fraction of a period, the hand of its preset, 3 periods inserted."""
     config = config_of("servo.delay=0.00137", "delay.steps=3")
     told = []
@@ -49,7 +52,9 @@ def found(tmp_path_factory: pytest.TempPathFactory):
     return measure_delay(config, folder, [0], bursts=6, tell=told.append), told
 
 
-def test_the_delay_is_the_servos_lag_and_what_is_inserted(found) -> None:
+def test_the_delay_is_the_servos_lag_and_what_is_inserted(
+    found: tuple[LoopDelay, list[str]],
+) -> None:
     delay, _ = found
     assert delay.device.value == pytest.approx(0.00137, abs=3 * delay.device.stderr)
     assert delay.total.value == pytest.approx(0.00437, abs=3 * delay.total.stderr)
@@ -57,14 +62,16 @@ def test_the_delay_is_the_servos_lag_and_what_is_inserted(found) -> None:
     assert delay.device.stderr < delay.total.stderr
 
 
-def test_the_inserted_delay_is_recovered(found) -> None:
+def test_the_inserted_delay_is_recovered(found: tuple[LoopDelay, list[str]]) -> None:
     reference, inserted = found[0].points
     assert reference.recovered is None
-    recovered = inserted.recovered
+    recovered = not_none(inserted.recovered)
     assert recovered.value == pytest.approx(0.003, abs=3 * recovered.stderr)
 
 
-def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found) -> None:
+def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(
+    found: tuple[LoopDelay, list[str]],
+) -> None:
     report = delay_report(found[0], 1e-3, 0.0)
     assert report["value"] == found[0].total.value
     assert report["parts"]["inserted"] == pytest.approx(0.003)
@@ -72,7 +79,7 @@ def test_the_report_has_bounds_for_the_belief_that_hold_the_truth(found) -> None
     assert [point["delay_steps"] for point in report["points"]] == [0, 3]
 
 
-def test_what_will_move_is_said_first_and_kept(found) -> None:
+def test_what_will_move_is_said_first_and_kept(found: tuple[LoopDelay, list[str]]) -> None:
     delay, told = found
     assert "the shaft will swing over about 0.12 rad" in told[0]
     for point in delay.points:
@@ -90,7 +97,9 @@ def test_without_friction_and_encoder_it_is_exact(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
-def test_the_standard_error_is_honest(servo, tmp_path: Path, thorough: bool) -> None:
+def test_the_standard_error_is_honest(
+    servo: tuple[str, ...], tmp_path: Path, thorough: bool
+) -> None:
     if servo and not thorough:
         pytest.skip("seconds; --thorough runs it")
     count = 100 if thorough else 8
@@ -161,7 +170,7 @@ def test_a_much_lighter_servo_leaves_the_reach_or_trips(tmp_path: Path) -> None:
 RIGID = Truth(inertia=0.011951, damping=0.011692, coulomb=0.09039, delay=0.0007)
 
 
-def tried(monkeypatch, truth):
+def tried(monkeypatch: pytest.MonkeyPatch, truth: Truth) -> Config:
     """The simulated servo is this one from now on; what is believed of it is rigid."""
     monkeypatch.setattr(
         haptic_wall.hw.simulated, "SimulatedServo", lambda _, clock: TrialServo(truth, clock)
@@ -175,7 +184,9 @@ def tried(monkeypatch, truth):
     )
 
 
-def two_masses(hertz, damping_ratio, load, encoder):
+def two_masses(
+    hertz: float, damping_ratio: float, load: float, encoder: Literal["output", "motor"]
+) -> Truth:
     return dataclasses.replace(RIGID.with_mode(hertz, damping_ratio, load), encoder=encoder)
 
 
@@ -188,7 +199,12 @@ def two_masses(hertz, damping_ratio, load, encoder):
     ],
 )
 def test_a_flexible_transmission_tells_no_lag(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, hertz, damping_ratio, load, encoder
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    hertz: int,
+    damping_ratio: float,
+    load: float,
+    encoder: str,
 ) -> None:
     config = tried(monkeypatch, two_masses(hertz, damping_ratio, load, encoder))
     with pytest.raises(ExperimentFailedError, match="not that of a rigid servo and tells no lag"):

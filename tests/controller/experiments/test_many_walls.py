@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> 
     ],
     ids=["plain", "delay-difference", "fraction-limit", "friction", "counts", "all", "play"],
 )
-def test_each_wall_moves_as_if_alone_to_the_last_bit(given) -> None:
+def test_each_wall_moves_as_if_alone_to_the_last_bit(given: dict[str, Any]) -> None:
     walls = make(7, **given)
     start = np.linspace(-0.02, 0.11, 7)
     velocity = np.where(walls.one_sided, 0.5, 0.0)
@@ -140,7 +141,9 @@ def test_each_wall_moves_as_if_alone_to_the_last_bit(given) -> None:
     ],
     ids=["linear", "all"],
 )
-def test_it_is_what_the_program_does(tmp_path: Path, sets, given) -> None:
+def test_it_is_what_the_program_does(
+    tmp_path: Path, sets: tuple[str, ...], given: dict[str, float]
+) -> None:
     log = tmp_path / "run.hwlog"
     options = [part for each in ("guard.mode=off", *sets) for part in ("--set", each)]
     arguments = ["run", "paper-table2", "--duration", "0.5", "--log", str(log), "--json"]

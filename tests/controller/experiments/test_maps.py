@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from typing import ClassVar, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.maps.maps import (
+    CriticalMap,
     MapInterruptedError,
     MapSettings,
     critical_map,
@@ -28,8 +30,8 @@ class AtOnce(Executor):
         self.most = most
         self.tasks = 0
 
-    def submit(self, fn, /, *args, **kwargs):
-        future: Future = Future()
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
         if self.most is not None and self.tasks >= self.most:
             return future  # somebody will do it some day
         self.tasks += 1
@@ -39,17 +41,19 @@ class AtOnce(Executor):
 
 
 @pytest.fixture(scope="module")
-def setting():
+def setting() -> MapSettings:
     sets = ("wall.side=both", "servo.coulomb=0.1", "servo.torque_step=0")
     return MapSettings.of(load_config("simulated", sets).config)
 
 
 @pytest.fixture(scope="module")
-def found(setting):
+def found(setting: MapSettings) -> CriticalMap:
     return critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.01)
 
 
-def test_the_result_does_not_depend_on_the_executor(setting, found) -> None:
+def test_the_result_does_not_depend_on_the_executor(
+    setting: MapSettings, found: CriticalMap
+) -> None:
     with ThreadPoolExecutor(3) as threads:
         other = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=threads, tolerance=0.01)
         assert threads.submit(int).result() == 0  # the caller's executor stays open
@@ -59,7 +63,9 @@ def test_the_result_does_not_depend_on_the_executor(setting, found) -> None:
     assert found.complete
 
 
-def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting, found) -> None:
+def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(
+    setting: MapSettings, found: CriticalMap
+) -> None:
     servo = setting.servo
     for i, steps in enumerate(STEPS):
         expected = simulated_critical_stiffness(
@@ -78,7 +84,7 @@ def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(setting
     assert found.delay.tolist() == [0.0, 0.002]
 
 
-def test_progress_goes_up_to_the_number_of_points(setting) -> None:
+def test_progress_goes_up_to_the_number_of_points(setting: MapSettings) -> None:
     seen = []
     critical_map(
         setting,
@@ -94,17 +100,17 @@ def test_progress_goes_up_to_the_number_of_points(setting) -> None:
     assert seen[-1] == (8, 8)
 
 
-def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting) -> None:
+def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting: MapSettings) -> None:
     class Interrupted(AtOnce):
         def __init__(self) -> None:
             super().__init__(most=1)
             self.futures = []
 
-        def submit(self, fn, /, *args, **kwargs):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
             self.futures.append(super().submit(fn, *args, **kwargs))
             return self.futures[-1]
 
-    def interrupt(*_) -> NoReturn:
+    def interrupt(*_: object) -> NoReturn:
         raise KeyboardInterrupt
 
     executor = Interrupted()
@@ -121,10 +127,10 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting) ->
     assert [future.cancelled() for future in executor.futures] == [False, True]
 
 
-def test_a_failing_task_is_not_hidden(setting) -> None:
+def test_a_failing_task_is_not_hidden(setting: MapSettings) -> None:
     class Broken(Executor):
-        def submit(self, *_, **__):
-            future: Future = Future()
+        def submit(self, *_: object, **__: object) -> Future[Any]:
+            future: Future[Any] = Future()
             future.set_exception(RuntimeError("the cluster is gone"))
             return future
 
@@ -133,12 +139,12 @@ def test_a_failing_task_is_not_hidden(setting) -> None:
 
 
 def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_cancelled(
-    setting,
+    setting: MapSettings,
 ) -> None:
     class Full(AtOnce):
-        futures: ClassVar[list[Future]] = []
+        futures: ClassVar[list[Future[Any]]] = []
 
-        def submit(self, *_, **__):
+        def submit(self, *_: object, **__: object) -> Future[Any]:
             if self.futures:
                 raise RuntimeError("no more tasks")
             self.futures.append(Future())
@@ -149,10 +155,10 @@ def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_ca
     assert Full.futures[0].cancelled()
 
 
-def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting) -> None:
+def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting: MapSettings) -> None:
     class Cancelling(Executor):
-        def submit(self, *_, **__):
-            future: Future = Future()
+        def submit(self, *_: object, **__: object) -> Future[Any]:
+            future: Future[Any] = Future()
             future.cancel()
             future.set_running_or_notify_cancel()
             return future
@@ -184,6 +190,8 @@ def test_a_real_servo_has_no_known_truth() -> None:
         ([0.0], [0], [0.0], "kicks"),
     ],
 )
-def test_what_cannot_be_mapped_is_refused(setting, dampings, steps, kicks, name) -> None:
+def test_what_cannot_be_mapped_is_refused(
+    setting: MapSettings, dampings: list[float], steps: list[int], kicks: list[float], name: str
+) -> None:
     with pytest.raises(ValueError, match=name):
         critical_map(setting, dampings, steps, kicks, executor=AtOnce())

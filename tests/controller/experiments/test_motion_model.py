@@ -11,13 +11,19 @@ from haptic_wall.controller.experiments.identify.motion_model import (
     simulated,
 )
 from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
 MS = 1_000_000
 
 
-def moved(true, torques, jitter=None, ticks=None):
+def moved(
+    true: TrueServo,
+    torques: FloatArray,
+    jitter: FloatArray | None = None,
+    ticks: IntArray | None = None,
+) -> tuple[Motion, FloatArray]:
     """A mechanism under torques sent at each sample, or up to some time after it."""
     mechanism = Mechanism(true, 0)
     sampled, position, sent, speed = [], [], [], []
@@ -33,19 +39,19 @@ def moved(true, torques, jitter=None, ticks=None):
     return Motion(*(np.array(a) for a in (sampled, position, sent, torques))), np.array(speed)
 
 
-def model(true):
+def model(true: TrueServo) -> Parameters:
     values = (true.inertia, true.damping, true.coulomb, true.delay, true.backlash)
     return Parameters(*(np.array([[v]]) for v in values))
 
 
-def shown(motion, true, begin, end, speed):
+def shown(motion: Motion, true: TrueServo, begin: int, end: int, speed: FloatArray) -> FloatArray:
     pieces = pieces_of(motion, [(begin, end)])
     return simulated(pieces, model(true), np.array([[speed[begin]]]))[0, 0]
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0052])
 @pytest.mark.parametrize("coulomb", [0.0, 0.013])
-def test_it_moves_as_the_exact_plant_does(delay, coulomb) -> None:
+def test_it_moves_as_the_exact_plant_does(delay: float, coulomb: float) -> None:
     random = np.random.default_rng(3)
     true = TrueServo(0.0018, 0.0037, coulomb, counts_per_rev=0, delay=delay, torque_limit=1.0)
     torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)

@@ -11,6 +11,7 @@ import pytest
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, split_delay
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.friction import onset_amplitude
 from scripts.nonlinear_walls import Motion
 from scripts.nonlinear_walls import Walls as AloneWalls
@@ -20,7 +21,7 @@ SMALL = (0.011951, 0.011692)
 """Inertia and damping of an MX-64"""
 
 
-def random_loops(seed, n):
+def random_loops(seed: int, n: int) -> tuple[FloatArray, ...]:
     """Inertia, damping, B, T, delay and N at random, up to 0.9 of the damping ceiling."""
     rng = np.random.default_rng(seed)
     inertia, period = 10 ** rng.uniform(-3, 0, n), 10 ** rng.uniform(-3.5, -2, n)
@@ -67,7 +68,7 @@ def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough: 
 
 @pytest.mark.parametrize("stiffness", [6.0, 10.0, 20.0, 40.0])
 def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_describing_function_says(
-    stiffness,
+    stiffness: float,
 ) -> None:
     onset = onset_amplitude(*SMALL, 0.09039, stiffness, 0.0, 1e-3, 2e-3)
     found = simulated_critical_stiffness(
@@ -102,7 +103,14 @@ def test_play_costs_stiffness_and_small_motion_most() -> None:
     assert found[0] < found[1] < found[2] < free
 
 
-def after_long(loop, stiffness, kick, coulomb, play, turns=80):
+def after_long(
+    loop: tuple[FloatArray, ...],
+    stiffness: FloatArray,
+    kick: FloatArray | float,
+    coulomb: FloatArray | float,
+    play: FloatArray | float,
+    turns: int = 80,
+) -> FloatArray:
     """Amplitude that the motion after a kick has come to, in kicks; two-sided walls."""
     m, b, virtual, period, delay, k, kick, c, play = np.broadcast_arrays(
         *loop, stiffness, kick, coulomb, play
@@ -201,7 +209,7 @@ def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero
         ({"virtual_damping": float("nan")}, "virtual_damping"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(given, name) -> None:
+def test_what_cannot_be_is_refused_by_name(given: dict[str, float], name: str) -> None:
     values = {
         "inertia": 0.01,
         "damping": 0.01,

@@ -19,7 +19,9 @@ def test_they_compute() -> None:
 
 
 @pytest.mark.parametrize("reason", [KeyboardInterrupt, ValueError])
-def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(reason) -> None:
+def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(
+    reason: type[KeyboardInterrupt | ValueError],
+) -> None:
     begin = time.monotonic()
     with pytest.raises(reason), processes(1) as pool:
         assert pool.submit(abs, -1).result() == 1  # it is up

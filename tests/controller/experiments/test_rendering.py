@@ -6,31 +6,34 @@ import pytest
 
 from haptic_wall.controller.experiments.rendered.contact_transient import plan_approach
 from haptic_wall.controller.experiments.rendered.rendering import (
+    Rendering,
     measure_rendering,
     rendering_report,
 )
+from haptic_wall.controller.experiments.rendered.rows import Comparison
 from haptic_wall.controller.experiments.rendered.static_stiffness import plan_push
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import restitution
+from tests.typed import not_none
 
 
-def measured(folder, *sets):
+def measured(folder: Path, *sets: str) -> tuple[Rendering, dict[str, Comparison]]:
     config = load_config("simulated", ("loop.clock=simulated", *sets)).config
     found = measure_rendering(config, folder)
     return found, {row.name: row for row in found.rows}
 
 
-def within(row, truth, times=3.0) -> None:
+def within(row: Comparison, truth: float, times: float = 3.0) -> None:
     assert row.rendered == pytest.approx(truth, abs=times * row.stderr)
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory: pytest.TempPathFactory):
+def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rendering, dict[str, Comparison]]:
     return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
 
 
 @pytest.fixture(scope="module")
-def other(tmp_path_factory: pytest.TempPathFactory):
+def other(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rendering, dict[str, Comparison]]:
     """Believed a third heavier than it is; with play, a wall on the other side, delay inserted."""
     return measured(
         tmp_path_factory.mktemp("other"),
@@ -43,7 +46,9 @@ def other(tmp_path_factory: pytest.TempPathFactory):
     )
 
 
-def test_the_commanded_stiffness_is_rendered(usual) -> None:
+def test_the_commanded_stiffness_is_rendered(
+    usual: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     _, rows = usual
     row = rows["static stiffness"]
     assert row.commanded == 8.0
@@ -53,7 +58,9 @@ def test_the_commanded_stiffness_is_rendered(usual) -> None:
     assert rows["static stiffness, true"].ratio == pytest.approx(1.0, abs=0.01)
 
 
-def test_friction_delay_and_gain_are_the_servos(usual) -> None:
+def test_friction_delay_and_gain_are_the_servos(
+    usual: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     _, rows = usual
     within(rows["drag, Coulomb"], 0.09039)
     within(rows["drag, viscous"], 0.011692)
@@ -63,12 +70,16 @@ def test_friction_delay_and_gain_are_the_servos(usual) -> None:
     within(rows["lost motion"], 0.0)
 
 
-def test_the_ways_of_the_push_lie_apart_by_friction(usual) -> None:
+def test_the_ways_of_the_push_lie_apart_by_friction(
+    usual: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     found, _ = usual
     assert found.static.friction == pytest.approx(0.09039, abs=3 * found.static.friction_stderr)
 
 
-def test_contacts_are_those_of_a_simulated_servo(usual) -> None:
+def test_contacts_are_those_of_a_simulated_servo(
+    usual: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     found, rows = usual
     fast = [row for name, row in rows.items() if name.startswith("exit/entry") and row.rendered]
     assert fast
@@ -83,7 +94,9 @@ def test_contacts_are_those_of_a_simulated_servo(usual) -> None:
             assert row.ratio == pytest.approx(1.0, abs=0.05), name
 
 
-def test_a_wrong_belief_shows_in_true_units_only(other) -> None:
+def test_a_wrong_belief_shows_in_true_units_only(
+    other: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     found, rows = other
     assert found.stiffness == 4.0
     within(rows["static stiffness"], 4.0)
@@ -92,14 +105,16 @@ def test_a_wrong_belief_shows_in_true_units_only(other) -> None:
     within(rows["static stiffness, true"], 4.0 * gain)
 
 
-def test_play_and_inserted_delay_show(other) -> None:
+def test_play_and_inserted_delay_show(other: tuple[Rendering, dict[str, Comparison]]) -> None:
     _, rows = other
     within(rows["lost motion"], 0.004)
     assert rows["lost motion"].rendered > 0.003
     within(rows["delay"], 0.003)
 
 
-def test_contacts_happen_on_the_other_side_too(other) -> None:
+def test_contacts_happen_on_the_other_side_too(
+    other: tuple[Rendering, dict[str, Comparison]],
+) -> None:
     found, _ = other
     assert len(found.contacts) == 10
     assert all(contact.entry > 0.5 for contact in found.contacts)
@@ -116,10 +131,10 @@ def test_a_spring_too_soft_for_friction_is_told(tmp_path: Path) -> None:
 
 
 def test_plans_keep_within_travel_and_torque() -> None:
-    push = plan_push(200.0, 0.1, 0.09, 4.1, 0.00153)
+    push = not_none(plan_push(200.0, 0.1, 0.09, 4.1, 0.00153))
     assert push.torque <= 0.5 * 4.1
     assert plan_push(0.0, 0.1, 0.09, 4.1, 0.00153) is None
-    approach = plan_approach(200.0, 0.1, 0.012, 4.1, 30.0, 1e-3)
+    approach = not_none(plan_approach(200.0, 0.1, 0.012, 4.1, 30.0, 1e-3))
     frequency = (200.0 / 0.012) ** 0.5
     deepest = max(approach.speeds) / frequency
     assert 200.0 * deepest < 0.5 * 4.1

@@ -13,7 +13,7 @@ BURSTS = 4
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.00137])
-def test_the_lag_of_an_ordinary_servo_is_found(tmp_path: Path, thorough: bool, lag) -> None:
+def test_the_lag_of_an_ordinary_servo_is_found(tmp_path: Path, thorough: bool, lag: float) -> None:
     if lag and not thorough:
         pytest.skip("seconds; --thorough runs it")
     belief = "model.delay={value: 0.001, low: 0.0, high: 0.002}"

@@ -1,8 +1,10 @@
 import os
 import pickle
 import signal
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +18,15 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import append_end
+from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
 
 
-def bed(folder, *sets):
+def bed(folder: Path, *sets: str) -> Testbed:
     return Testbed(load_config("simulated", (*LINEAR, *sets)).config, folder)
 
 
@@ -40,7 +44,9 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     origin = played.rows["position"][0]
     crossings = np.flatnonzero(np.diff(np.sign(swing - origin)))
     period = 2 * np.mean(np.diff(crossings)) * 1e-3
-    assert period == pytest.approx(2 * np.pi * np.sqrt(config.servo.inertia / stiffness), rel=0.01)
+    assert period == pytest.approx(
+        2 * np.pi * np.sqrt(not_none(config.servo.inertia) / stiffness), rel=0.01
+    )
     assert swing[0] - origin == pytest.approx(0.05, abs=1e-3)
     assert played.ended.stop_reason == "duration"
     assert played.log.exists()
@@ -50,7 +56,7 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     ("trip", "gone"),
     [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
 )
-def test_no_further_trial_follows_where_somebody_must_look_first(trip, gone) -> None:
+def test_no_further_trial_follows_where_somebody_must_look_first(trip: str, gone: bool) -> None:
     assert ExperimentTrippedError(f"trip:{trip}", "").gone is gone
 
 
@@ -63,7 +69,7 @@ def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:
 def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(path, facts, *, sync) -> None:
+    def interrupted(path: Path, facts: Mapping[str, Any], *, sync: bool) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         append_end(path, facts, sync=sync)
 
@@ -86,8 +92,8 @@ CUT_SHORT = [
 ]
 
 
-def cut_short(monkeypatch, lacking, warning) -> None:
-    def run_and_lose(plan, tell):
+def cut_short(monkeypatch: pytest.MonkeyPatch, lacking: int, warning: str) -> None:
+    def run_and_lose(plan: Plan, tell: Callable[[str], None]) -> Ended:
         return replace(run(plan, tell), warnings=[warning], lacking=lacking)
 
     monkeypatch.setattr(testbed, "run", run_and_lose)
@@ -95,9 +101,9 @@ def cut_short(monkeypatch, lacking, warning) -> None:
 
 @pytest.mark.parametrize(("lacking", "warning"), CUT_SHORT)
 def test_a_log_that_was_cut_short_is_no_measurement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacking, warning
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacking: int | None, warning: str
 ) -> None:
-    cut_short(monkeypatch, lacking, warning)
+    cut_short(monkeypatch, not_none(lacking), warning)
     with pytest.raises(UserError, match="so nothing is measured from it") as error:
         bed(tmp_path).play("it", [Phase(0.05)])
     assert warning in str(error.value)

@@ -18,7 +18,9 @@ LOOP = ("--rate=1000", "--delay=0.002", "--virtual-damping=0.005")
         ("--servo=MX-64", "--torque-gain=1e-9:1e9"),
     ],
 )
-def test_a_range_of_many_decades_is_refused(words, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_range_of_many_decades_is_refused(
+    words: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["boundary", *LOOP, *words]) == 2
     told = capsys.readouterr().err
     assert "1e-09:1e+09" in told and "wanted at most 10000 times" in told

@@ -1,10 +1,12 @@
 """The bins follow ages and intervals: down at once on a run, up only slowly and untouched."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
@@ -31,18 +33,18 @@ class Gains:
 class Ages:
     """A schedule that is shown ages, at one tick a period."""
 
-    def __init__(self, percentile=90.0) -> None:
+    def __init__(self, percentile: float = 90.0) -> None:
         gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
         self.made = GainSchedule([gains], AGES, [PERIOD], percentile, WINDOW)
 
-    def observe(self, age, may_raise):
+    def observe(self, age: int, may_raise: bool) -> bool:
         return self.made.observe(age, PERIOD, may_raise)
 
     def settle(self) -> None:
         self.made.settle()
 
     @property
-    def age_ns(self):
+    def age_ns(self) -> int:
         return self.made.age_ns
 
 
@@ -152,7 +154,7 @@ def test_the_real_bins_rise_and_are_fine_where_buses_are_quick() -> None:
 
 
 @pytest.mark.parametrize("period_ns", [500_000, 1_000_000, 10_000_000, 20_000_000])
-def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns) -> None:
+def test_the_real_bins_reach_beyond_a_pipelined_sample_and_a_loss(period_ns: int) -> None:
     ages = age_bins_ns(period_ns)
     assert ages == sorted(set(ages))
     assert ages[-1] >= 3 * period_ns
@@ -181,13 +183,18 @@ def test_where_replies_take_several_periods_the_bins_reach_three_of_them() -> No
 # The served interval
 
 
-def intervals(window=1000, run=50, percentile=90.0):
+def intervals(window: int = 1000, run: int = 50, percentile: float = 90.0) -> GainSchedule:
     bins = interval_bins_ns(PERIOD)
     rows = [[Gains(100.0 / k, 0.0)] for k in INTERVAL_BINS]
     return GainSchedule(rows, [0], bins, percentile, window, run)
 
 
-def shown(subject, pattern, periods, may_raise=True):
+def shown(
+    subject: GainSchedule,
+    pattern: Sequence[float] | NDArray[np.float64],
+    periods: int,
+    may_raise: bool = True,
+) -> list[float]:
     """Show a repeated pattern of intervals [periods] for a while; when bins changed [periods]."""
     passed, changes = 0.0, []
     for each in itertools.cycle(pattern):
@@ -213,7 +220,9 @@ def shown(subject, pattern, periods, may_raise=True):
         ([1000.0], 60.0),
     ],
 )
-def test_the_interval_that_counts_is_weighted_by_its_time(pattern, counted) -> None:
+def test_the_interval_that_counts_is_weighted_by_its_time(
+    pattern: list[float], counted: float
+) -> None:
     subject = intervals()
     shown(subject, pattern, 3000)
     assert subject.interval_ns == counted * PERIOD
@@ -236,13 +245,13 @@ def test_the_interval_is_raised_after_windows_that_allow_it_and_only_at_rest() -
 
 
 @pytest.mark.parametrize("stall", [2.0, 8.0, 40.0, 400.0])
-def test_one_stall_a_second_changes_nothing(stall) -> None:
+def test_one_stall_a_second_changes_nothing(stall: float) -> None:
     subject = intervals()
     assert shown(subject, [1.0] * 1000 + [stall], 20_000) == []
 
 
 @pytest.mark.parametrize("before", [0, 45, 345])
-def test_one_stall_in_the_warm_up_changes_nothing(before) -> None:
+def test_one_stall_in_the_warm_up_changes_nothing(before: int) -> None:
     """It makes its block longer, so that the half second holds fewer than ten of them."""
     subject = intervals()
     shown(subject, [1.0] * before + [30.0] + [1.0] * (470 - before), 500)
@@ -267,7 +276,7 @@ def test_both_bins_count_at_once() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed) -> None:
+def test_in_the_long_run_no_interval_counts_as_shorter_than_it_is(seed: int) -> None:
     """Whatever mixture of intervals is served, as long as it is the same in each block."""
     random = np.random.default_rng(seed)
     kinds = random.choice([1.0, 1.2, 1.5, 2.0, 3.0, 5.0], 3, replace=False)
@@ -296,6 +305,6 @@ def test_a_high_percentile_covers_blocks_and_not_all_of_them() -> None:
     [(0, 3.0, 0.0), (1, 1.0, 1.0), (1, 1.5, 1.5), (2, 1.5, 3.0), (2, 2.0, 2.0), (3, 2.0, 4.0)],
 )
 def test_the_ring_gives_a_torque_out_in_the_first_tick_after_its_delay(
-    steps, interval, periods
+    steps: int, interval: float, periods: float
 ) -> None:
     assert inserted_delay(steps, 1.0, interval) == pytest.approx(periods)

@@ -1,6 +1,7 @@
 """When the wall may come on: tick by tick, on positions alone."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -17,7 +18,7 @@ COUNT = math.tau / 4096
 LIMITS = EngageLimits(torque=0.1, position_step=COUNT, periods=50)
 
 
-def ready_after(gate, stiffness, penetrations):
+def ready_after(gate: Engagement, stiffness: float, penetrations: Sequence[float]) -> int | None:
     """The first tick in which the wall may come on; None: in none."""
     for tick, penetration in enumerate(penetrations, start=1):
         gate.sample(stiffness, penetration)
@@ -30,7 +31,7 @@ def ready_after(gate, stiffness, penetrations):
     ("penetration", "tick"),
     [(0.0, 50), (0.0099, 50), (-0.0099, 50), (0.0101, None), (-0.0101, None), (18.8, None)],
 )
-def test_the_wall_comes_on_after_fifty_unloaded_ticks(penetration, tick) -> None:
+def test_the_wall_comes_on_after_fifty_unloaded_ticks(penetration: float, tick: int | None) -> None:
     assert ready_after(Engagement(LIMITS), 10.0, [penetration] * 1000) == tick
 
 
@@ -54,7 +55,7 @@ def test_two_counts_of_any_stiffness_are_no_load() -> None:
 
 
 @pytest.mark.parametrize("start_room", [0.0, 0.5])
-def test_an_unknown_position_is_no_rest(start_room) -> None:
+def test_an_unknown_position_is_no_rest(start_room: float) -> None:
     assert ready_after(Engagement(LIMITS, start_room=start_room), 10.0, [math.nan] * 100) is None
 
 
@@ -85,7 +86,7 @@ def test_only_the_rise_of_the_stiffness_counts() -> None:
 @pytest.mark.parametrize(
     ("stall", "torque"), [(4.1, 0.1), (0.52, 0.026), (math.inf, 0.1), (2.0, 0.1), (1.9, 0.095)]
 )
-def test_the_torque_is_small_beside_the_servos(stall, torque) -> None:
+def test_the_torque_is_small_beside_the_servos(stall: float, torque: float) -> None:
     assert engage_torque(None, stall) == pytest.approx(torque)
     assert engage_torque(0.3, stall) == 0.3
 

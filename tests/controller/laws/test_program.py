@@ -1,4 +1,5 @@
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -7,7 +8,7 @@ from haptic_wall.controller.laws.program import Phase, Program
 T = 1e-3
 
 
-def play(program, positions):
+def play(program: Program, positions: Sequence[float]) -> list[float]:
     return [program.torque(x, 0.0) for x in positions]
 
 

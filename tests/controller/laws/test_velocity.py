@@ -29,7 +29,7 @@ def test_after_losses_the_difference_is_divided_by_the_periods_that_passed() -> 
 
 
 @pytest.mark.parametrize("samples", [2, 3, 8])
-def test_sample_difference_spans_n_periods(samples) -> None:
+def test_sample_difference_spans_n_periods(samples: int) -> None:
     estimator = SampleDifference(T, samples)
     positions = [0.5 * (k * T) ** 2 * 100 for k in range(30)]
     for k, position in enumerate(positions):

@@ -21,13 +21,15 @@ def test_outside_nothing_acts() -> None:
 
 
 @given(number, number, st.floats(0, 1e6), st.floats(-10, 10))
-def test_a_one_sided_wall_never_pulls(position, velocity, stiffness, damping) -> None:
+def test_a_one_sided_wall_never_pulls(
+    position: float, velocity: float, stiffness: float, damping: float
+) -> None:
     assert Wall(stiffness, damping, 0.3, "above").torque(position, velocity) <= 0.0
     assert Wall(stiffness, damping, 0.3, "below").torque(position, velocity) >= 0.0
 
 
 @given(number, number, st.floats(0.01, 5))
-def test_no_torque_is_above_the_clip(position, velocity, clip) -> None:
+def test_no_torque_is_above_the_clip(position: float, velocity: float, clip: float) -> None:
     for side in ("above", "below", "both"):
         whole = Wall(10.0, 0.5, 0.3, side).torque(position, velocity)
         clipped = Wall(10.0, 0.5, 0.3, side, clip).torque(position, velocity)
@@ -35,14 +37,14 @@ def test_no_torque_is_above_the_clip(position, velocity, clip) -> None:
 
 
 @given(number, number)
-def test_below_is_above_in_the_mirror(position, velocity) -> None:
+def test_below_is_above_in_the_mirror(position: float, velocity: float) -> None:
     above = Wall(7.0, 0.2, 0.5, "above").torque(position, velocity)
     below = Wall(7.0, 0.2, -0.5, "below").torque(-position, -velocity)
     assert above == -below
 
 
 @pytest.mark.parametrize("side", ["above", "below", "both"])
-def test_nan_comes_out_as_nan(side) -> None:
+def test_nan_comes_out_as_nan(side: str) -> None:
     wall = Wall(10.0, 0.1, 0.0, side)
     assert math.isnan(wall.torque(math.nan, 0.0))
     assert math.isnan(Wall(10.0, 0.1, 0.0, side, 1.0).torque(math.nan, 0.0))

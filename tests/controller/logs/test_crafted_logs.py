@@ -4,10 +4,13 @@ import json
 import os
 import re
 import socket
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.errors import LogFormatError, UserError
@@ -23,7 +26,7 @@ CONFIG = load_config("simulated").config.model_dump(mode="json")
 METADATA = {**FORMAT, "program": "haptic-wall 0.1.0", "name": "simulated", "config": CONFIG}
 
 
-def rows(start, end, **columns):
+def rows(start: int, end: int, **columns: object) -> NDArray[np.void]:
     made = np.zeros(end - start, ROW)
     made["seq"] = np.arange(start, end)
     made["deadline_ns"] = 5_000_000_000 + 1_000_000 * made["seq"]
@@ -34,24 +37,28 @@ def rows(start, end, **columns):
     return made
 
 
-def block(content):
+def block(content: Mapping[str, Any] | NDArray[np.void]) -> bytes:
     if not isinstance(content, np.ndarray):
         content = np.frombuffer(json.dumps(content).encode(), np.uint8)
     head, data = encoded(content)
     return head + bytes(data)
 
 
-def log_of(path, *contents, metadata=METADATA):
+def log_of(
+    path: Path,
+    *contents: Mapping[str, Any] | NDArray[np.void],
+    metadata: Mapping[str, Any] = METADATA,
+) -> Path:
     path.write_bytes(b"".join(map(block, (metadata, *contents))))
     return path
 
 
 @pytest.fixture
-def log(tmp_path: Path):
+def log(tmp_path: Path) -> Path:
     return tmp_path / "a.hwlog"
 
 
-def told(capsys, *arguments):
+def told(capsys: pytest.CaptureFixture[str], *arguments: str | float | Path) -> tuple[int, str]:
     """What a command says, and its exit status; never a traceback, or what a terminal obeys."""
     status = main(list(map(str, arguments)))
     captured = capsys.readouterr()
@@ -59,7 +66,7 @@ def told(capsys, *arguments):
     return status, captured.out + captured.err
 
 
-def summary(capsys, path, *arguments):
+def summary(capsys: pytest.CaptureFixture[str], path: Path, *arguments: Any) -> dict[str, Any]:
     status, text = told(capsys, "log", path, "--json", *arguments)
     assert status == 0, text
     return json.loads(text)
@@ -68,7 +75,7 @@ def summary(capsys, path, *arguments):
 # In order, once each
 
 
-def orders(*blocks):
+def orders(*blocks: int) -> list[NDArray[np.void]]:
     return [rows(50 * k, 50 * k + 50) for k in blocks]
 
 
@@ -84,7 +91,13 @@ def orders(*blocks):
     ],
 )
 def test_blocks_out_of_order_or_twice_are_told(
-    log, capsys: pytest.CaptureFixture[str], blocks, read, late, twice, missing
+    log: Path,
+    capsys: pytest.CaptureFixture[str],
+    blocks: tuple[int, ...],
+    read: tuple[int, ...],
+    late: int,
+    twice: int,
+    missing: int,
 ) -> None:
     """A summary counted -1687 s, and detect ended with a traceback."""
     log_of(log, *orders(*blocks))
@@ -106,7 +119,7 @@ def test_blocks_out_of_order_or_twice_are_told(
     )
 
 
-def test_a_block_that_is_new_in_part_gives_that_part(log) -> None:
+def test_a_block_that_is_new_in_part_gives_that_part(log: Path) -> None:
     log_of(log, rows(0, 50), rows(30, 80))
     first, old, new = LogReader(log).pieces()
     assert (len(first), old, new["seq"].tolist()) == (50, Misplaced(20, 20), list(range(50, 80)))
@@ -116,7 +129,7 @@ def test_a_block_that_is_new_in_part_gives_that_part(log) -> None:
 
 
 @pytest.fixture
-def joined(log):
+def joined(log: Path) -> Path:
     other = {**METADATA, "name": "other", "config": load_config("simulated", ["wall.side=both"])}
     other["config"] = other["config"].config.model_dump(mode="json")
     log_of(log, rows(0, 200), {"stop_reason": "duration", "rows": 200})
@@ -127,7 +140,9 @@ def joined(log):
     return log
 
 
-def test_two_logs_in_one_file_are_two_parts(joined, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_logs_in_one_file_are_two_parts(
+    joined: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = summary(capsys, joined)
     assert (found["rows"], found["unrecorded_rows"]) == (500, 1)
     assert found["duration_s"] == pytest.approx(0.199 + 0.299)
@@ -148,7 +163,7 @@ def test_two_logs_in_one_file_are_two_parts(joined, capsys: pytest.CaptureFixtur
 
 
 def test_of_joined_logs_each_is_cut_and_drawn_by_itself(
-    joined, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    joined: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cut, csv = tmp_path / "cut.hwlog", tmp_path / "a.csv"
     for option in ("--cut", "--plot", "--mcap"):
@@ -165,7 +180,7 @@ def test_of_joined_logs_each_is_cut_and_drawn_by_itself(
 
 
 def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(
-    log, capsys: pytest.CaptureFixture[str]
+    log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log_of(log, rows(0, 100))
     today = log.read_bytes()
@@ -177,7 +192,9 @@ def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(
         assert [part["rows"] for part in summary(capsys, log)["parts"]] == [100, 100]
 
 
-def test_a_hundred_logs_in_one_file_are_enough(log, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hundred_logs_in_one_file_are_enough(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log_of(log, rows(0, 10))
     log.write_bytes(log.read_bytes() * 101)
     assert "more than 100 logs joined in one file" in told(capsys, "log", log)[1]
@@ -190,7 +207,7 @@ def test_a_hundred_logs_in_one_file_are_enough(log, capsys: pytest.CaptureFixtur
     "config", [None, [], "text", 5, {}, {"wall": None}, {"servo": [1], "wall": "x", "loop": 3}]
 )
 def test_whatever_stands_for_the_configuration_a_log_is_summarised(
-    log, capsys: pytest.CaptureFixture[str], tmp_path: Path, config
+    log: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, config: object
 ) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "config": config})
     assert summary(capsys, log)["rows"] == 50
@@ -214,7 +231,7 @@ def test_whatever_stands_for_the_configuration_a_log_is_summarised(
     ],
 )
 def test_an_end_that_no_run_writes_is_told_as_damage(
-    log, capsys: pytest.CaptureFixture[str], ended, why
+    log: Path, capsys: pytest.CaptureFixture[str], ended: dict[str, Any], why: str
 ) -> None:
     log_of(log, rows(0, 50), ended)
     found = summary(capsys, log)
@@ -226,7 +243,9 @@ def test_an_end_that_no_run_writes_is_told_as_damage(
 @pytest.mark.parametrize(
     "text", [b'{"rows": 1e400}', b'{"rows": NaN}', b"[" * 9000, b'{"a": ' * 99]
 )
-def test_what_is_no_json_is_damage(log, capsys: pytest.CaptureFixture[str], text) -> None:
+def test_what_is_no_json_is_damage(
+    log: Path, capsys: pytest.CaptureFixture[str], text: bytes
+) -> None:
     log_of(log, rows(0, 50), np.frombuffer(text, np.uint8))
     assert summary(capsys, log)["damaged"]["places"] == 1
 
@@ -247,7 +266,7 @@ def test_what_is_no_json_is_damage(log, capsys: pytest.CaptureFixture[str], text
     ],
 )
 def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(
-    log, capsys: pytest.CaptureFixture[str], column, value, why
+    log: Path, capsys: pytest.CaptureFixture[str], column: str, value: float, why: str
 ) -> None:
     log_of(log, rows(0, 50), rows(50, 100, **{column: value}), rows(100, 150))
     found = summary(capsys, log)
@@ -261,7 +280,7 @@ def test_a_block_of_rows_that_no_loop_writes_is_told_as_damage(
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_numbers_of_a_loop_that_went_wrong_are_read(
-    log, capsys: pytest.CaptureFixture[str], value
+    log: Path, capsys: pytest.CaptureFixture[str], value: float
 ) -> None:
     log_of(log, rows(0, 50), rows(50, 100, position=value, torque=value, velocity=value))
     found = summary(capsys, log)
@@ -288,7 +307,7 @@ OTHER = np.dtype([*((name, ROW[name]) for name in ROW.names), ("\x1b[31m", "<f8"
 )
 @pytest.mark.parametrize("size", [0, 20])
 def test_rows_of_other_columns_are_refused_in_a_sentence(
-    log, capsys: pytest.CaptureFixture[str], dtype, said, size
+    log: Path, capsys: pytest.CaptureFixture[str], dtype: np.dtype[np.void], said: str, size: int
 ) -> None:
     made = np.zeros(size, dtype)
     if dtype["seq"].kind == "i":
@@ -306,7 +325,7 @@ def test_rows_of_other_columns_are_refused_in_a_sentence(
     "value", ["\x1b]0;x\x07\x9b31m\n\u202e\ud800", None, [], {"log": 5}, 10**400, {"from_s": "x"}]
 )
 def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(
-    log, capsys: pytest.CaptureFixture[str], field, value
+    log: Path, capsys: pytest.CaptureFixture[str], field: str, value: object
 ) -> None:
     metadata = {**METADATA, field: value}
     log_of(log, rows(0, 50), {"stop_reason": "trip:\x1b[2J", "message": "\x07"}, metadata=metadata)
@@ -316,7 +335,7 @@ def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(
 
 
 def test_what_was_cut_out_keeps_whatever_the_metadata_hold(
-    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("\ud800", r"$\frac{$", "\x00"):
         log_of(log, rows(0, 50), metadata={**METADATA, "name": name})
@@ -326,7 +345,9 @@ def test_what_was_cut_out_keeps_whatever_the_metadata_hold(
         assert LogReader(paths["cut"]).metadata["name"] == name
 
 
-def test_a_name_is_no_formula(log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_is_no_formula(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "name": r"$\frac{$ 中"})
     assert told(capsys, "log", log, "--plot", tmp_path / "a.png") == (
         0,
@@ -338,7 +359,7 @@ def test_a_name_is_no_formula(log, tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_a_length_larger_than_any_block_is_not_read(
-    log, capsys: pytest.CaptureFixture[str]
+    log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A sparse file, whose first header names all of it."""
     head = bytes(encoded(np.zeros(0, np.uint8))[0])
@@ -362,7 +383,7 @@ def test_a_length_larger_than_any_block_is_not_read(
     ids=["magic", "begin", "head"],
 )
 def test_what_only_looks_like_blocks_is_passed_over(
-    log, capsys: pytest.CaptureFixture[str], piece
+    log: Path, capsys: pytest.CaptureFixture[str], piece: bytes
 ) -> None:
     """20 MB of magic behind an intact block took more than 100 s."""
     log_of(log, rows(0, 50))
@@ -372,7 +393,7 @@ def test_what_only_looks_like_blocks_is_passed_over(
     assert (found["rows"], found["damaged"]["cut_off"]) == (50, True)
 
 
-def test_more_rows_than_a_block_takes_are_written_in_several(log) -> None:
+def test_more_rows_than_a_block_takes_are_written_in_several(log: Path) -> None:
     many = rows(0, MOST_BYTES // ROW.itemsize + 1)
     with LogWriter(log, METADATA, ROW) as writer:
         writer.append(many)
@@ -381,14 +402,14 @@ def test_more_rows_than_a_block_takes_are_written_in_several(log) -> None:
 
 
 def test_more_metadata_than_anyone_writes_are_damage(
-    log, capsys: pytest.CaptureFixture[str]
+    log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log_of(log, rows(0, 50), metadata={**METADATA, "wrong": "x" * (1 << 22)})
     found = summary(capsys, log)
     assert (found["rows"], found["name"]) == (50, None)
 
 
-def test_deadlines_of_one_moment_fill_no_memory(log) -> None:
+def test_deadlines_of_one_moment_fill_no_memory(log: Path) -> None:
     """Windows take again what lies within ten seconds, which may be everything."""
     with LogWriter(log, METADATA, ROW) as writer:
         for start in range(0, 600_000, 100_000):
@@ -405,8 +426,8 @@ def test_what_may_never_end_is_refused_at_once(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    command,
-    kind,
+    command: str,
+    kind: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with socket.socket(socket.AF_UNIX) as listening:
@@ -427,7 +448,7 @@ def test_what_may_never_end_is_refused_at_once(
 
 
 def test_a_log_is_known_whatever_its_name(
-    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its bytes went to the terminal: found no column time_s, but these."""
     log_of(log, rows(0, 50))

@@ -5,13 +5,15 @@ import fcntl
 import io
 import logging
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
@@ -23,14 +25,14 @@ ROW = np.dtype([("seq", "<i8"), ("position", "<f8")])
 METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit": "N·m"}
 
 
-def rows(count, start=0):
+def rows(count: int, start: int = 0) -> NDArray[np.void]:
     block = np.zeros(count, ROW)
     block["seq"] = np.arange(start, start + count)
     block["position"] = 0.1 * block["seq"]
     return block
 
 
-def write(path, *blocks):
+def write(path: Path, *blocks: NDArray[np.void]) -> Path:
     with LogWriter(path, METADATA, ROW) as log:
         for block in blocks:
             log.append(block)
@@ -73,7 +75,7 @@ def test_a_log_without_rows_is_empty(tmp_path: Path) -> None:
 @settings(deadline=None)
 @given(st.data())
 def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(
-    tmp_path_factory: pytest.TempPathFactory, data
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
     ends = [path.stat().st_size]
@@ -97,7 +99,7 @@ def test_a_cut_off_end_is_warned_about(tmp_path: Path, caplog: pytest.LogCapture
     assert not caplog.records
 
 
-def pieces(path):
+def pieces(path: Path) -> tuple[list[int], list[Damage], list[End]]:
     """The rows' numbers, the damage, and the ends that a log gives."""
     numbers, damage, ends = [], [], []
     for piece in LogReader(path).pieces():
@@ -112,7 +114,7 @@ def pieces(path):
 
 
 @pytest.fixture(scope="module")
-def blocks(tmp_path_factory: pytest.TempPathFactory):
+def blocks(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[tuple[range, int, int]]]:
     """A log's bytes, and for each of its blocks the row numbers, the first byte and the end."""
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     table, start = [], 0
@@ -126,7 +128,7 @@ def blocks(tmp_path_factory: pytest.TempPathFactory):
     return path.read_bytes(), table
 
 
-def damaged(data, content):
+def damaged(data: st.DataObject, content: bytes) -> tuple[bytes, list[tuple[int, int]]]:
     """The content as a failing disk or a power cut may leave it, and the bytes that were hit."""
     size = len(content)
     kind = data.draw(st.sampled_from(["bytes", "zeros", "page", "noise", "cut", "tail"]))
@@ -149,12 +151,12 @@ def damaged(data, content):
     return content[:start] + other.astype(np.uint8).tobytes() + content[end:], spans
 
 
-def touched(begin, end, content, now):
+def touched(begin: int, end: int, content: bytes, now: bytes) -> bool:
     return content[begin:end] != now[begin:end]
 
 
 def test_every_intact_block_is_given_back_and_nothing_false(
-    blocks, tmp_path: Path, thorough: bool
+    blocks: tuple[bytes, list[tuple[range, int, int]]], tmp_path: Path, thorough: bool
 ) -> None:
     content, table = blocks
     path = tmp_path / "a.hwlog"
@@ -162,7 +164,7 @@ def test_every_intact_block_is_given_back_and_nothing_false(
 
     @settings(deadline=None, max_examples=10_000 if thorough else 100)
     @given(st.data())
-    def check(data) -> None:
+    def check(data: st.DataObject) -> None:
         now, hits = content, []
         for _ in range(data.draw(st.integers(1, 3))):
             if len(now) > 1:
@@ -191,7 +193,9 @@ def test_every_intact_block_is_given_back_and_nothing_false(
 @settings(deadline=None)
 @given(order=st.lists(st.integers(0, 6), max_size=12))
 def test_blocks_in_any_order_give_each_row_at_most_once(
-    blocks, tmp_path_factory: pytest.TempPathFactory, order
+    blocks: tuple[bytes, list[tuple[range, int, int]]],
+    tmp_path_factory: pytest.TempPathFactory,
+    order: list[int],
 ) -> None:
     content, table = blocks
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
@@ -220,7 +224,9 @@ def test_blocks_in_any_order_give_each_row_at_most_once(
 @settings(deadline=None)
 @given(data=st.data())
 def test_joined_logs_are_read_one_after_the_other(
-    blocks, tmp_path_factory: pytest.TempPathFactory, data
+    blocks: tuple[bytes, list[tuple[range, int, int]]],
+    tmp_path_factory: pytest.TempPathFactory,
+    data: st.DataObject,
 ) -> None:
     content, table = blocks
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
@@ -236,7 +242,9 @@ def test_joined_logs_are_read_one_after_the_other(
     assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
 
 
-def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(blocks, tmp_path: Path) -> None:
+def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(
+    blocks: tuple[bytes, list[tuple[range, int, int]]], tmp_path: Path
+) -> None:
     content, _ = blocks
     path = tmp_path / "a.hwlog"
     path.write_bytes(bytes(4096) + content[4096:])
@@ -311,7 +319,7 @@ def test_a_log_is_synced_without_harm_to_a_device(tmp_path: Path) -> None:
 def test_what_the_disk_has_lost_is_an_error_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def lose(_) -> NoReturn:
+    def lose(_: object) -> NoReturn:
         raise OSError(errno.EIO, "Input/output error")
 
     with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
@@ -326,7 +334,7 @@ def test_what_the_disk_has_lost_is_an_error_once(
 @pytest.mark.parametrize("tell", [LogWriter.sync, LogWriter.close])
 @pytest.mark.parametrize("left", [0, 1000])
 def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(
-    tmp_path: Path, tell, left
+    tmp_path: Path, tell: Callable[..., object], left: int
 ) -> None:
     path = tmp_path / "run.hwlog"
     log = LogWriter(path, METADATA, ROW)
@@ -343,10 +351,10 @@ def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(
 def test_a_disk_that_cannot_be_asked_has_lost_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def cannot(_) -> NoReturn:
+    def cannot(_: object) -> NoReturn:
         raise OSError(errno.EINVAL, "Invalid argument")
 
-    def may_not(*_) -> NoReturn:
+    def may_not(*_: object) -> NoReturn:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
@@ -363,7 +371,7 @@ class _FullDisk(io.FileIO):
 
     room = 0
 
-    def write(self, data):
+    def write(self, data: Any) -> int:
         taken = min(len(data), self.room, 100)
         if taken == 0:
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -398,7 +406,7 @@ def test_metadata_is_json(tmp_path: Path) -> None:
     "content",
     [b"", b"time_s,position_rad\n0,0\n", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + b"x" * 118],
 )
-def test_another_file_is_not_a_log(tmp_path: Path, content) -> None:
+def test_another_file_is_not_a_log(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.hwlog"
     path.write_bytes(content)
     with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
@@ -431,7 +439,7 @@ def test_a_log_of_a_later_version_is_refused(tmp_path: Path) -> None:
 @settings(deadline=None)
 @given(st.data())
 def test_another_writer_goes_on_where_one_was_killed(
-    tmp_path_factory: pytest.TempPathFactory, data
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
     begun = path.stat().st_size

@@ -2,10 +2,12 @@
 
 import math
 import tracemalloc
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.logs import detected as seen
 from haptic_wall.controller.logs import recordings as log_recording
@@ -21,6 +23,7 @@ from haptic_wall.controller.report.dense_picture import MOST, outline
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import not_none
 
 CONFIG = load_config("simulated").config
 SERVO = CONFIG.servo
@@ -29,7 +32,7 @@ NOTHING = {"inertia": None, "damping": None, "coulomb": None, "lag": None}
 STEP = math.tau / 4096
 
 
-def rows(start, count):
+def rows(start: int, count: int) -> NDArray[np.void]:
     """A drift into the wall at zero; from 10 to 14 s it feeds a shaking at 12 Hz."""
     block = np.zeros(count, ROW)
     block["seq"] = np.arange(start, start + count)
@@ -40,7 +43,7 @@ def rows(start, count):
     position = 0.002 * time + np.where(shakes, 0.05 * np.cos(math.tau * 12.0 * time), 0.0)
     block["position"] = np.round(position / STEP) * STEP
     # A spring that holds this inertia at 12 Hz, and what its friction takes put back.
-    spring = SERVO.inertia * (math.tau * 12.0) ** 2
+    spring = not_none(SERVO.inertia) * (math.tau * 12.0) ** 2
     block["stiffness"] = spring
     given = SERVO.damping * speed + SERVO.coulomb * np.sign(speed)
     block["torque"] = -spring * position + np.where(shakes, given, 0.0)
@@ -51,14 +54,14 @@ def rows(start, count):
     return block
 
 
-def written(path, count):
+def written(path: Path, count: int) -> Path:
     with LogWriter(path, METADATA, ROW) as log:
         for start in range(0, count, 250):
             log.append(rows(start, min(250, count - start)))
     return path
 
 
-def peak(work):
+def peak(work: Callable[[], object]) -> float:
     """Memory taken by some work at its worst [MB]."""
     tracemalloc.start()
     work()
@@ -68,14 +71,14 @@ def peak(work):
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory):
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("logs")
     return [written(folder / f"{count}.hwlog", count) for count in (2_000, 10_000, 30_000)]
 
 
 @pytest.mark.parametrize("work", ["summary", "csv", "cut"])
-def test_memory_does_not_grow_with_the_log(logs, tmp_path: Path, work) -> None:
-    def do(path) -> None:
+def test_memory_does_not_grow_with_the_log(logs: list[Path], tmp_path: Path, work: str) -> None:
+    def do(path: Path) -> None:
         log = LogRows.of(LogReader(path))
         match work:
             case "summary":
@@ -97,7 +100,7 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sketch, "SLICES", 200)
     monkeypatch.setattr(sketch, "WHOLE", 800)
 
-    def blocks():
+    def blocks() -> Iterator[NDArray[np.void]]:
         for start in range(0, count, block):
             some = rows(start, block)
             some["torque"][some["seq"] == 23_457] = 3.0
@@ -126,7 +129,7 @@ def test_a_short_run_is_drawn_row_by_row() -> None:
 
 
 def test_detect_sees_the_same_in_windows_as_in_the_whole(
-    logs, monkeypatch: pytest.MonkeyPatch
+    logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = logs[2]
     monkeypatch.setattr(seen, "_WHOLE", 2000)

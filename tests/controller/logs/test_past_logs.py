@@ -18,7 +18,7 @@ PAST = sorted((Path(__file__).parent / "past").glob("*.hwlog"))
 losses counted in a row; and of today."""
 
 
-def answer(capsys, *arguments):
+def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     assert main(list(map(str, arguments))) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
@@ -26,7 +26,9 @@ def answer(capsys, *arguments):
 
 
 @pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
-def test_every_command_reads_it(log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_reads_it(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     summary = json.loads(answer(capsys, "log", log, "--json"))
     assert (summary["rows"], summary["unrecorded_rows"], summary["phases"]) == (40, 0, 1)
     assert summary["damaged"]["places"] == summary["missed_ticks"] == 0
@@ -49,7 +51,7 @@ def test_the_first_format_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
 def test_its_rows_are_those_that_were_written(
-    log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     metadata, raw = read_log(log)
     rows = np.concatenate(list(LogRows.of(LogReader(log)).blocks()))

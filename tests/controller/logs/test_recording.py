@@ -2,6 +2,7 @@ import contextlib
 import math
 import os
 import socket
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +12,26 @@ from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs import csv_table
+from haptic_wall.controller.logs.recording import Recording
 from haptic_wall.controller.logs.recordings import read_recordings
 from haptic_wall.controller.logs.windows import WINDOW
+from haptic_wall.controller.theory.checks import FloatArray
+from tests.typed import not_none
 
 STEP = math.tau / 4096
 RNG = np.random.default_rng(1)
 
 
-def read_recording(path):
+def read_recording(path: Path) -> Recording:
     (found,) = read_recordings(path)
     return found
 
 
-def swing(times):
+def swing(times: FloatArray) -> FloatArray:
     return 0.05 * np.cos(math.tau * 5.0 * times)
 
 
-def write(path, **columns):
+def write(path: Path, **columns: Iterable[float]) -> Path:
     names = list(columns)
     lines = [",".join(names)]
     for row in zip(*columns.values(), strict=True):
@@ -82,8 +86,8 @@ def test_missing_torques_are_held_and_told(tmp_path: Path) -> None:
     torques[[0, 50]] = math.nan
     path = write(tmp_path / "a.csv", time_s=times, position_rad=times, torque_nm=torques)
     found = read_recording(path)
-    assert found.parts[0].torques[0] == 0.0
-    assert found.parts[0].torques[50] == 2.0
+    assert not_none(found.parts)[0].torques[0] == 0.0
+    assert not_none(found.parts)[0].torques[50] == 2.0
     assert any("2 rows have no torque" in note for note in found.notes)
 
 
@@ -116,14 +120,16 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
     assert any("2 rows are left out" in note and "0.05 s" in note for note in found.notes)
 
 
-def recording(start, samples, period=1e-3, jitter=0.0):
+def recording(start: float, samples: int, period: float = 1e-3, jitter: float = 0.0) -> FloatArray:
     times = start + np.arange(samples) * period
     return times + RNG.uniform(-jitter, jitter, samples) * period
 
 
 @pytest.mark.parametrize("apart", [86_400.0, 30 * 86_400.0, 1000 * 86_400.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
-def test_recordings_days_apart_are_parts_of_their_own(tmp_path: Path, apart, jitter) -> None:
+def test_recordings_days_apart_are_parts_of_their_own(
+    tmp_path: Path, apart: float, jitter: float
+) -> None:
     """By the system's clock; one grid over all of a day took 4 GB."""
     first = recording(1.7e9, 900, jitter=jitter)
     second = recording(1.7e9 + apart, 700, jitter=jitter)
@@ -139,7 +145,9 @@ def test_recordings_days_apart_are_parts_of_their_own(tmp_path: Path, apart, jit
 
 
 @pytest.mark.parametrize("rates", [(1000, 50), (50, 1000), (1000, 10, 200)])
-def test_a_recording_at_another_rate_is_one_of_its_own(tmp_path: Path, rates) -> None:
+def test_a_recording_at_another_rate_is_one_of_its_own(
+    tmp_path: Path, rates: tuple[int, ...]
+) -> None:
     times = np.concatenate([recording(1000.0 * k, 300, 1.0 / rate) for k, rate in enumerate(rates)])
     path = write(tmp_path / "a.csv", time_s=times, position_rad=swing(times))
     found = list(read_recordings(path))
@@ -180,7 +188,7 @@ def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
         ("t\u202e,x\n".encode(), r"found t\u202e, x;"),
     ],
 )
-def test_what_is_no_text_is_refused_in_words(tmp_path: Path, content, said) -> None:
+def test_what_is_no_text_is_refused_in_words(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     with pytest.raises(UserError) as error:
@@ -205,7 +213,7 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(
 
 @pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
 def test_what_may_never_end_is_not_looked_into(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = Path("a.csv")
@@ -234,7 +242,9 @@ def test_what_may_never_end_is_not_looked_into(
         ('time_s,position_rad\n0,"' + 200_000 * "1", "is a quote left open?"),
     ],
 )
-def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path: Path, text, message) -> None:
+def test_what_cannot_be_looked_at_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = tmp_path / "a.csv"
     path.write_text(text)
     with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
@@ -273,7 +283,7 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(tmp_path: Path, text,
     st.integers(0, 3),
 )
 def test_any_cells_are_refused_or_read(
-    tmp_path_factory: pytest.TempPathFactory, cells, even
+    tmp_path_factory: pytest.TempPathFactory, cells: list[str], even: bool
 ) -> None:
     path = tmp_path_factory.mktemp("csv") / "a.csv"
     rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))

@@ -1,32 +1,38 @@
 """All items as files, and the page that shows them: pictures, words, links, the CSV's numbers."""
 
+from __future__ import annotations
+
 import csv
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from numpy.typing import NDArray
 
-from haptic_wall.controller.paper.items import ITEMS, make
+from haptic_wall.controller.paper.items import ITEMS, Made, make
 from haptic_wall.controller.paper.numbers import HEADINGS
 from haptic_wall.controller.paper.page import write_page
 from haptic_wall.controller.theory import critical_stiffness
 
 
-def simulated(virtual_damping, delay):
+def simulated(
+    virtual_damping: NDArray[np.float64], delay: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Stands in for the simulation, which has tests of its own."""
     return 1.00001 * critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory):
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Made]]:
     folder = tmp_path_factory.mktemp("paper")
     return folder, [make(item.name, folder, simulated) for item in ITEMS]
 
 
 @pytest.fixture(scope="module")
-def page(made):
+def page(made: tuple[Path, list[Made]]) -> Page:
     folder, items = made
     reader = Page()
     reader.feed(write_page(items, folder).read_text(encoding="utf-8"))
@@ -42,7 +48,7 @@ class Page(HTMLParser):
         self.links, self.images, self.ids, self.open = [], {}, [], []
         self.tables, self.section, self.text = {}, None, []
 
-    def handle_starttag(self, tag, attrs) -> None:
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str]]) -> None:
         attrs = dict(attrs)
         if tag not in ("meta", "img", "link"):
             self.open.append(tag)
@@ -59,16 +65,16 @@ class Page(HTMLParser):
         elif tag == "tr":
             self.tables[self.section].append([])
 
-    def handle_endtag(self, tag) -> None:
+    def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data) -> None:
+    def handle_data(self, data: str) -> None:
         self.text.append(data)
         if self.open and self.open[-1] in ("td", "th"):
             self.tables[self.section][-1].append(data)
 
 
-def rows_of(folder, name):
+def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
     with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
@@ -79,7 +85,9 @@ def test_the_items_are_those_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize("name", [item.name for item in ITEMS])
-def test_pictures_are_large_enough_to_print_and_not_blank(made, name) -> None:
+def test_pictures_are_large_enough_to_print_and_not_blank(
+    made: tuple[Path, list[Made]], name: str
+) -> None:
     folder, _ = made
     pixels = imread(folder / f"{name}.png")[:, :, :3]
     assert pixels.shape[1] >= 1000  # 300 dots per inch over a journal's column
@@ -93,14 +101,16 @@ def test_pictures_are_large_enough_to_print_and_not_blank(made, name) -> None:
 
 
 @pytest.mark.parametrize("name", ["table2", "fig6"])
-def test_the_same_data_give_the_same_files(made, tmp_path: Path, name) -> None:
+def test_the_same_data_give_the_same_files(
+    made: tuple[Path, list[Made]], tmp_path: Path, name: str
+) -> None:
     folder, _ = made
     again = make(name, tmp_path, simulated)
     for path in (again.csv, again.png):
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
 
-def test_the_page_shows_every_item_in_order(page) -> None:
+def test_the_page_shows_every_item_in_order(page: Page) -> None:
     names = [item.name for item in ITEMS]
     assert page.ids == names
     assert list(page.images) == [f"{name}.png" for name in names]
@@ -113,7 +123,7 @@ def test_the_page_shows_every_item_in_order(page) -> None:
         assert len(item.alternative) > 60
 
 
-def test_every_link_leads_somewhere(made, page) -> None:
+def test_every_link_leads_somewhere(made: tuple[Path, list[Made]], page: Page) -> None:
     folder, _ = made
     for link in page.links:
         if link.startswith("#"):
@@ -124,7 +134,9 @@ def test_every_link_leads_somewhere(made, page) -> None:
         assert {f"#{item.name}", f"{item.name}.csv", f"{item.name}.png"} <= set(page.links)
 
 
-def test_the_numbers_of_table_ii_are_those_of_its_csv(made, page) -> None:
+def test_the_numbers_of_table_ii_are_those_of_its_csv(
+    made: tuple[Path, list[Made]], page: Page
+) -> None:
     folder, _ = made
     _, *shown = page.tables["table2"]
     held = rows_of(folder, "table2")
@@ -138,7 +150,9 @@ def test_the_numbers_of_table_ii_are_those_of_its_csv(made, page) -> None:
 
 
 @pytest.mark.parametrize("name", ["fig3", "fig5", "fig9", "fig10"])
-def test_the_numbers_of_a_figure_are_those_of_its_csv(made, page, name) -> None:
+def test_the_numbers_of_a_figure_are_those_of_its_csv(
+    made: tuple[Path, list[Made]], page: Page, name: str
+) -> None:
     folder, _ = made
     head, *shown = page.tables[name]
     held = [row for row in rows_of(folder, name) if row["kind"] in ("peak", "error point")]

@@ -8,33 +8,34 @@ import pytest
 
 from haptic_wall.controller.paper import table2
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 
 
 @pytest.fixture(scope="module")
-def table():
+def table() -> table2.Table2:
     return table2.compare()
 
 
-def test_all_cells_are_there(table) -> None:
+def test_all_cells_are_there(table: table2.Table2) -> None:
     assert table.delay_samples.tolist() == [0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4]
     assert table.virtual_damping.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert table.printed.shape == table.theory.shape == table.simulation.shape == (9, 4)
     assert (table.printed[0, 0], table.printed[-1, -1]) == (399.89, 111.03)
 
 
-def test_theory_is_within_a_twentieth_of_a_percent_of_print(table) -> None:
+def test_theory_is_within_a_twentieth_of_a_percent_of_print(table: table2.Table2) -> None:
     assert np.abs(table.error_percent("theory")).max() < 0.05
 
 
-def test_simulation_is_within_a_tenth_of_a_percent_of_print(table) -> None:
+def test_simulation_is_within_a_tenth_of_a_percent_of_print(table: table2.Table2) -> None:
     assert np.abs(table.error_percent("simulation")).max() < 0.1
 
 
-def test_theory_and_simulation_agree_much_closer(table) -> None:
+def test_theory_and_simulation_agree_much_closer(table: table2.Table2) -> None:
     np.testing.assert_allclose(table.simulation, table.theory, rtol=1e-5)
 
 
-def off_by_a_percent(virtual_damping, delay):
+def off_by_a_percent(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
     """A simulation that is wrong in one cell."""
     stiffness = critical_stiffness(1.0, 0.1, virtual_damping, 1e-3, delay)
     return stiffness * np.where((delay == 2e-3) & (virtual_damping == 0.3), 0.99, 1.0)

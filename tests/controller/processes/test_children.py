@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,7 @@ from haptic_wall.controller.system.signals import on_signals
 
 @pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
 def test_a_folder_named_as_the_program_is_not_taken_for_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", path.format(tmp_path, tmp_path))
     (tmp_path / "controller").mkdir()
@@ -51,7 +52,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
     heard = []
     started = subprocess.Popen
 
-    def interrupted(*arguments, **options):
+    def interrupted(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
         os.kill(os.getpid(), signal.SIGINT)
         process = started(*arguments, **options)
         os.kill(process.pid, signal.SIGINT)
@@ -69,7 +70,9 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
 
 @pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
 @pytest.mark.parametrize("told", ["", '{"par'])
-def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(module, told) -> None:
+def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
+    module: str, told: str
+) -> None:
     done = subprocess.run(
         [sys.executable, "-m", f"haptic_wall.controller.processes.{module}"],
         input=told,

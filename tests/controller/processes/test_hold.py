@@ -1,8 +1,12 @@
 """The dead man's sources, on bytes and times; and its watcher, as a process."""
 
+from __future__ import annotations
+
+import array
 import os
 import pty
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,22 +30,22 @@ MS = 1_000_000
 SPACE, ENTER = 57, 28
 
 
-def event(code, value, kind=1):
+def event(code: int, value: int, kind: int = 1) -> bytes:
     return EVENT.pack(0, 0, kind, code, value)
 
 
 class Stream:
     """A device's stream of events, without the device."""
 
-    def __init__(self, key=None) -> None:
+    def __init__(self, key: int | None = None) -> None:
         self.out, self.end = os.pipe()
         self.source = KeySource(self.out, key)
 
-    def send(self, *events):
+    def send(self, *events: bytes) -> Stream:
         os.write(self.end, b"".join(events))
         return self
 
-    def held(self):
+    def held(self) -> bool:
         until = self.source.until(1000 * MS, 0)
         assert until in (0, 1000 * MS + KEY_NS)
         return until > 0
@@ -99,7 +103,7 @@ def test_a_device_that_is_gone_is_an_error() -> None:
         stream.held()
 
 
-def renew(path, wall_ns) -> None:
+def renew(path: Path, wall_ns: int) -> None:
     """Write to the file; its time stamp is ``wall_ns``."""
     path.write_text("x")
     os.utime(path, ns=(wall_ns, wall_ns))
@@ -125,7 +129,9 @@ def test_a_renewal_holds_for_150_ms_from_its_stamp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stamp", [0, 5000], ids=["long ago", "in the future"])
-def test_a_stamp_that_cannot_be_true_counts_within_the_last_look(tmp_path: Path, stamp) -> None:
+def test_a_stamp_that_cannot_be_true_counts_within_the_last_look(
+    tmp_path: Path, stamp: int
+) -> None:
     path = tmp_path / "hold"
     path.touch()
     source = FileSource(str(path), 0)
@@ -177,7 +183,7 @@ def test_what_can_be_held_is_found_out_before_the_start(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_held_is_refused(
-    text, told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    text: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
@@ -189,11 +195,11 @@ def test_what_cannot_be_held_is_refused(
 
 
 @pytest.fixture
-def kernel(monkeypatch: pytest.MonkeyPatch):
+def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int]]:
     """Answers of an input device by request: /dev/null, or a pipe, shall be one."""
     answers = {0x80044501: set(), 0x80604521: {SPACE, ENTER}, 0x80604518: {SPACE}}
 
-    def ioctl(_, request, buffer):
+    def ioctl(_: int, request: int, buffer: bytes | array.array) -> int:
         codes = answers[request]
         for code in codes:
             buffer[code // 8] |= 1 << code % 8
@@ -203,7 +209,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch):
     return answers
 
 
-def test_an_input_device_is_known_by_its_answers(kernel) -> None:
+def test_an_input_device_is_known_by_its_answers(kernel: dict[int, set[int]]) -> None:
     assert hold_by("/dev/null") == Hold("/dev/null", "key", None)
     assert hold_by("/dev/null:key_space") == Hold("/dev/null", "key", SPACE)
     assert hold_by("/dev/null:28") == Hold("/dev/null", "key", ENTER)
@@ -216,11 +222,11 @@ def test_an_input_device_is_known_by_its_answers(kernel) -> None:
 
 @pytest.mark.parametrize(("key", "held"), [(None, True), (SPACE, True), (ENTER, False)])
 @pytest.mark.usefixtures("kernel")
-def test_a_key_that_is_down_at_the_start_is_held(key, held) -> None:
+def test_a_key_that_is_down_at_the_start_is_held(key: int | None, held: bool) -> None:
     assert Stream(key).held() is held
 
 
-def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel) -> None:
+def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel: dict[int, set[int]]) -> None:
     kernel[0x80604518] = set()
     stream = Stream()
     assert not stream.held()
@@ -245,7 +251,7 @@ def test_a_watcher_whose_source_is_gone_releases_for_good() -> None:
     assert words[Word.HELD_NS] == 0
 
 
-def wait_for(condition) -> None:
+def wait_for(condition: Callable[..., object]) -> None:
     end = time.monotonic() + 30.0
     while time.monotonic() < end:
         if condition():

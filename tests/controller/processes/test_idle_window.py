@@ -11,7 +11,7 @@ NOW_NS = 5_000_000_000
 MS = 1_000_000
 
 
-def pause_ns(ended_ns, period_ns, wanted_ns):
+def pause_ns(ended_ns: int, period_ns: int, wanted_ns: int) -> int:
     words = memoryview(bytearray(4096)).cast("q")
     words[Word.HEARTBEAT_NS] = ended_ns
     with MonkeyPatch.context() as patch:
@@ -25,7 +25,7 @@ def pause_ns(ended_ns, period_ns, wanted_ns):
     wanted_ns=st.integers(0, 300 * MS),
 )
 def test_a_pause_ends_just_behind_a_tick_and_at_most_a_period_later(
-    since_ns, period_ns, wanted_ns
+    since_ns: int, period_ns: int, wanted_ns: int
 ) -> None:
     ended_ns = NOW_NS - since_ns
     paused = pause_ns(ended_ns, period_ns, wanted_ns)

@@ -1,23 +1,26 @@
 """A run in one process says how many rows its log lacks, and what the disk told last."""
 
 import errno
+from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.file import LogWriter, read_log
 from haptic_wall.controller.processes.inline import run_inline
-from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 
 
 @pytest.fixture
-def ended(tmp_path: Path):
+def ended(tmp_path: Path) -> Callable[..., tuple[Ended, int]]:
     """Runs six seconds, and returns how it ended and how many rows there were."""
 
-    def run(log=tmp_path / "run.hwlog"):
+    def run(log: Path = tmp_path / "run.hwlog") -> tuple[Ended, int]:
         telemetry = Telemetry.create()
         config = load_config("simulated", ["loop.clock=simulated"]).config
         return run_inline(Plan(config, 6.0, log, {}, None), telemetry), telemetry.words[Word.HEAD]
@@ -25,18 +28,18 @@ def ended(tmp_path: Path):
     return run
 
 
-def test_a_whole_log_lacks_nothing(ended, tmp_path: Path) -> None:
+def test_a_whole_log_lacks_nothing(ended: Callable[..., tuple[Ended, int]], tmp_path: Path) -> None:
     whole, rows = ended()
     assert (whole.lacking, whole.warnings) == (0, [])
     assert len(read_log(tmp_path / "run.hwlog")[1]) == rows
 
 
 def test_a_full_disk_leaves_out_what_it_did_not_take(
-    ended, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ended: Callable[..., tuple[Ended, int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     append, blocks = LogWriter.append, []
 
-    def fill(log, rows) -> None:
+    def fill(log: LogWriter, rows: NDArray[np.void]) -> None:
         blocks.append(rows)
         if len(blocks) > 3:
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -49,18 +52,20 @@ def test_a_full_disk_leaves_out_what_it_did_not_take(
     assert f"{tmp_path / 'run.hwlog'} is incomplete: No space left on device" in warning
 
 
-def test_a_log_that_cannot_be_begun_lacks_all(ended, tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_begun_lacks_all(
+    ended: Callable[..., tuple[Ended, int]], tmp_path: Path
+) -> None:
     none, rows = ended(tmp_path / "nowhere" / "run.hwlog")
     assert none.lacking == rows >= 6000
     assert "No such file" in none.warnings[0]
 
 
 def test_a_loss_that_only_closing_tells_is_told(
-    ended, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ended: Callable[..., tuple[Ended, int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     close = LogWriter.close
 
-    def lose(log) -> NoReturn:
+    def lose(log: LogWriter) -> NoReturn:
         close(log)
         raise OSError(errno.EIO, "Input/output error")
 

@@ -12,7 +12,7 @@ HEARTBEAT_S = 0.1
 class Loop:
     """A loop that beats until it is told not to, watched on a clock of its own."""
 
-    def __init__(self, state) -> None:
+    def __init__(self, state: int) -> None:
         self.words = Telemetry.create().words
         self.words[Word.STATE] = state
         self.now = 100.0
@@ -24,7 +24,7 @@ class Loop:
         if self.beats:
             self.words[Word.HEARTBEAT_NS] = round(self.now * 1e9)
 
-    def after(self, seconds, step=LOOK_S):
+    def after(self, seconds: float, step: float = LOOK_S) -> str | None:
         """Look every ``step`` for so long; when it was found overdue, and of what."""
         end = self.now + seconds
         while self.now < end - 1e-9:
@@ -55,7 +55,7 @@ def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None
 
 
 @pytest.mark.parametrize("ask", ["stop", "bus"])
-def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask) -> None:
+def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask: str) -> None:
     loop = Loop(LoopState.RUNNING)
     loop.after(1.0)
     if ask == "stop":
@@ -74,7 +74,7 @@ def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> N
 
 
 @pytest.mark.parametrize("stop", [0, 1])
-def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop) -> None:
+def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop: int) -> None:
     """On a small machine, or a busy one, a Ctrl-C would end in a trip."""
     loop = Loop(LoopState.TORQUE_OFF)
     loop.words[Word.STOP] = stop

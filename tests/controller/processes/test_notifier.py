@@ -10,7 +10,7 @@ def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing() -> Non
     goes_on = threading.Event()
     heard = []
 
-    def tell(text) -> None:
+    def tell(text: str) -> None:
         assert goes_on.wait(30.0)
         heard.append(text)
 
@@ -25,7 +25,7 @@ def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing() -> Non
 def test_a_terminal_that_is_gone_is_no_reason_to_end() -> None:
     heard = []
 
-    def tell(text) -> None:
+    def tell(text: str) -> None:
         if text == "first":
             raise BrokenPipeError
         heard.append(text)

@@ -14,33 +14,33 @@ class Users:
         self.now = self.everywhere = ""
         self.brief = False
 
-    def look(self):
+    def look(self) -> str:
         return self.now
 
-    def look_everywhere(self):
+    def look_everywhere(self) -> str:
         return self.everywhere
 
 
 class Stage:
-    def __init__(self, real=True) -> None:
+    def __init__(self, real: bool = True) -> None:
         self.clock = SimulatedClock(SECOND_NS)
         self.outside = Outside(self.clock, real)
         self.outside.users = self.users = Users()
 
 
 @pytest.fixture
-def stage():
+def stage() -> Stage:
     return Stage()
 
 
-def test_while_nothing_happens_reasons_stay_as_they_are(stage) -> None:
+def test_while_nothing_happens_reasons_stay_as_they_are(stage: Stage) -> None:
     assert not stage.outside.look()
     for reason in ("duration", "interrupted", *Trip):
         assert stage.outside.verdict(reason) == (reason, "")
     assert stage.outside.notes() == []
 
 
-def test_a_suspended_computer_ends_the_run(stage) -> None:
+def test_a_suspended_computer_ends_the_run(stage: Stage) -> None:
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert stage.outside.look()
     words = "the computer was suspended for 3 s"
@@ -51,7 +51,9 @@ def test_a_suspended_computer_ends_the_run(stage) -> None:
 @pytest.mark.parametrize(
     "trip", ["torque_lost", "servo_lost", "loop_hung", "losses_in_row", "loss_rate", "overspeed"]
 )
-def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed) -> None:
+def test_it_wins_over_what_loop_and_servo_make_of_it(
+    stage: Stage, trip: str, noticed: bool
+) -> None:
     stage.users.now = stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     stage.clock.suspended_ns += 3 * SECOND_NS
     if noticed:
@@ -61,7 +63,7 @@ def test_it_wins_over_what_loop_and_servo_make_of_it(stage, trip, noticed) -> No
     assert text == f"the computer was suspended for 3 s; the run had ended by {trip}"
 
 
-def test_another_program_ends_the_run_by_name(stage) -> None:
+def test_another_program_ends_the_run_by_name(stage: Stage) -> None:
     stage.users.now = "minicom (pid 7) has opened /dev/ttyUSB0"
     assert stage.outside.look()
     stage.users.now = ""  # gone by the time the run is over
@@ -71,7 +73,7 @@ def test_another_program_ends_the_run_by_name(stage) -> None:
     )
 
 
-def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage) -> None:
+def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage: Stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     reason, text = stage.outside.verdict("trip:torque_lost")
     assert reason == "trip:port_shared"
@@ -80,13 +82,13 @@ def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage) -> None:
 
 
 @pytest.mark.parametrize("reason", ["trip:oscillation", "trip:not_a_number", "duration"])
-def test_what_it_cannot_have_caused_keeps_its_name(stage, reason) -> None:
+def test_what_it_cannot_have_caused_keeps_its_name(stage: Stage, reason: str) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     stage.clock.suspended_ns += SECOND_NS
     assert stage.outside.verdict(reason) == (reason, "")
 
 
-def test_a_start_that_is_refused_is_explained_too(stage) -> None:
+def test_a_start_that_is_refused_is_explained_too(stage: Stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     assert stage.outside.verdict("refused") == ("refused", stage.users.everywhere)
 
@@ -99,6 +101,6 @@ def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:
     assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]
 
 
-def test_a_brief_opening_is_a_note(stage) -> None:
+def test_a_brief_opening_is_a_note(stage: Stage) -> None:
     stage.users.brief = True
     assert stage.outside.notes() == ["a program opened the port during the run and closed it again"]

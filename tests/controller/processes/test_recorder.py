@@ -5,6 +5,7 @@ import os
 import resource
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,12 @@ from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import not_none
 
 TICKS = itertools.count()
 
 
-def row():
+def row() -> Row:
     """A row of the next period."""
     return Row(deadline_ns=next(TICKS) * 1_000_000)
 
@@ -32,7 +34,7 @@ pytestmark = pytest.mark.realtime
 class Recording:
     """A ring that is written here, recorded by real processes."""
 
-    def __init__(self, path) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.telemetry = Telemetry.create()
         self.told = []
@@ -41,7 +43,7 @@ class Recording:
             self.start, self.telemetry.words, self.told.append, time.monotonic()
         )
 
-    def start(self, resume):
+    def start(self, resume: bool) -> Child:
         orders = {
             "telemetry": self.telemetry.descriptor,
             "parent": os.getpid(),
@@ -56,7 +58,7 @@ class Recording:
         )
         return self.recorders[-1]
 
-    def until(self, condition, rows=7) -> None:
+    def until(self, condition: Callable[..., object], rows: int = 7) -> None:
         """Write a few rows again and again until something has happened."""
         end = time.monotonic() + 30.0
         while not condition():
@@ -66,7 +68,7 @@ class Recording:
             self.monitor.look(time.monotonic())
             time.sleep(0.01)
 
-    def recorded(self):
+    def recorded(self) -> int:
         return self.telemetry.words[Word.TAIL]
 
 
@@ -119,5 +121,5 @@ def test_a_supervised_run_says_how_many_rows_its_log_lacks(tmp_path: Path) -> No
     told = []
     ended = run(Plan(config, 0.3, tmp_path / "run.hwlog", {}, None), told.append)
     (note,) = (warning for warning in ended.warnings if "it lacks" in warning)
-    assert ended.lacking > 0
+    assert not_none(ended.lacking) > 0
     assert f"it lacks {ended.lacking} of {ended.lacking} rows" in note

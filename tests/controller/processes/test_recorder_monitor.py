@@ -4,11 +4,14 @@ import errno
 import itertools
 import json
 import os
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.file import LogWriter, read_log
 from haptic_wall.controller.processes import recorder, recorder_monitor
@@ -19,7 +22,7 @@ from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemet
 TICKS = itertools.count()
 
 
-def row():
+def row() -> Row:
     """A row of the next period."""
     return Row(deadline_ns=next(TICKS) * 1_000_000)
 
@@ -27,7 +30,7 @@ def row():
 class Child:
     """A recorder without a process: it writes when it is let, and ends as it is told."""
 
-    def __init__(self, telemetry, path, resume) -> None:
+    def __init__(self, telemetry: Telemetry, path: Path, resume: bool) -> None:
         log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
         self._recorder = Recorder(telemetry, log)
         self._words = telemetry.words
@@ -42,47 +45,49 @@ class Child:
             if self._words[Word.FINISHED]:
                 self.end(0)
 
-    def say(self, trouble) -> None:
+    def say(self, trouble: str | None) -> None:
         self._said.append(json.dumps({"trouble": trouble}))
 
-    def lose(self, lost) -> None:
+    def lose(self, lost: str) -> None:
         self._said.append(json.dumps({"lost": lost}))
 
-    def end(self, code) -> None:
+    def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
             self._recorder.close()
 
-    def lines(self):
+    def lines(self) -> list[str]:
         said, self._said = self._said, []
         return said
 
-    def ended(self):
+    def ended(self) -> bool:
         return self.code is not None
 
-    def well(self):
+    def well(self) -> bool:
         return self.code == 0
 
-    def exit_text(self):
+    def exit_text(self) -> str:
         return {None: "is running", 0: "ended with 0"}.get(self.code, "was killed by SIGKILL")
 
-    def wait(self, timeout_s):
+    def wait(self, timeout_s: float) -> bool:
         if timeout_s > 0.0:
             self.turn()
         return self.ended()
 
-    def send(self, _number) -> None:
+    def send(self, _number: signal.Signals) -> None:
         if self.mortal:
             self.end(-9)
 
-    def dismiss(self, _timeout_s) -> None:
+    def dismiss(self, _timeout_s: float) -> None:
         self.end(-9)
 
 
 class TalkingChild(Child):
     """What a recorder's process does and says, in this process."""
 
-    def __init__(self, telemetry, path, resume, capfd) -> None:
+    def __init__(
+        self, telemetry: Telemetry, path: Path, resume: bool, capfd: pytest.CaptureFixture[str]
+    ) -> None:
         self._attempts = _Attempts(telemetry, {"log": str(path), "metadata": {}, "resume": resume})
         self._words = telemetry.words
         self._capfd = capfd
@@ -95,10 +100,10 @@ class TalkingChild(Child):
             if self._words[Word.FINISHED]:
                 self.end(0)
 
-    def lines(self):
+    def lines(self) -> list[str]:
         return self._capfd.readouterr().out.splitlines()
 
-    def end(self, code) -> None:
+    def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
             self._attempts.close()
@@ -107,7 +112,7 @@ class TalkingChild(Child):
 class Run:
     """A loop that writes a row each millisecond, a monitor that looks, on one simulated time."""
 
-    def __init__(self, folder, child=Child) -> None:
+    def __init__(self, folder: Path, child: Callable[..., object] = Child) -> None:
         self._child = child
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
@@ -118,13 +123,13 @@ class Run:
         self.now = 0.0
         self.monitor = RecorderMonitor(self.start, self.words, self.told.append, self.now)
 
-    def start(self, resume):
+    def start(self, resume: bool) -> Child:
         if self.refused is not None:
             raise self.refused
         self.recorders.append(self._child(self.telemetry, self.path, resume))
         return self.recorders[-1]
 
-    def go(self, seconds, rows_per_s=1000, step=0.25) -> None:
+    def go(self, seconds: float, rows_per_s: int = 1000, step: float = 0.25) -> None:
         for _ in range(round(seconds / step)):
             self.now += step
             for _ in range(round(rows_per_s * step)):
@@ -132,7 +137,7 @@ class Run:
             self.recorders[-1].turn()
             self.monitor.look(self.now)
 
-    def end(self):
+    def end(self) -> tuple[list[str], NDArray[np.int64]]:
         """The notes, and the rows that the log holds."""
         notes = self.monitor.end()
         self.monitor.close()
@@ -140,13 +145,13 @@ class Run:
 
 
 @pytest.fixture
-def run(tmp_path: Path):
+def run(tmp_path: Path) -> Iterator[Run]:
     run = Run(tmp_path)
     yield run
     run.recorders[-1].end(-9)
 
 
-def test_nothing_is_said_of_a_recorder_that_does_its_work(run) -> None:
+def test_nothing_is_said_of_a_recorder_that_does_its_work(run: Run) -> None:
     run.go(5.0)
     notes, rows = run.end()
     assert notes == run.told == []
@@ -154,7 +159,7 @@ def test_nothing_is_said_of_a_recorder_that_does_its_work(run) -> None:
     np.testing.assert_array_equal(rows, np.arange(5000))
 
 
-def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run) -> None:
+def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
     run.go(0.25)
@@ -171,7 +176,7 @@ def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run) -> None:
     np.testing.assert_array_equal(rows, np.arange(4250))
 
 
-def test_a_recorder_that_never_lives_is_not_started_all_the_time(run) -> None:
+def test_a_recorder_that_never_lives_is_not_started_all_the_time(run: Run) -> None:
     for _ in range(20):
         run.recorders[-1].end(-9)
         run.go(0.5)
@@ -181,7 +186,7 @@ def test_a_recorder_that_never_lives_is_not_started_all_the_time(run) -> None:
     np.testing.assert_array_equal(rows, np.arange(10_000))
 
 
-def test_a_recorder_that_cannot_be_started_is_tried_again(run) -> None:
+def test_a_recorder_that_cannot_be_started_is_tried_again(run: Run) -> None:
     run.go(2.0)
     run.refused = OSError(errno.ENOMEM, "Cannot allocate memory")
     run.recorders[-1].end(-9)
@@ -193,7 +198,7 @@ def test_a_recorder_that_cannot_be_started_is_tried_again(run) -> None:
     np.testing.assert_array_equal(rows, np.arange(9000))
 
 
-def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run) -> None:
+def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].writes = False
     run.go(2.25, rows_per_s=CAPACITY // 4)
@@ -206,7 +211,7 @@ def test_a_stopped_recorder_is_replaced_before_a_row_is_lost(run) -> None:
     assert len(rows) == run.words[Word.HEAD]
 
 
-def test_nobody_writes_beside_a_recorder_that_does_not_die(run) -> None:
+def test_nobody_writes_beside_a_recorder_that_does_not_die(run: Run) -> None:
     run.go(2.0)
     stuck = run.recorders[-1]
     stuck.writes = stuck.mortal = False  # it waits for a disk in the kernel
@@ -221,8 +226,8 @@ def test_nobody_writes_beside_a_recorder_that_does_not_die(run) -> None:
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
 
 
-def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run) -> None:
-    def crawl(self) -> None:
+def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run: Run) -> None:
+    def crawl(self: Child) -> None:
         """A block of a few rows, then the processor is somebody else's."""
         recorder = self._recorder
         block, _ = recorder._telemetry.read(recorder._tail, 9)
@@ -238,7 +243,7 @@ def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run) -> N
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
 
 
-def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run) -> None:
+def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(run: Run) -> None:
     run.go(2.0)
     told = run.words[Word.TAIL]
     run.telemetry.write(row())
@@ -250,7 +255,7 @@ def test_a_recorder_killed_before_it_could_tell_of_its_last_block_loses_nothing(
     np.testing.assert_array_equal(rows, np.arange(2001))
 
 
-def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run) -> None:
+def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].writes = False
     run.recorders[-1].say("run.hwlog: No space left on device")
@@ -274,13 +279,15 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
 
 
 @pytest.fixture
-def talking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+def talking(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Run:
     """A run whose recorder syncs at each turn."""
     monkeypatch.setattr(recorder, "SYNC_S", 0.0)
     return Run(tmp_path, lambda *of: TalkingChild(*of, capfd))
 
 
-def failing(*_) -> NoReturn:
+def failing(*_: object) -> NoReturn:
     raise OSError(errno.EIO, "Input/output error")
 
 
@@ -288,7 +295,7 @@ LOST = "run.hwlog: Input/output error), and nobody knows which rows; the run was
 
 
 def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(
-    talking, monkeypatch: pytest.MonkeyPatch
+    talking: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     talking.go(1.0)
     with monkeypatch.context() as once:
@@ -309,7 +316,7 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(
 
 @pytest.mark.parametrize("when", ["sync", "close"])
 def test_what_the_disk_says_at_the_very_end_is_noted(
-    talking, monkeypatch: pytest.MonkeyPatch, when
+    talking: Run, monkeypatch: pytest.MonkeyPatch, when: str
 ) -> None:
     talking.go(1.0)
     if when == "sync":
@@ -323,7 +330,7 @@ def test_what_the_disk_says_at_the_very_end_is_noted(
     assert talking.monitor.lacking is None
 
 
-def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run) -> None:
+def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run: Run) -> None:
     run.go(1.0)
     run.recorders[-1].lose("run.hwlog: Input/output error")
     run.recorders[-1].end(-9)
@@ -334,7 +341,7 @@ def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run) -> Non
 
 
 @pytest.mark.parametrize("how", ["killed", "stopped"])
-def test_the_last_rows_are_written_by_another_recorder(run, how) -> None:
+def test_the_last_rows_are_written_by_another_recorder(run: Run, how: str) -> None:
     run.go(2.0)
     if how == "killed":
         run.recorders[-1].end(-9)
@@ -347,7 +354,7 @@ def test_the_last_rows_are_written_by_another_recorder(run, how) -> None:
     np.testing.assert_array_equal(rows, np.arange(2001))
 
 
-def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run) -> None:
+def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run: Run) -> None:
     run.go(2.0)
     run.recorders[-1].end(-9)
     run.telemetry.write(row())
@@ -359,7 +366,7 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run)
     assert len(run.recorders) == 1 <= recorder_monitor.LAST_ATTEMPTS
 
 
-def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run) -> None:
+def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run: Run) -> None:
     run.go(5.0)
     assert may_stand_back(run.words)
     run.recorders[-1].writes = False  # it does not come to run
@@ -372,7 +379,7 @@ def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run) -> N
     assert not may_stand_back(run.words)
 
 
-def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking) -> None:
+def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking: Run) -> None:
     with LogWriter(talking.path, {}, ROW) as old:
         old.append(np.zeros(7, ROW))
     before = talking.path.read_bytes()
@@ -388,7 +395,7 @@ def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talk
     assert [path.name for path in talking.path.parent.iterdir()] == ["run.hwlog"]
 
 
-def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking) -> None:
+def test_a_log_that_was_moved_is_not_gone_on_with_by_another_recorder(talking: Run) -> None:
     talking.go(1.0)
     moved = talking.path.rename(talking.path.with_name("moved"))
     talking.go(1.0)

@@ -1,6 +1,8 @@
 """What the supervisor makes of rows: told at once, counted in batches, none left out."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,25 +15,25 @@ from haptic_wall.controller.settings.load import load_config
 
 
 class Run:
-    def __init__(self, tmp_path) -> None:
+    def __init__(self, tmp_path: Path) -> None:
         self.telemetry = Telemetry.create()
         self.told = []
         plan = Plan(load_config("simulated", ()).config, None, tmp_path / "x", {}, None)
         self.count = RowCount(self.telemetry, plan, self.told.append)
 
-    def write(self, rows, **values) -> None:
+    def write(self, rows: int, **values: Any) -> None:
         for _ in range(rows):
             self.telemetry.write(Row(**values))
 
 
 @pytest.fixture
-def run(tmp_path: Path):
+def run(tmp_path: Path) -> Iterator[Run]:
     made = Run(tmp_path)
     yield made
     made.telemetry.close()
 
 
-def test_an_oscillation_is_told_at_the_next_look_however_short_it_was(run) -> None:
+def test_an_oscillation_is_told_at_the_next_look_however_short_it_was(run: Run) -> None:
     run.write(10)
     run.count.look()
     assert run.told == []
@@ -44,7 +46,7 @@ def test_an_oscillation_is_told_at_the_next_look_however_short_it_was(run) -> No
     assert "is over; the stiffness is 2.5" in run.told[1]
 
 
-def test_rows_are_counted_in_batches_and_none_is_left_out(run) -> None:
+def test_rows_are_counted_in_batches_and_none_is_left_out(run: Run) -> None:
     lateness = iter(np.random.default_rng(1).integers(0, 100_000, 3 * BATCH))
     counted = []
     for _ in range(60):

@@ -10,7 +10,7 @@ from haptic_wall.controller.processes.run_report import explanation
 from haptic_wall.controller.settings.load import load_config
 
 
-def ended_by(trip, port, preset="emulated-port"):
+def ended_by(trip: str, port: str, preset: str = "emulated-port") -> str:
     """What is said of a trip on a port."""
     servo = load_config(preset, [f"servo.port={port}"]).config.servo
     return explanation(Ended(f"trip:{trip}", None, ticks=0, missed=0), servo)
@@ -20,7 +20,9 @@ def ended_by(trip, port, preset="emulated-port"):
     ("trip", "setting"),
     [("loss_rate", "safety.max_loss"), ("losses_in_row", "safety.max_silence_s")],
 )
-def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(tmp_path: Path, trip, setting) -> None:
+def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(
+    tmp_path: Path, trip: str, setting: str
+) -> None:
     leader, follower = os.openpty()
     link = tmp_path / "bus"
     link.symlink_to(os.ttyname(follower))

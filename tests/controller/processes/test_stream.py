@@ -5,6 +5,7 @@ import math
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +20,14 @@ from haptic_wall.controller.runtime.telemetry import ROW, Row, Telemetry
 
 
 @pytest.fixture
-def listener():
+def listener() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plot:
         plot.bind(("127.0.0.1", 0))
         plot.settimeout(20.0)
         yield plot
 
 
-def heard(plot):
+def heard(plot: socket.socket) -> list[bytes]:
     """All that has arrived."""
     plot.setblocking(False)
     datagrams = []
@@ -37,7 +38,7 @@ def heard(plot):
         return datagrams
 
 
-def write(telemetry, count, start=0) -> None:
+def write(telemetry: Telemetry, count: int, start: int = 0) -> None:
     """Rows a millisecond apart; the first without a position."""
     for k in range(start, start + count):
         row = np.zeros((), ROW)
@@ -48,14 +49,16 @@ def write(telemetry, count, start=0) -> None:
 
 
 @pytest.fixture
-def sender(listener):
+def sender(listener: socket.socket) -> Iterator[tuple[Telemetry, Sender]]:
     telemetry = Telemetry.create()
     made = Sender(telemetry, Stream("127.0.0.1", listener.getsockname()[1], 100.0), 1000.0)
     yield telemetry, made
     made.close()
 
 
-def test_rows_arrive_one_object_each_on_a_coarser_grid(listener, sender) -> None:
+def test_rows_arrive_one_object_each_on_a_coarser_grid(
+    listener: socket.socket, sender: tuple[Telemetry, Sender]
+) -> None:
     telemetry, made = sender
     write(telemetry, 15)
     assert made.send() == []
@@ -72,7 +75,7 @@ def test_rows_arrive_one_object_each_on_a_coarser_grid(listener, sender) -> None
     assert max(map(len, datagrams)) < 1400, "fits a packet, and PlotJuggler's buffer of 2048"
 
 
-def test_every_row_is_sent_where_as_many_are_wanted(listener) -> None:
+def test_every_row_is_sent_where_as_many_are_wanted(listener: socket.socket) -> None:
     telemetry = Telemetry.create()
     made = Sender(telemetry, Stream("127.0.0.1", listener.getsockname()[1], 5000.0), 1000.0)
     write(telemetry, 30)
@@ -81,7 +84,9 @@ def test_every_row_is_sent_where_as_many_are_wanted(listener) -> None:
     assert len(heard(listener)) == 30
 
 
-def test_nobody_listening_is_said_once_and_sending_goes_on(listener, sender) -> None:
+def test_nobody_listening_is_said_once_and_sending_goes_on(
+    listener: socket.socket, sender: tuple[Telemetry, Sender]
+) -> None:
     telemetry, made = sender
     address = listener.getsockname()
     listener.close()
@@ -120,7 +125,7 @@ def test_no_route_is_said_once() -> None:
         ("localhost:9870", math.nan, "--stream-rate: found nan"),
     ],
 )
-def test_a_place_that_is_none_is_refused(place, rate, said) -> None:
+def test_a_place_that_is_none_is_refused(place: str, rate: float, said: str) -> None:
     with pytest.raises(UserError, match=said):
         stream_to(place, rate, anywhere=True)
 
@@ -133,7 +138,7 @@ def test_places() -> None:
 
 
 @pytest.mark.parametrize("place", ["localhost", "127.8.8.8", "0.0.0.0", "[::]"])
-def test_this_machine_may_listen(place) -> None:
+def test_this_machine_may_listen(place: str) -> None:
     assert stream_to(f"{place}:9870", 100.0, anywhere=False).port == 9870
 
 
@@ -141,7 +146,7 @@ def test_this_machine_may_listen(place) -> None:
     "place",
     ["192.0.2.7", "239.1.2.3", "255.255.255.255", "[2001:db8::7]", "[ff02::1%lo]", "[fe80::7%lo]"],
 )
-def test_another_machine_is_asked_for(place) -> None:
+def test_another_machine_is_asked_for(place: str) -> None:
     """These are addresses of documentation, of groups, and of everybody."""
     with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere if"):
         stream_to(f"{place}:9870", 100.0, anywhere=False)
@@ -168,7 +173,9 @@ def test_an_own_address_on_the_network_is_this_machine() -> None:
         (["--stream", "9870"], "wanted HOST:PORT"),
     ],
 )
-def test_what_run_refuses(arguments, said, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_run_refuses(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     refused = CliRunner().invoke(command, arguments)
     assert isinstance(refused.exception, UserError)
@@ -177,7 +184,7 @@ def test_what_run_refuses(arguments, said, tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.realtime
-def test_a_run_is_watched_live(listener, tmp_path: Path) -> None:
+def test_a_run_is_watched_live(listener: socket.socket, tmp_path: Path) -> None:
     words = ["run", "simulated", "--duration", "0.5", "--json", "--log", "a.hwlog"]
     words += ["--set", "realtime.profile=off", "--plot", "a.png"]
     words += ["--stream", f"127.0.0.1:{listener.getsockname()[1]}", "--stream-rate", "50"]

@@ -8,17 +8,18 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
 from haptic_wall.controller.processes import emulator, supervisor
-from haptic_wall.controller.processes.plan import Plan
+from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
-from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, State, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import ServoError
@@ -36,7 +37,14 @@ RESULT = {
 class Child:
     """A process that does as it is told by ``acts``; the recorder has nothing to do."""
 
-    def __init__(self, name, _arguments, _orders, _descriptors=(), _cores=None) -> None:
+    def __init__(
+        self,
+        name: str,
+        _arguments: Sequence[str],
+        _orders: Mapping[str, Any] | None,
+        _descriptors: Sequence[int] = (),
+        _cores: set[int] | None = None,
+    ) -> None:
         self.name = name
         self.pidfd, self._end = os.pipe()
         self.output, self._voice = os.pipe()
@@ -45,43 +53,43 @@ class Child:
         self.sent = []
         CHILDREN[name] = self
 
-    def say(self, event, **content) -> None:
+    def say(self, event: str, **content: Any) -> None:
         os.write(self._voice, (json.dumps({"event": event, **content}) + "\n").encode())
 
-    def end(self, code) -> None:
+    def end(self, code: int) -> None:
         if self.code is None:
             self.code = code
             os.close(self._end)
 
-    def lines(self):
+    def lines(self) -> list[str]:
         try:
             return os.read(self.output, 65536).decode().splitlines()
         except BlockingIOError:
             return []
 
-    def ended(self):
+    def ended(self) -> bool:
         if self.name == "recorder":
             self.end(0)
         return self.code is not None
 
-    def well(self):
+    def well(self) -> bool:
         return self.code == 0
 
-    def doing(self):
+    def doing(self) -> str:
         return "was busy"
 
-    def exit_text(self):
+    def exit_text(self) -> str:
         return f"ended with {self.code}"
 
-    def wait(self, _timeout_s):
+    def wait(self, _timeout_s: float) -> bool:
         return self.ended()
 
-    def send(self, number) -> None:
+    def send(self, number: signal.Signals) -> None:
         self.sent.append(number)
         if number == signal.SIGKILL:
             self.end(-9)
 
-    def dismiss(self, _timeout_s) -> None:
+    def dismiss(self, _timeout_s: float) -> None:
         self.end(-9)
         for descriptor in (self.pidfd, self.output, self._voice):
             os.close(descriptor)
@@ -93,7 +101,7 @@ CHILDREN = {}
 class Stage:
     """A supervisor with played children on a servo whose torque it can switch off, or not."""
 
-    def __init__(self, monkeypatch, folder) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
         config = load_config("xm430-w350", ["servo.port=/dev/null", "model.delay=0"]).config
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
@@ -110,7 +118,7 @@ class Stage:
             supervisor, "open_port", lambda _settings: os.open("/dev/null", os.O_RDWR)
         )
 
-    def child(self, *arguments):
+    def child(self, *arguments: Any) -> Child:
         child = Child(*arguments)
         if child.name == "loop":
             self.words[Word.STATE] = LoopState.RUNNING
@@ -118,18 +126,18 @@ class Stage:
             self.loop_acts(child)
         return child
 
-    def cut(self, *_):
+    def cut(self, *_: object) -> bool:
         loop = CHILDREN["loop"]
         self.cuts.append((loop.ended(), self.words[Word.CUT]))
         return self.confirmed
 
-    def run(self):
+    def run(self) -> tuple[Ended, dict[str, Any]]:
         ended = Supervisor(self.plan, self.telemetry, self.told.append).run()
         return ended, run_report(self.plan.config, ended, None, None)
 
 
 @pytest.fixture
-def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Stage:
     return Stage(monkeypatch, tmp_path)
 
 
@@ -137,7 +145,7 @@ SILENT_AND_MARKED = [(True, 1)]
 """When the torque was cut the loop was dead, and the memory said that the bus is not its own"""
 
 
-def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage) -> None:
+def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage: Stage) -> None:
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
@@ -149,7 +157,7 @@ def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage) -> None:
     assert report["torque_off"] is True
 
 
-def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage) -> None:
+def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage: Stage) -> None:
     ended, _ = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
     assert ended.stop_reason == "trip:loop_hung"
@@ -157,7 +165,7 @@ def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage) -> None:
     assert "it was busy" in explanation(ended, stage.plan.config.servo)
 
 
-def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage) -> None:
+def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage: Stage) -> None:
     stage.confirmed = False
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
@@ -167,8 +175,10 @@ def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage) -> No
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
-def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, confirmed) -> None:
-    def trip(loop) -> None:
+def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(
+    stage: Stage, confirmed: bool
+) -> None:
+    def trip(loop: Child) -> None:
         loop.say("ended", result={**RESULT, "torque_off": False})
         loop.end(0)
 
@@ -179,7 +189,7 @@ def test_what_the_loop_could_not_read_back_the_supervisor_tries_again(stage, con
     assert len(stage.cuts) == 1
 
 
-def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage) -> None:
+def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage: Stage) -> None:
     stage.loop_acts = lambda loop: loop.say("ended", result=RESULT)
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:overspeed"
@@ -187,7 +197,7 @@ def test_a_loop_that_has_said_how_it_ended_and_then_hangs_keeps_its_reason(stage
 
 
 def test_a_loop_that_does_not_end_when_asked_is_ended(
-    stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = stage.words[Word.HEAD] = 1
@@ -201,12 +211,12 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.RUNNING, LoopState.STOPPING])
 def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
-    stage, state, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, state: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = 1
 
-    def start(_loop) -> None:
+    def start(_loop: Child) -> None:
         stage.words[Word.HEARTBEAT_NS] = time.monotonic_ns() + 10**10
         stage.words[Word.STATE] = state
 
@@ -219,17 +229,19 @@ def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch):
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimulatedClock:
     """The supervisor's, for all but its heartbeats: it can be suspended."""
     clock = SimulatedClock()
     monkeypatch.setattr(supervisor, "MonotonicClock", lambda: clock)
     return clock
 
 
-def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock) -> None:
+def test_a_computer_that_was_suspended_ends_the_run_by_that_name(
+    stage: Stage, clock: SimulatedClock
+) -> None:
     """The loop is asked to end, and does."""
 
-    def suspend(loop) -> None:
+    def suspend(loop: Child) -> None:
         def end() -> None:
             while not stage.words[Word.STOP]:
                 time.sleep(0.001)
@@ -249,7 +261,7 @@ def test_a_computer_that_was_suspended_ends_the_run_by_that_name(stage, clock) -
     assert stage.cuts == []
 
 
-def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock) -> None:
+def test_a_loop_that_hangs_after_it_is_not_blamed(stage: Stage, clock: SimulatedClock) -> None:
     stage.words[Word.HEAD] = 1
     stage.loop_acts = lambda _: setattr(clock, "suspended_ns", 3_000_000_000)
     ended, report = stage.run()
@@ -260,9 +272,9 @@ def test_a_loop_that_hangs_after_it_is_not_blamed(stage, clock) -> None:
 
 
 def test_a_defect_of_the_supervisor_leaves_no_torque_on(
-    stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_) -> NoReturn:
+    def broken(*_: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(Supervisor, "_hear", broken)
@@ -273,10 +285,10 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(
     assert stage.cuts == SILENT_AND_MARKED
 
 
-def refused(stage, state):
+def refused(stage: Stage, state: State) -> str:
     """What a person is told when the loop refuses the run in that state."""
 
-    def refuse(loop) -> None:
+    def refuse(loop: Child) -> None:
         stage.words[Word.STATE] = state
         loop.say("refused", message="The servo answers no more: check the cable.")
         loop.end(0)
@@ -293,7 +305,7 @@ def refused(stage, state):
     [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
 )
 def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
-    stage, state, confirmed, words
+    stage: Stage, state: State, confirmed: bool, words: str
 ) -> None:
     stage.confirmed = confirmed
     message = refused(stage, state)
@@ -303,20 +315,20 @@ def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
 
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.TORQUE_OFF])
-def test_a_refused_start_without_torque_is_left_alone(stage, state) -> None:
+def test_a_refused_start_without_torque_is_left_alone(stage: Stage, state: State) -> None:
     assert refused(stage, state) == "The servo answers no more: check the cable."
     assert stage.cuts == []
 
 
 def test_a_start_refused_by_an_emulator_s_death_names_it(
-    stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = load_config("emulated-xm430", []).config
     stage.plan = replace(stage.plan, config=config)
     monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
     start = stage.child
 
-    def child(name, *arguments):
+    def child(name: str, *arguments: Any) -> Child:
         if name == "loop":
             CHILDREN["emulator"].end(-9)
         return start(name, *arguments)
@@ -328,18 +340,18 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(
 
 
 def test_a_refused_start_tells_what_became_of_the_log(
-    stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(supervisor.RecorderMonitor, "end", lambda _: ["the log is incomplete"])
     assert "the log is incomplete" in refused(stage, LoopState.STARTING)
 
 
 def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
-    stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
 
-    def refuse(loop) -> None:
+    def refuse(loop: Child) -> None:
         stage.words[Word.STATE] = LoopState.TORQUE_UNKNOWN
         loop.say("refused", message="The servo answers no more: check the cable.")
 
@@ -349,7 +361,9 @@ def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
     assert stage.cuts == SILENT_AND_MARKED
 
 
-def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(stage) -> None:
+def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
+    stage: Stage,
+) -> None:
     """Ctrl-C; a bus that is stuck does not even heed a polite end."""
     stage.plan = replace(stage.plan, config=load_config("emulated-xm430", []).config)
     threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()

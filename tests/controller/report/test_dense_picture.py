@@ -1,14 +1,18 @@
 """Lines drawn in pieces look like lines drawn whole."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from haptic_wall.controller.report.dense_picture import PIECE, line
 
 
-def pixels(draw):
+def pixels(draw: Callable[[Axes], object]) -> NDArray[np.uint8]:
     """What is drawn on an empty square, as grey levels."""
     figure = Figure(figsize=(4, 4), dpi=100)
     canvas = FigureCanvasAgg(figure)
@@ -22,7 +26,7 @@ def pixels(draw):
 
 @pytest.mark.parametrize("at", [*range(PIECE - 3, PIECE + 3), 2 * PIECE])
 @pytest.mark.parametrize("drawstyle", ["default", "steps-post"])
-def test_a_steep_line_is_whole_at_the_joints(at, drawstyle) -> None:
+def test_a_steep_line_is_whole_at_the_joints(at: int, drawstyle: str) -> None:
     x = np.arange(2.5 * PIECE)
     y = (x >= at).astype(float)
     drawn = pixels(lambda ax: line(ax, x, y, color="k", linewidth=2, drawstyle=drawstyle))

@@ -1,9 +1,14 @@
 """The picture is drawn for every kind of run, and shows what is there."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.report import run as plot
@@ -16,11 +21,12 @@ from haptic_wall.controller.runtime.telemetry import (
     ROW,
 )
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import not_none
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def run_rows(count=600, side=1):
+def run_rows(count: int = 600, side: int = 1) -> NDArray[np.void]:
     """A slow push in and out of a wall at zero, after a warm-up."""
     rows = np.zeros(count, ROW)
     rows["seq"] = np.arange(count)
@@ -37,19 +43,26 @@ def run_rows(count=600, side=1):
     return rows
 
 
-def metadata(preset="simulated", *sets):
+def metadata(preset: str = "simulated", *sets: str) -> dict[str, Any]:
     config = load_config(preset, sets).config
     return {"name": preset, "config": config.model_dump(mode="json")}
 
 
-def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True):
+def draw(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    rows: NDArray[np.void],
+    facts: Mapping[str, Any],
+    stop_reason: str = "duration",
+    saved: bool = True,
+) -> Figure:
     """The figure that was drawn; the file is checked to be a PNG, where that is waited for."""
     from matplotlib.figure import Figure
 
     figures = []
     save = Figure.savefig
 
-    def keep(figure, path, **how) -> None:
+    def keep(figure: Figure, path: Path, **how: Any) -> None:
         figures.append(figure)
         if saved:
             save(figure, path, **how)
@@ -64,8 +77,8 @@ def draw(monkeypatch, tmp_path, rows, facts, stop_reason="duration", saved=True)
     return figure
 
 
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
+def legend(ax: Axes) -> list[str]:
+    return [text.get_text() for text in not_none(ax.get_legend()).get_texts()]
 
 
 def test_a_wall_that_was_let_go_is_not_drawn_as_on(
@@ -159,7 +172,7 @@ def test_saturation_shows_the_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 @pytest.mark.parametrize("count", [1, 2, 101])
 def test_the_shortest_runs_can_be_drawn(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, count
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, count: int
 ) -> None:
     draw(monkeypatch, tmp_path, run_rows(count), metadata())
 

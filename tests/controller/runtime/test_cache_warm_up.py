@@ -1,6 +1,9 @@
 """The cache warm-up: it has no effect, and it has its time or is left out."""
 
-from typing import NoReturn
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 import pytest
 
@@ -11,8 +14,10 @@ from haptic_wall.controller.runtime.deadlines import SpinWaiter, waiter_for
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
+from haptic_wall.hw.clock import Clock, MonotonicClock, SimulatedClock
 from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.settings import ServoSettings
+from tests.typed import not_none
 
 PERIOD_NS = 1_000_000
 RUNS = {
@@ -40,10 +45,10 @@ RUNS = {
 class Rehearsed:
     """A servo before whose every request the caches are warmed up: in the midst of a real tick."""
 
-    def __init__(self, servo, warm_up) -> None:
+    def __init__(self, servo: Any, warm_up: CacheWarmUp) -> None:
         self._servo, self._warm_up = servo, warm_up
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._servo, name)
 
     def request(self) -> None:
@@ -52,16 +57,18 @@ class Rehearsed:
         self._servo.request()
 
 
-def rows_of(preset, *sets, warmed_up):
+def rows_of(preset: str, *sets: str, warmed_up: bool) -> tuple[bytes, str, Any, Any]:
     config = load_config(preset, ("loop.clock=simulated", *sets)).config
     ran = []
 
-    def opener(settings, clock, port):
+    def opener(settings: ServoSettings, clock: Clock, port: int | None) -> Any:
         servo = open_servo(settings, clock, port)
         if not warmed_up:
             return servo
         schedule = guard_schedule(config, servo, True)
-        made = cache_warm_up_of(config, servo, schedule, most_injected(config, servo, schedule), ())
+        made = not_none(
+            cache_warm_up_of(config, servo, schedule, most_injected(config, servo, schedule), ())
+        )
         tick = made._run
         made._run = lambda *deadline: ran.append(tick(*deadline))
         made.need_ns = made._most_ns = 0  # whatever time it takes: nobody waits for it
@@ -76,7 +83,7 @@ def rows_of(preset, *sets, warmed_up):
 
 
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS.keys())
-def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(run) -> None:
+def test_a_run_with_cache_warm_ups_is_the_same_to_the_bit(run: tuple[str, ...]) -> None:
     assert rows_of(*run, warmed_up=True) == rows_of(*run, warmed_up=False)
 
 
@@ -87,34 +94,34 @@ class Machine:
         self.now = self.oversleeps_ns = 0
         self.naps = []
 
-    def monotonic_ns(self):
+    def monotonic_ns(self) -> int:
         self.now += 100
         return self.now
 
-    def sleep(self, seconds) -> None:
+    def sleep(self, seconds: float) -> None:
         self.naps.append(round(seconds * 1e9))
         self.now += self.naps[-1] + self.oversleeps_ns
 
 
 @pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch):
+def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
     monkeypatch.setattr(deadlines, "time", machine)
     monkeypatch.setattr(cache_warm_up, "time", machine)
     return machine
 
 
-def made(machine, cost_ns, began):
+def made(machine: Machine, cost_ns: int | Callable[[], int], began: list[int]) -> CacheWarmUp:
     """A cache warm-up with a tick that takes ``cost_ns``, or what ``cost_ns()`` says."""
 
-    def tick(deadline_ns, woke_ns, missed) -> None:  # noqa: ARG001
+    def tick(deadline_ns: int, woke_ns: int, missed: int) -> None:  # noqa: ARG001
         began.append(machine.now)
         machine.now += cost_ns() if callable(cost_ns) else cost_ns
 
     return CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
 
 
-def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine) -> None:
+def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine: Machine) -> None:
     began = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
@@ -131,7 +138,7 @@ def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine) -> None
     assert needed < 50_000 + 1.2 * 60_000, "no more of the period is spent than that"
 
 
-def test_without_the_time_it_needs_there_is_none(machine) -> None:
+def test_without_the_time_it_needs_there_is_none(machine: Machine) -> None:
     began = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
@@ -150,7 +157,7 @@ def test_without_the_time_it_needs_there_is_none(machine) -> None:
     assert began == []
 
 
-def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine) -> None:
+def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine: Machine) -> None:
     costs = [40_000]
     warm_up = made(machine, lambda: costs[0], [])
     assert warm_up.practise(200_000)
@@ -165,7 +172,7 @@ def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine) -> None:
     assert warm_up.need_ns <= 200_000
 
 
-def test_a_single_long_one_does_not_end_them(machine) -> None:
+def test_a_single_long_one_does_not_end_them(machine: Machine) -> None:
     costs = [40_000]
     began = []
     warm_up = made(machine, lambda: costs[0], began)
@@ -176,7 +183,7 @@ def test_a_single_long_one_does_not_end_them(machine) -> None:
     assert warm_up.need_ns < 1.2 * before + 2000
 
 
-def test_short_periods_and_waits_without_spinning_have_none(machine) -> None:
+def test_short_periods_and_waits_without_spinning_have_none(machine: Machine) -> None:
     began = []
     clock = MonotonicClock()
     for spin_ns, period_ns, wanted in (
@@ -190,8 +197,8 @@ def test_short_periods_and_waits_without_spinning_have_none(machine) -> None:
         assert bool(began) == wanted
 
 
-def test_an_error_ends_the_warm_ups_and_nothing_else(machine) -> None:
-    def tick(*_) -> NoReturn:
+def test_an_error_ends_the_warm_ups_and_nothing_else(machine: Machine) -> None:
+    def tick(*_: object) -> NoReturn:
         raise ZeroDivisionError("by design")
 
     warm_up = CacheWarmUp(tick, StandInClock(), PERIOD_NS, lambda: None)
@@ -206,13 +213,13 @@ def test_an_error_ends_the_warm_ups_and_nothing_else(machine) -> None:
 class Mute:
     """A servo whose stand-in cannot be asked anything."""
 
-    def __init__(self, servo, able=True) -> None:
+    def __init__(self, servo: Any, able: bool = True) -> None:
         self._servo, self._able = servo, able
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._servo, name)
 
-    def stand_in(self, clock):
+    def stand_in(self, clock: Clock) -> Mute:
         return Mute(self._servo.stand_in(clock), able=False)
 
     def request(self) -> None:

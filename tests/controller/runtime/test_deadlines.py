@@ -25,7 +25,7 @@ PERIOD = 1_000_000
 @given(period=st.integers(100_000, 20_000_000))
 @example(period=5_000_000)
 @example(period=20_000_000)
-def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period) -> None:
+def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(period: int) -> None:
     before = time.monotonic_ns()
     first = first_deadline(MonotonicClock(), period)
     assert before + period <= first <= time.monotonic_ns() + 2 * period
@@ -33,7 +33,7 @@ def test_the_grid_begins_within_two_periods_away_from_the_kernel_s_own_ticks(per
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 500, 1000, 2000])
-def test_no_deadline_of_a_usual_rate_is_near_a_whole_millisecond(rate_hz) -> None:
+def test_no_deadline_of_a_usual_rate_is_near_a_whole_millisecond(rate_hz: int) -> None:
     period = 1_000_000_000 // rate_hz
     first = first_deadline(MonotonicClock(), period)
     places = {(first + k * period) % 1_000_000 for k in range(20)}
@@ -57,7 +57,7 @@ def test_a_stall_skips_whole_periods_and_counts_them() -> None:
 
 
 @given(st.integers(0, 10**18), st.integers(0, 10**12), st.integers(500_000, 20_000_000))
-def test_grid_properties(deadline, late, period) -> None:
+def test_grid_properties(deadline: int, late: int, period: int) -> None:
     now = deadline + late
     following, missed = next_deadline(deadline, now, period)
     assert (following - deadline) % period == 0, "the grid never shifts"

@@ -1,7 +1,7 @@
 """One owner of the commanded stiffness: along a ramp down, at once and only at rest up."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -20,14 +20,14 @@ class Allowed(NamedTuple):
     delay: float = 0.0
 
 
-def gains(*allowed, window=100):
+def gains(*allowed: tuple[Any, ...], window: int = 100) -> tuple[Gains, Wall]:
     wall = Wall(0.0, 0.0, 0.0, "both", clip=2.0)
     decisions = [Allowed(*each) for each in allowed]
     schedule = GainSchedule([decisions], AGES[: len(allowed)], [PERIOD_NS], 90.0, window)
     return Gains(schedule, wall, RAMP, 5.0), wall
 
 
-def follow(made, ticks, age_ns=0, may_raise=True):
+def follow(made: Gains, ticks: int, age_ns: int = 0, may_raise: bool = True) -> int:
     return sum(made.follow(age_ns, PERIOD_NS, may_raise) for _ in range(ticks))
 
 

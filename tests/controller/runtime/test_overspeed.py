@@ -1,12 +1,14 @@
 """A motion that the wall drives trips near the no-load speed; a hand's does not."""
 
 import math
+from collections.abc import Callable, Sequence
 
 import pytest
 
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from haptic_wall.hw.servo import Facts
+from tests.typed import not_none
 
 COUNT = math.tau / 4096
 LIMIT = 3.85
@@ -14,7 +16,14 @@ LIMIT = 3.85
 SERVO = DrivenLimits(LIMIT, COUNT, torque_limit=4.1, inertia=0.006, damping=0.004, coulomb=0.03)
 
 
-def fed(driven, speeds, torque, wall, start=0.0, period=1e-3):
+def fed(
+    driven: DrivenSpeed,
+    speeds: Sequence[float],
+    torque: Callable[..., object],
+    wall: Wall,
+    start: float = 0.0,
+    period: float = 1e-3,
+) -> float | None:
     """Instant of the trip [s], from mean speeds over each period; None: it does not."""
     x, t = start, 0.0
     driven.too_fast(x, 0, 0.0, wall.in_contact(x), wall)
@@ -28,13 +37,13 @@ def fed(driven, speeds, torque, wall, start=0.0, period=1e-3):
     return None
 
 
-def two_sided(stiffness=0.0, clip=math.inf):
+def two_sided(stiffness: float = 0.0, clip: float = math.inf) -> Wall:
     return Wall(stiffness, 0.0, 0.0, "both", clip)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("period", [1e-3, 2e-3, 0.02, 1e-4])
-def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign, period) -> None:
+def test_a_wall_that_drives_the_shaft_trips_once_that_has_lasted(sign: int, period: float) -> None:
     """No spring holds this energy."""
     speeds = [sign * 4.4] * round(0.2 / period)
     tripped = fed(DrivenSpeed(SERVO), speeds, lambda _x, _v: sign * 2.0, two_sided(), period=period)
@@ -48,7 +57,7 @@ def test_the_slack_is_two_counts_over_the_whole_window() -> None:
 
 
 @pytest.mark.parametrize("torque", [0.0, -2.0])
-def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque) -> None:
+def test_a_hand_may_be_faster_where_the_torque_does_not_help_it(torque: float) -> None:
     assert fed(DrivenSpeed(SERVO), [9.0] * 300, lambda _x, _v: torque, two_sided()) is None
 
 
@@ -81,7 +90,7 @@ def test_a_spring_that_comes_on_around_the_shaft_gives_what_it_has_not_taken() -
 
 
 @pytest.mark.parametrize(("start", "own"), [(0.4, 0.05), (1.2, 0.05)])
-def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own) -> None:
+def test_a_saturated_spring_holds_the_energy_under_its_torque(start: float, own: float) -> None:
     """Up to the torque limit of 2 N·m at 0.25 rad it is K x²/2; beyond, each further rad adds 2 J.
 
     The shaft is driven by 2 N·m. It trips once it was given more than the spring held by ``own``.
@@ -89,7 +98,7 @@ def test_a_saturated_spring_holds_the_energy_under_its_torque(start, own) -> Non
     limits = DrivenLimits(LIMIT, 0.0, torque_limit=2.0, inertia=4 * own / LIMIT**2, kicked=True)
     driven, wall = DrivenSpeed(limits), two_sided(8.0)
     held = 0.5 * 8.0 * 0.25**2 + 2.0 * (start - 0.25)
-    tripped = fed(driven, [-LIMIT - 0.01] * 800, lambda _x, _v: -2.0, wall, start=start)
+    tripped = not_none(fed(driven, [-LIMIT - 0.01] * 800, lambda _x, _v: -2.0, wall, start=start))
     assert tripped * LIMIT * 2.0 == pytest.approx(held + own, rel=0.03)
 
 

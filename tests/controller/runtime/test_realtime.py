@@ -18,7 +18,11 @@ from haptic_wall.controller.runtime.realtime import pick_cores
     ],
 )
 def test_everything_else_stays_off_the_loops_core(
-    allowed, wanted, core, others, monkeypatch: pytest.MonkeyPatch
+    allowed: set[int],
+    wanted: int | None,
+    core: int,
+    others: set[int],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(allowed))
     assert pick_cores(wanted) == (core, others)

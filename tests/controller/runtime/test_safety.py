@@ -15,7 +15,7 @@ LIMITS = SafetyLimits(
 FEW = replace(LIMITS, max_loss=0.05)
 
 
-def reading(position, at_ms, alert=False):
+def reading(position: float, at_ms: int, alert: bool = False) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ms * 1_000_000, math.nan, alert)
 
 
@@ -50,7 +50,7 @@ def test_not_a_number_and_alert_trip() -> None:
     assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
 
 
-def silent(safety, period_ms, share=0.8):
+def silent(safety: Safety, period_ms: float, share: float = 0.8) -> tuple[float, int]:
     """From a good reading on all fail: when that trips, after so many [ms], and how many did."""
     safety.good(reading(0.0, 1000))
     for count in range(1, 1000):
@@ -67,7 +67,7 @@ def test_a_silence_is_a_time_not_a_count() -> None:
 
 
 @pytest.mark.parametrize("period_ms", [10.0, 20.0])
-def test_at_low_rates_three_readings_must_fail(period_ms) -> None:
+def test_at_low_rates_three_readings_must_fail(period_ms: float) -> None:
     assert silent(Safety(replace(LIMITS, max_loss=1.0)), period_ms)[1] == 3
 
 

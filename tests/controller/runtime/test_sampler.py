@@ -14,7 +14,7 @@ PERIOD_NS = 1_000_000
 class Replies:
     """A servo that gives the replies it was told to, and notes what it was asked."""
 
-    def __init__(self, *replies) -> None:
+    def __init__(self, *replies: object) -> None:
         self.replies = list(replies)
         self.requests = 0
         self.deadlines = []
@@ -22,20 +22,20 @@ class Replies:
     def request(self) -> None:
         self.requests += 1
 
-    def collect(self, deadline_ns):
+    def collect(self, deadline_ns: int) -> Reading:
         self.deadlines.append(deadline_ns)
         return self.replies.pop(0)
 
 
-def good(position, at_ns):
+def good(position: float, at_ns: int) -> Reading:
     return Reading(Outcome.OK, position, 0, at_ns, 0.1, False)
 
 
-def failed(outcome):
+def failed(outcome: Outcome) -> Reading:
     return Reading(outcome, math.nan, 0, 0, math.nan, False)
 
 
-def sampler(*replies, pipelined=False):
+def sampler(*replies: Reading, pipelined: bool = False) -> tuple[Sampler, Replies]:
     servo = Replies(*replies)
     made = Sampler(servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined)
     return made, servo
@@ -54,7 +54,7 @@ def test_nothing_is_known_before_the_first_good_reading() -> None:
     ("passed", "counted"),
     [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
 )
-def test_the_velocity_is_over_the_time_that_really_passed(passed, counted) -> None:
+def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted: float) -> None:
     made, _ = sampler(good(0.0, 10), good(0.01, 10 + round(passed * PERIOD_NS)))
     made.sample(0)
     made.sample(PERIOD_NS)
@@ -62,7 +62,7 @@ def test_the_velocity_is_over_the_time_that_really_passed(passed, counted) -> No
 
 
 @pytest.mark.parametrize("outcome", [Outcome.LOST, Outcome.CORRUPT, Outcome.REFUSED])
-def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome) -> None:
+def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome: Outcome) -> None:
     made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(outcome))
     for k in range(3):
         made.sample(k * PERIOD_NS)

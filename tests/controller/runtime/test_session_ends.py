@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -11,7 +11,7 @@ from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime import session
 from haptic_wall.controller.runtime.safety import Trip
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
@@ -23,6 +23,7 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Servo
 
 CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
 
@@ -35,7 +36,7 @@ class Scene:
         self.words = self.telemetry.words
         self.sent = 0
 
-    def opener(self, *arguments):
+    def opener(self, *arguments: Any) -> Servo:
         servo = open_servo(*arguments)
         self.line = servo._line
         self._read, self._write = self.line.read, self.line.write
@@ -43,7 +44,7 @@ class Scene:
         (self.truth,) = self.line.bus.servos
         return servo
 
-    def write(self, data) -> None:
+    def write(self, data: bytes) -> None:
         self.sent += 1
         self._write(data)
 
@@ -51,7 +52,7 @@ class Scene:
         """No reply comes through any more."""
         self.line.read = lambda: self._read()[:0]
 
-    def run(self):
+    def run(self) -> Result:
         return run_session(
             CONFIG,
             SimulatedClock(),
@@ -62,17 +63,17 @@ class Scene:
 
 
 @pytest.fixture
-def scene():
+def scene() -> Scene:
     return Scene()
 
 
 @pytest.mark.parametrize("deaf", [True, False])
 def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
-    scene, deaf, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, deaf: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The pipelined schedule sends its first request while the tick is made."""
 
-    def lost(_) -> NoReturn:
+    def lost(_: object) -> NoReturn:
         if deaf:
             scene.go_deaf()
         raise ServoLostError("The serial port has sent nothing.")
@@ -87,9 +88,9 @@ def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
 
 @pytest.mark.parametrize("error", [ServoLostError("Gone."), KeyboardInterrupt()])
 def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
-    scene, error, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def push(*_, **__) -> NoReturn:
+    def push(*_: object, **__: object) -> NoReturn:
         assert scene.truth.memory["torque_enable"] == 1
         scene.go_deaf()
         raise error
@@ -100,10 +101,10 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
     assert scene.words[Word.STATE] == LoopState.TORQUE_UNKNOWN
 
 
-def test_a_check_that_fails_leaves_torque_known_to_be_off(scene) -> None:
+def test_a_check_that_fails_leaves_torque_known_to_be_off(scene: Scene) -> None:
     opener = scene.opener
 
-    def weak(*arguments):
+    def weak(*arguments: Any) -> Servo:
         servo = opener(*arguments)
         scene.truth.memory["current_limit"] = 0
         return servo
@@ -114,10 +115,10 @@ def test_a_check_that_fails_leaves_torque_known_to_be_off(scene) -> None:
     assert scene.words[Word.STATE] == LoopState.TORQUE_OFF
 
 
-def test_what_never_answered_was_never_driven(scene) -> None:
+def test_what_never_answered_was_never_driven(scene: Scene) -> None:
     opener = scene.opener
 
-    def unplugged(*arguments):
+    def unplugged(*arguments: Any) -> Servo:
         servo = opener(*arguments)
         scene.go_deaf()
         return servo
@@ -128,10 +129,10 @@ def test_what_never_answered_was_never_driven(scene) -> None:
     assert scene.words[Word.STATE] == LoopState.STARTING, "nothing to be cut"
 
 
-def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene) -> None:
+def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene: Scene) -> None:
     opener = scene.opener
 
-    def exchanged(*arguments):
+    def exchanged(*arguments: Any) -> Servo:
         servo = opener(*arguments)
         scene.truth.model = replace(scene.truth.model, number=2020)
         return servo
@@ -142,8 +143,10 @@ def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene) -> 
     assert scene.words[Word.STATE] == LoopState.STARTING, "the supervisor writes nothing either"
 
 
-def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_) -> NoReturn:
+def test_an_error_before_the_start_touches_no_servo(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(session, "guard_schedule", broken)
@@ -153,13 +156,13 @@ def test_an_error_before_the_start_touches_no_servo(scene, monkeypatch: pytest.M
     assert scene.sent == 0
 
 
-def broken_report(*_) -> NoReturn:
+def broken_report(*_: object) -> NoReturn:
     raise ZeroDivisionError("boom")
 
 
 @pytest.mark.parametrize("part", ["guard_report", "oscillation_report", "delay_report"])
 def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
-    scene, part, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(session, part, broken_report)
     result = scene.run()
@@ -172,9 +175,9 @@ def test_a_defect_after_the_run_costs_no_more_than_what_it_was_to_tell(
 
 
 def test_a_defect_after_a_trip_does_not_hide_the_trip(
-    scene, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def gone(*_, **__) -> NoReturn:
+    def gone(*_: object, **__: object) -> NoReturn:
         raise ServoLostError("The serial port is gone.")
 
     monkeypatch.setattr("haptic_wall.controller.runtime.tick.Tick._follow_guard", gone)

@@ -1,17 +1,23 @@
 """Ticks that cost more than a period: the guard counts the interval that is really served."""
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.missed import MissedPeriods
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Facts
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.simulated import SimulatedServo
+from tests.typed import not_none
 
 PERIOD = 1e-3
 INERTIA, DAMPING, VIRTUAL = 0.011951, 0.011692, 0.03
@@ -35,25 +41,29 @@ TWO_SIDED = (
 class SlowServo:
     """A simulated servo after whose ``write`` the tick goes on for some time."""
 
-    def __init__(self, servo, clock, costs) -> None:
+    def __init__(
+        self, servo: SimulatedServo, clock: SimulatedClock, costs: Iterator[float]
+    ) -> None:
         self._servo, self._clock, self._costs = servo, clock, costs
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Facts | Callable[..., object] | None:
         return getattr(self._servo, name)
 
-    def write(self, torque):
+    def write(self, torque: float) -> float:
         sent = self._servo.write(torque)
         self._clock.wait_until(self._clock.now_ns() + round(next(self._costs) * PERIOD * 1e9))
         return sent
 
 
-def run(costs, *sets, duration=4.0):
+def run(
+    costs: Iterator[float], *sets: str, duration: float = 4.0
+) -> tuple[Result, NDArray[np.void]]:
     """A run whose ticks cost what is drawn [periods]; its result and its rows with the wall on."""
     config = load_config("simulated", [*TWO_SIDED, *sets]).config
     telemetry = Telemetry.create()
     clock = SimulatedClock()
 
-    def opener(settings, clock, port):
+    def opener(settings: ServoSettings, clock: SimulatedClock, port: None) -> SlowServo:
         return SlowServo(open_servo(settings, clock, port), clock, costs)
 
     result = run_session(
@@ -63,32 +73,32 @@ def run(costs, *sets, duration=4.0):
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
 
 
-def always(cost):
+def always(cost: float) -> Iterator[float]:
     while True:
         yield cost
 
 
-def drawn(choices, weights, seed):
+def drawn(choices: Sequence[float], weights: Sequence[float], seed: int) -> Iterator[float]:
     random = np.random.default_rng(seed)
     while True:
         yield float(random.choice(choices, p=weights))
 
 
-def heights(rows):
+def heights(rows: NDArray[np.void]) -> tuple[float, float]:
     """Largest distance from the wall: half a second after the start, and at the end [rad]."""
     distance = np.abs(rows["position"])
     part = len(distance) // 8
     return distance[part : 2 * part].max(), distance[-part:].max()
 
 
-def true_limit(interval):
+def true_limit(interval: float) -> float:
     return float(critical_stiffness(INERTIA, DAMPING, VIRTUAL, interval * PERIOD, 0.0))
 
 
 @pytest.mark.parametrize("cost", [1.5, 2.0, 2.6])
-def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost) -> None:
+def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost: float) -> None:
     result, rows = run(always(cost))
-    guard = result.guard
+    guard = not_none(result.guard)
     served = np.diff(rows["sampled_ns"]).mean() * 1e-9 / PERIOD
     assert served == pytest.approx(cost, rel=0.2)
     assert guard["commanded"]["stiffness"] < 0.81 * true_limit(served)
@@ -99,9 +109,9 @@ def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ticks_of_random_cost_keep_the_wall_stable(seed) -> None:
+def test_ticks_of_random_cost_keep_the_wall_stable(seed: int) -> None:
     result, rows = run(drawn([0.3, 1.3, 2.2], [0.5, 0.3, 0.2], seed))
-    assert result.guard["interval_s"] > PERIOD
+    assert not_none(result.guard)["interval_s"] > PERIOD
     first, last = heights(rows)
     assert last < 0.75 * first
 
@@ -110,7 +120,7 @@ def test_one_stall_does_not_soften_the_wall() -> None:
     costs = iter([0.1] * 1000 + [20.0] + [0.1] * 4000)
     result, rows = run(costs)
     assert rows["missed"].max() == 19
-    assert result.guard["interval_s"] == pytest.approx(PERIOD)
+    assert not_none(result.guard)["interval_s"] == pytest.approx(PERIOD)
     assert rows["stiffness"].min() == rows["stiffness"].max()
 
 
@@ -118,21 +128,23 @@ def test_a_wall_made_softer_by_slow_ticks_is_restored_after_five_windows_at_the_
     costs = iter([0.1] * 500 + [1.5] * 500 + [0.1] * 9000)
     result, rows = run(costs, "servo.kick=0.0005", duration=9.0)
     assert rows["stiffness"].min() < 0.8 * rows["stiffness"].max()
-    assert result.guard["commanded"]["stiffness"] == rows["stiffness"].max()
-    assert result.guard["interval_s"] == pytest.approx(PERIOD)
+    assert not_none(result.guard)["commanded"]["stiffness"] == rows["stiffness"].max()
+    assert not_none(result.guard)["interval_s"] == pytest.approx(PERIOD)
 
 
 def test_the_report_says_what_interval_was_counted_and_why() -> None:
     result, _ = run(always(1.5), duration=1.0)
-    assert result.guard["interval_s"] == pytest.approx(1.5 * PERIOD)
-    assert any("every 1.5 ms instead of every 1 ms" in why for why in result.guard["reasons"])
+    assert not_none(result.guard)["interval_s"] == pytest.approx(1.5 * PERIOD)
+    assert any(
+        "every 1.5 ms instead of every 1 ms" in why for why in not_none(result.guard)["reasons"]
+    )
     assert any("safety.max_missed" in text for text in result.warnings)
-    assert math.isclose(result.delay["total"], result.delay["inserted"])
+    assert math.isclose(not_none(result.delay)["total"], result.delay["inserted"])
 
 
 def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick() -> None:
     result, rows = run(always(1.5), "delay.steps=1")
-    assert result.delay["inserted"] == pytest.approx(1.5 * PERIOD)
+    assert not_none(result.delay)["inserted"] == pytest.approx(1.5 * PERIOD)
     first, last = heights(rows)
     assert last < first
 
@@ -154,7 +166,7 @@ def test_strict_goes_on_below_the_fraction_that_may_be_missed() -> None:
 
 
 @pytest.mark.parametrize("profile", ["off", "best-effort"])
-def test_the_other_profiles_derate_and_warn(profile) -> None:
+def test_the_other_profiles_derate_and_warn(profile: str) -> None:
     result, _ = run(always(1.5), f"realtime.profile={profile}", duration=2.0)
     assert result.stop_reason == "duration"
     assert "safety.max_missed (20%)" in result.warnings[0]

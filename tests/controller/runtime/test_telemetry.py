@@ -3,6 +3,7 @@
 import os
 from contextlib import closing
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,14 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
+from tests.typed import not_none
 
 VALUES = [*range(1, len(INT_FIELDS)), *(0.5 + k for k in range(len(FLOAT_FIELDS)))]
 
 
 def test_a_row_has_the_fields_of_the_memory_in_order() -> None:
     """Rows are packed by place."""
-    assert tuple(field.name for field in fields(Row)) == ROW.names[1:]
+    assert tuple(field.name for field in fields(Row)) == not_none(ROW.names)[1:]
 
 
 def test_what_is_written_is_read() -> None:
@@ -66,7 +68,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out() -> None:
     class Overtaken:
         """The writer comes by in the middle of the copy."""
 
-        def __getitem__(self, places):
+        def __getitem__(self, places: Any) -> Any:
             copy = plain[places].copy()
             rows = copy.reshape(-1).view(ROW)
             rows[:10]["position"] = -1.0  # torn: the sequence number is still the old one

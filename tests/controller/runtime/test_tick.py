@@ -1,9 +1,14 @@
 """One period against a scripted servo on the simulated clock: every stage, and every failure."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
@@ -37,7 +42,7 @@ WAITING = object()
 
 
 class Rung:
-    def __init__(self, stiffness, damping, delay) -> None:
+    def __init__(self, stiffness: float, damping: float, delay: float) -> None:
         self.stiffness, self.damping, self.delay = stiffness, damping, delay
 
 
@@ -46,7 +51,7 @@ class ScriptedServo:
 
     facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)
 
-    def __init__(self, clock, positions, age_ns=0) -> None:
+    def __init__(self, clock: SimulatedClock, positions: Iterable[float], age_ns: int = 0) -> None:
         self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
         self.bus = Bus()
         self.sent = []
@@ -57,7 +62,7 @@ class ScriptedServo:
         self.calls.append("request")
         self.asked_ns = self.clock.now_ns()
 
-    def collect(self, deadline_ns):
+    def collect(self, deadline_ns: int) -> Reading:
         self.calls.append("collect")
         self.deadlines.append(deadline_ns - self.clock.now_ns())
         position = self.positions.pop(0)
@@ -69,7 +74,7 @@ class ScriptedServo:
         self.bus.waited_ns = self.clock.now_ns() - began_ns
         return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
 
-    def write(self, torque):
+    def write(self, torque: float) -> float:
         self.calls.append("write")
         limited = min(max(torque, -5.0), 5.0)
         self.sent.append(limited)
@@ -88,7 +93,15 @@ class ScaledWatch(Watch):
 
 
 class Rig:
-    def __init__(self, positions, steps=0, rungs=None, ages=(0,), age_ns=0, **wall) -> None:
+    def __init__(
+        self,
+        positions: Iterable[float],
+        steps: int = 0,
+        rungs: Sequence[Rung] | None = None,
+        ages: Sequence[int] = (0,),
+        age_ns: int = 0,
+        **wall: Any,
+    ) -> None:
         self.clock = SimulatedClock(10**9)
         self.servo = ScriptedServo(self.clock, positions, age_ns)
         self.telemetry = Telemetry.create()
@@ -127,7 +140,7 @@ class Rig:
         )
         self.deadline = self.clock.now_ns()
 
-    def run(self, count, missed=0):
+    def run(self, count: int, missed: int = 0) -> Rig:
         for _ in range(count):
             self.deadline += (1 + missed) * PERIOD_NS
             self.clock.wait_until(self.deadline)
@@ -135,11 +148,11 @@ class Rig:
         return self
 
     @property
-    def rows(self):
+    def rows(self) -> NDArray[np.void]:
         return self.telemetry.read(0)[0]
 
 
-def on(rig):
+def on(rig: Rig) -> Rig:
     rig.tick.wall_on()
     return rig
 
@@ -167,7 +180,7 @@ def test_order_of_a_cycle_in_both_schedules() -> None:
 
 @pytest.mark.parametrize("pipelined", [True, False])
 def test_after_a_lost_reply_a_pipelined_one_is_waited_for_longer_until_the_next_is_lost(
-    pipelined,
+    pipelined: bool,
 ) -> None:
     rig = on(Rig([0.0, LOST, 0.0, LOST, 0.0], pipelined=pipelined)).run(5)
     short, long = int(COLLECT_SHARE * PERIOD_NS), int(LONGER_SHARE * PERIOD_NS)
@@ -208,7 +221,7 @@ def test_a_lost_reading_is_no_position_and_costs_one_period() -> None:
 
 
 @pytest.mark.parametrize("pipelined", [False, True])
-def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined) -> None:
+def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined: bool) -> None:
     """A shaft at 10 rad/s, sampled when its request is sent; one tick is served 5 ms late."""
     rig = Rig([0.0] * 20, pipelined=pipelined)
 
@@ -244,7 +257,7 @@ def test_losses_trip_with_torque_off() -> None:
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
-def test_a_broken_position_trips_with_torque_off(broken) -> None:
+def test_a_broken_position_trips_with_torque_off(broken: float) -> None:
     rig = on(Rig([0.1, broken], stiffness=10.0)).run(2)
     assert rig.tick.trip is Trip.NOT_A_NUMBER
     assert rig.servo.sent[-1] == 0.0
@@ -316,7 +329,7 @@ def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks() -> 
     ],
 )
 def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_small_torque(
-    side, position, raised
+    side: str, position: float, raised: bool
 ) -> None:
     """10 N·m/rad more, and 0.1 N·m is small."""
     rungs = [Rung(20.0, 0.0, 0.0), Rung(10.0, 0.0, 1e-3)]
@@ -331,7 +344,7 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
 
 
 @pytest.mark.parametrize("side", ["above", "both"])
-def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side) -> None:
+def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side: str) -> None:
     """The longer delay allows less damping, and so more stiffness where counts are coarse."""
     rungs = [Rung(1.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
     positions = [0.1] * 205 + [-0.001] + [0.1] * 20
@@ -346,7 +359,7 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
     assert set(rig.rows["stiffness"][-21:]) == {10.0}
 
 
-def reduced(rig, scale, damping_scale):
+def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
     """The watch scales the wall from now on."""
     watch = rig.tick._parts.motion.watch
     watch.scale, watch.damping_scale = scale, damping_scale
@@ -399,7 +412,7 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
 
 @pytest.mark.parametrize("scale", [0.25, 0.0625])
 def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_stays_pending(
-    scale,
+    scale: float,
 ) -> None:
     rungs = [Rung(2.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
     positions = [0.1] * 205 + [-0.001] * 20
@@ -457,13 +470,13 @@ def test_waiting_before_the_first_reading_makes_no_torque() -> None:
     assert rig.servo.sent == pytest.approx([0.0, 0.0, -1.0])
 
 
-def lets_go(rig):
+def lets_go(rig: Rig) -> Rig:
     """The dead man's limit has passed."""
     rig.telemetry.words[Word.HELD_NS] = rig.clock.now_ns()
     return rig
 
 
-def holds(rig):
+def holds(rig: Rig) -> Rig:
     rig.telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     return rig
 

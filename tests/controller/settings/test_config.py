@@ -10,12 +10,12 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, preset_names
 
 
-def loaded(preset, *sets):
+def loaded(preset: str, *sets: str) -> Config:
     return load_config(preset, sets).config
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_a_child_process_gets_the_same_configuration_as_json(name) -> None:
+def test_a_child_process_gets_the_same_configuration_as_json(name: str) -> None:
     config = loaded(name)
     copy = Config.model_validate_json(config.model_dump_json())
     assert copy == config
@@ -53,7 +53,7 @@ def test_belief_and_truth_can_differ() -> None:
 
 
 @pytest.mark.parametrize(("side", "expected"), [("above", 0.9), ("below", 1.1), ("both", 1.0)])
-def test_a_simulated_servo_starts_outside_a_one_sided_wall(side, expected) -> None:
+def test_a_simulated_servo_starts_outside_a_one_sided_wall(side: str, expected: float) -> None:
     config = loaded("simulated", f"wall.side={side}", "wall.position=1")
     assert config.true_servo().position == pytest.approx(expected)
 
@@ -90,7 +90,7 @@ def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     ("side", "away"),
     [("above", -1), ("below", 1), ("both", -1)],
 )
-def test_a_real_servo_is_probed_away_from_the_wall(side, away) -> None:
+def test_a_real_servo_is_probed_away_from_the_wall(side: str, away: int) -> None:
     settings = loaded("xm430-w350", f"wall.side={side}", "wall.position=1").servo_settings()
     assert settings.probe_direction == away
 
@@ -165,5 +165,5 @@ def test_travel_survives_the_way_to_the_loops_process() -> None:
         ("simulated", ["wall.reference=start", "loop.clock=simulated"], 0.0),
     ],
 )
-def test_around_what_the_wall_comes_on_at_once(preset, sets, room) -> None:
+def test_around_what_the_wall_comes_on_at_once(preset: str, sets: list[str], room: float) -> None:
     assert loaded(preset, *sets).start_room == room

@@ -5,6 +5,7 @@ import itertools
 import math
 import os
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError, UserError
-from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.fields import Field, fields
 from haptic_wall.controller.settings.load import (
     MOST_BYTES,
     apply_set,
@@ -20,31 +21,32 @@ from haptic_wall.controller.settings.load import (
     preset_names,
     preset_summary,
 )
+from haptic_wall.controller.settings.rules import Problem
 from haptic_wall.controller.settings.yaml_text import parse
 
 HARDWARE = "xm430-w350"
 
 
-def problems(source, *sets):
+def problems(source: str | Path, *sets: str) -> Sequence[Problem]:
     with pytest.raises(ConfigError) as refused:
         load_config(str(source), sets)
     assert refused.value.exit_status == 2
     return refused.value.problems
 
 
-def only(source, *sets):
+def only(source: str | Path, *sets: str) -> Problem:
     (problem,) = problems(source, *sets)
     return problem
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_every_preset_loads_and_says_what_it_is_for(name) -> None:
+def test_every_preset_loads_and_says_what_it_is_for(name: str) -> None:
     assert load_config(name).config.loop.rate_hz == 1000.0
     assert 20 < len(preset_summary(name)) < 100
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_hardware_presets_are_strict_and_the_others_are_not(name) -> None:
+def test_hardware_presets_are_strict_and_the_others_are_not(name: str) -> None:
     """emulated-port drives an emulated bus through a port, which hurts nobody."""
     config = load_config(name).config
     strict = config.servo.kind == "hardware" and name != "emulated-port"
@@ -71,7 +73,7 @@ def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path:
 
 @settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
-def test_set_reads_every_way_a_number_is_written(number) -> None:
+def test_set_reads_every_way_a_number_is_written(number: float) -> None:
     for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
         data = {}
         apply_set(data, f"a.b={text}")
@@ -81,7 +83,7 @@ def test_set_reads_every_way_a_number_is_written(number) -> None:
 
 @settings(deadline=None)
 @given(st.integers())
-def test_set_reads_whole_numbers_as_such(number) -> None:
+def test_set_reads_whole_numbers_as_such(number: int) -> None:
     data = {}
     apply_set(data, f"a.b={number}")
     assert data["a"]["b"] == number
@@ -90,7 +92,7 @@ def test_set_reads_whole_numbers_as_such(number) -> None:
 
 @settings(deadline=None)
 @given(st.text(max_size=40))
-def test_set_never_fails_but_with_a_message(text) -> None:
+def test_set_never_fails_but_with_a_message(text: str) -> None:
     try:
         load_config("simulated", [text, f"wall.stiffness={text}"])
     except UserError as error:
@@ -115,7 +117,9 @@ def test_set_never_fails_but_with_a_message(text) -> None:
         ("'1e6'", "1e6"),
     ],
 )
-def test_words_and_numbers_mean_what_they_look_like(text, value) -> None:
+def test_words_and_numbers_mean_what_they_look_like(
+    text: str, value: str | float | dict[str, float] | None
+) -> None:
     data = {"a": {}}
     assert apply_set(data, f"a.b={text}") == "a.b"
     assert data == {"a": {"b": value}}
@@ -129,7 +133,7 @@ def test_off_is_a_word() -> None:
 @pytest.mark.parametrize(
     "change", ["wall.stiffness=" + "[" * 20_000, "x" * 20_000, "wall.side.x=" + "x" * 20_000]
 )
-def test_a_long_set_is_not_said_whole(change) -> None:
+def test_a_long_set_is_not_said_whole(change: str) -> None:
     with pytest.raises(ConfigError) as error:
         load_config("simulated", [change])
     assert len(str(error.value)) < 500
@@ -198,19 +202,19 @@ def test_a_bus_too_slow_for_the_rate_is_refused() -> None:
     assert load_config(HARDWARE, ("servo.baud=1e6",)).config.servo.baud == 1_000_000
 
 
-def _outside(field):
+def _outside(field: Field) -> str:
     """A value no field takes: beyond every bound, no known name."""
     return "nonesuch" if field.choices else "-1e300"
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_is_bounded(field) -> None:
+def test_every_field_is_bounded(field: Field) -> None:
     found = problems("simulated", f"{field.path}={_outside(field)}")
     assert any(line.startswith(f"{field.path} (from --set): found") for line in found)
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_refuses_what_is_not_a_number_or_a_name(field) -> None:
+def test_every_field_refuses_what_is_not_a_number_or_a_name(field: Field) -> None:
     for value in ("true", "[1]", ".nan", "{a: 1}"):
         if value == field.wanted.partition(" ")[0]:
             continue
@@ -227,7 +231,9 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name(field) -> None:
         (["safety.max_losses_in_row=8", "safety.max_silence_s=0.01"], 0.01),
     ],
 )
-def test_losses_of_older_files_and_logs_are_read_as_a_time(sets, silence_s) -> None:
+def test_losses_of_older_files_and_logs_are_read_as_a_time(
+    sets: list[str], silence_s: float
+) -> None:
     """At most half of the Bus Watchdog, so that no log becomes unreadable."""
     assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
 
@@ -241,12 +247,12 @@ def test_the_origin_of_a_field_with_an_older_name_is_where_that_was_given() -> N
 
 
 @pytest.mark.parametrize("value", ["many", "-3", "0", "nan"])
-def test_losses_that_are_no_number_above_0_are_refused_by_name(value) -> None:
+def test_losses_that_are_no_number_above_0_are_refused_by_name(value: str) -> None:
     assert "safety.max_losses_in_row" in only("simulated", f"safety.max_losses_in_row={value}")
 
 
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
-def test_every_field_says_what_it_means(field) -> None:
+def test_every_field_says_what_it_means(field: Field) -> None:
     assert field.meaning
     assert field.wanted
     numeric = "number" in field.wanted or "multiple" in field.wanted
@@ -280,7 +286,7 @@ def test_every_field_says_what_it_means(field) -> None:
         ("model.delay={value: 0, low: 0, high: 0, mean: 0}", "wanted value, low and high"),
     ],
 )
-def test_an_unknown_name_comes_with_a_suggestion(change, suggestion) -> None:
+def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -> None:
     assert suggestion in only("simulated", change)
 
 
@@ -312,7 +318,7 @@ def test_an_unknown_name_comes_with_a_suggestion(change, suggestion) -> None:
         ("simulated", ["loop.rate_hz=2000", "realtime.spin_us=301"], "realtime.spin_us"),
     ],
 )
-def test_fields_that_do_not_go_together(preset, changes, blamed) -> None:
+def test_fields_that_do_not_go_together(preset: str, changes: list[str], blamed: str) -> None:
     assert only(preset, *changes).startswith(blamed)
 
 
@@ -333,7 +339,7 @@ def test_fields_that_do_not_go_together(preset, changes, blamed) -> None:
         (HARDWARE, ["realtime.profile=best-effort"]),
     ],
 )
-def test_fields_that_do(preset, changes) -> None:
+def test_fields_that_do(preset: str, changes: list[str]) -> None:
     load_config(preset, changes)
 
 
@@ -344,7 +350,7 @@ def test_a_broken_field_is_not_blamed_twice() -> None:
 
 
 @pytest.mark.parametrize("port", ["Emulated", '" emulated "', '"a\\0b"'])
-def test_a_port_that_cannot_be_one_is_the_only_thing_told(port) -> None:
+def test_a_port_that_cannot_be_one_is_the_only_thing_told(port: str) -> None:
     problem = only("emulated-xm430", f"servo.port={port}")
     assert problem.startswith("servo.port (from --set): found")
     assert problem.endswith("wanted a serial device such as /dev/ttyUSB0, or emulated")
@@ -376,7 +382,7 @@ def test_a_duplicate_key_is_refused(tmp_path: Path) -> None:
         ("wall: \x00\n", "not readable as YAML"),
     ],
 )
-def test_a_file_that_is_not_a_configuration(tmp_path: Path, text, message) -> None:
+def test_a_file_that_is_not_a_configuration(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
     with pytest.raises(UserError, match=r"bad\.yaml") as refused:
@@ -406,7 +412,7 @@ def test_a_device_that_never_ends_is_not_a_configuration() -> None:
     ["!!bool abc", "!!timestamp abc", '!!float ""', '!!int ""', "!!float 1:x", "!!binary é",
      "!!set abc", "!!python/name:os.system", "!!null x", "!!omap abc", "!!pairs [1]", "!!map x"],
 )  # fmt: skip
-def test_a_tag_is_read_or_refused_in_words(tmp_path: Path, text) -> None:
+def test_a_tag_is_read_or_refused_in_words(tmp_path: Path, text: str) -> None:
     file = tmp_path / "tagged.yaml"
     file.write_text(f"wall: {{stiffness: {text}}}\n")
     with pytest.raises(UserError):
@@ -417,7 +423,7 @@ def test_a_tag_is_read_or_refused_in_words(tmp_path: Path, text) -> None:
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a device"])
 def test_what_may_never_end_is_not_a_configuration(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     monkeypatch.chdir(tmp_path)  # the name of a socket must be short
     path = Path("a.yaml")
@@ -444,7 +450,7 @@ NESTED = [
 
 
 @pytest.mark.parametrize("text", NESTED, ids=["aliases", "merges", "keys"])
-def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path: Path, text) -> None:
+def test_a_small_file_that_stands_for_a_large_one_is_refused(tmp_path: Path, text: str) -> None:
     """What 329 bytes stand for took 19 s and 372 MB to look at."""
     path = tmp_path / "a.yaml"
     path.write_text(text)
@@ -473,7 +479,7 @@ def test_many_problems_are_counted_and_some_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["a: &a [*a]", "a: &a {<<: *a}", "a: &a {b: {c: *a}}"])
-def test_an_alias_of_what_holds_it_is_refused(text) -> None:
+def test_an_alias_of_what_holds_it_is_refused(text: str) -> None:
     with pytest.raises(UserError, match="an alias stands for what it is a part of"):
         parse(text, "text")
 
@@ -513,7 +519,7 @@ def test_an_empty_file_lacks_only_what_has_no_default(tmp_path: Path) -> None:
         max_leaves=5,
     )
 )
-def test_any_yaml_is_read_or_refused_in_words(value) -> None:
+def test_any_yaml_is_read_or_refused_in_words(value: object) -> None:
     import yaml
 
     try:
@@ -524,7 +530,7 @@ def test_any_yaml_is_read_or_refused_in_words(value) -> None:
 
 @settings(deadline=None)
 @given(st.text(st.sampled_from("[]{}&*ab:,\n -<!|>'\"#?%@`~1.\x1b\x00\ud800\u202e"), max_size=60))
-def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text) -> None:
+def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text: str) -> None:
     try:
         parse(text, "text")
     except UserError as error:

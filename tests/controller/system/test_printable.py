@@ -49,7 +49,7 @@ def test_all_that_is_said_or_answered_is_printable(capsys: pytest.CaptureFixture
     ],
 )
 def test_a_name_on_the_command_line_is_told_as_escapes(
-    arguments, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == 2
     told = capsys.readouterr().err

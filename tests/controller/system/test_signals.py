@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 
 import pytest
 
@@ -16,7 +17,7 @@ SAYS = (
 )
 
 
-def begun(ignores):
+def begun(ignores: bool) -> list[str]:
     """What a program heeds that begins with the terminal's end ignored, as by nohup, or not."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignores else signal.SIG_DFL)
     try:
@@ -33,12 +34,12 @@ def test_the_closed_terminal_ends_a_run_but_not_one_that_nohup_began() -> None:
     assert begun(ignores=True) == ["SIGINT", "SIGTERM"]
 
 
-def send(number=signal.SIGTERM) -> None:
+def send(number: int = signal.SIGTERM) -> None:
     os.kill(os.getpid(), number)
 
 
 @pytest.mark.parametrize("number", STOPPING)
-def test_who_puts_something_in_order_is_interrupted_by_each_of_them(number) -> None:
+def test_who_puts_something_in_order_is_interrupted_by_each_of_them(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     with pytest.raises(KeyboardInterrupt), interrupting():
         send(number)
@@ -60,7 +61,7 @@ def made_another_error() -> None:
 
 
 @pytest.mark.parametrize("library", [swallowed, made_another_error])
-def test_an_interruption_is_not_lost_in_a_library(library) -> None:
+def test_an_interruption_is_not_lost_in_a_library(library: Callable[[], None]) -> None:
     with pytest.raises(KeyboardInterrupt), interrupting():
         library()
 

@@ -4,9 +4,10 @@ import base64
 import gc
 import json
 import re
+from collections.abc import Callable, Mapping
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -25,7 +26,7 @@ from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from scripts.ordinary_servos import Effects, ordinary
-from tests.typed import status_of
+from tests.typed import not_none, status_of
 
 ROOT = Path(__file__).parents[4]
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
@@ -35,7 +36,7 @@ SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3), PlanePoint(0.18, 3))
 """Points that are measured in a few trials"""
 
 
-def call(*words):
+def call(*words: object) -> int:
     try:
         return main([str(word) for word in words])
     except SystemExit as ended:
@@ -45,7 +46,7 @@ def call(*words):
         gc.unfreeze()
 
 
-def commission(folder) -> None:
+def commission(folder: Path) -> None:
     """Take all steps on the simulated servo, with fewer points, in this process alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
@@ -56,7 +57,7 @@ def commission(folder) -> None:
 
 
 @pytest.fixture(scope="module")
-def commissioned(tmp_path_factory: pytest.TempPathFactory):
+def commissioned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole commissioning of the simulated servo."""
     folder = tmp_path_factory.mktemp("commission") / "made"
     commission(folder)
@@ -85,20 +86,22 @@ def test_an_ordinary_servo_is_commissioned_to_the_end(
         assert misfit in page
 
 
-def report_of(folder, capsys, *words):
+def report_of(
+    folder: Path, capsys: pytest.CaptureFixture[str], *words: object
+) -> tuple[int, dict[str, Any]]:
     capsys.readouterr()
     status = call("commission", *(words or SIMULATED), "--out", folder, "--json")
     out = capsys.readouterr().out
     return status, json.loads(out, parse_constant=pytest.fail)
 
 
-def nothing_moves(monkeypatch) -> None:
+def nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in steps_taken(monkeypatch, {}):
         monkeypatch.setitem(steps.RUN, name, lambda _bench, name=name: pytest.fail(name))
 
 
 def test_a_rerun_measures_nothing_again_and_says_the_same(
-    commissioned, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    commissioned: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nothing_moves(monkeypatch)
     before = (commissioned / "identify.json").read_text()
@@ -109,7 +112,7 @@ def test_a_rerun_measures_nothing_again_and_says_the_same(
 
 
 def test_a_run_commands_what_the_verdict_says(
-    commissioned, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    commissioned: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     _, report = report_of(commissioned, capsys)
     for case in ("plain", "best"):
@@ -123,7 +126,7 @@ def test_a_run_commands_what_the_verdict_says(
         assert guard["binding"] == report["verdict"][case]["binding"]
 
 
-def test_the_truth_lies_within_the_bounds_that_are_written(commissioned) -> None:
+def test_the_truth_lies_within_the_bounds_that_are_written(commissioned: Path) -> None:
     config = load_config(str(commissioned / "config.yaml")).config
     for name in ("inertia", "damping", "coulomb", "delay"):
         believed = getattr(config.model, name)
@@ -131,7 +134,7 @@ def test_the_truth_lies_within_the_bounds_that_are_written(commissioned) -> None
 
 
 def test_theory_and_measurement_are_found_to_agree(
-    commissioned, capsys: pytest.CaptureFixture[str]
+    commissioned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, report = report_of(commissioned, capsys)
     found = report["agreement"]
@@ -146,27 +149,27 @@ def test_theory_and_measurement_are_found_to_agree(
 class Page(HTMLParser):
     """What a page shows, and whether each of its elements is closed."""
 
-    def __init__(self, text) -> None:
+    def __init__(self, text: str) -> None:
         super().__init__()
         self.open, self.images, self.words = [], [], []
         self.feed(text)
 
-    def handle_starttag(self, tag, attrs) -> None:
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         if tag == "img":
             self.images.append(dict(attrs))
         elif tag != "meta":
             self.open.append(tag)
         assert not {"href", "data-src"} & dict(attrs).keys()
 
-    def handle_endtag(self, tag) -> None:
+    def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
-    def handle_data(self, data) -> None:
+    def handle_data(self, data: str) -> None:
         self.words.append(data)
 
 
 def test_the_page_is_one_file_with_its_pictures_in_it(
-    commissioned, capsys: pytest.CaptureFixture[str]
+    commissioned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, report = report_of(commissioned, capsys)
     text = (commissioned / "report.html").read_text()
@@ -185,7 +188,7 @@ def test_the_page_is_one_file_with_its_pictures_in_it(
 
 
 def test_other_settings_are_refused_in_a_sentence(
-    commissioned, capsys: pytest.CaptureFixture[str]
+    commissioned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [*SIMULATED, "--set=servo.inertia=0.02"]
     assert call("commission", *words, "--out", commissioned) == 2
@@ -205,7 +208,7 @@ MODEL = {
 }
 
 
-def identify_data(bench):
+def identify_data(bench: StepContext) -> dict[str, Any]:
     raw = bench.config.model_dump(mode="json")
     raw["model"] = {k: {"value": v, "low": 0.9 * v, "high": 1.1 * v} for k, v in MODEL.items()}
     text = json.dumps(raw)  # JSON is YAML
@@ -219,7 +222,7 @@ def identify_data(bench):
     }
 
 
-def delay_data(_bench):
+def delay_data(_bench: object) -> dict[str, Any]:
     device = {"value": 0.0002, "stderr": 1e-5}
     return {
         "parts": {"inserted": 0.0, "age": {"median": 0.0, "guard": 0.0}, "device": device},
@@ -227,7 +230,7 @@ def delay_data(_bench):
     }
 
 
-def rendered_data(_bench):
+def rendered_data(_bench: object) -> dict[str, Any]:
     wall = {"stiffness": 8.0, "damping": 0.02}
     return {"commanded": wall, "rows": [], "notes": []}
 
@@ -241,12 +244,14 @@ DATA = {
 }
 
 
-def steps_taken(monkeypatch, ends):
+def steps_taken(
+    monkeypatch: pytest.MonkeyPatch, ends: Mapping[str, BaseException | None]
+) -> list[str]:
     """Steps that find something without moving, or end as asked; the names of those called."""
     called = []
 
-    def step(name):
-        def run(bench):
+    def step(name: str) -> Callable[[StepContext], StepResult]:
+        def run(bench: StepContext) -> StepResult:
             called.append(name)
             if name in ends:
                 raise ends[name]
@@ -262,7 +267,7 @@ def steps_taken(monkeypatch, ends):
     return called if ends != {} else [*DATA]
 
 
-def states(report):
+def states(report: Mapping[str, Any]) -> dict[str, str]:
     return {step["step"]: step["state"] for step in report["steps"]}
 
 
@@ -307,7 +312,10 @@ def test_a_trip_ends_its_step_alone(
     [ServoLostError("it answers no more"), ExperimentTrippedError("trip:hardware_error", "hot")],
 )
 def test_nothing_moves_after_a_servo_was_lost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
 ) -> None:
     called = steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
@@ -319,13 +327,16 @@ def test_nothing_moves_after_a_servo_was_lost(
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ExperimentInterruptedError("by a person")])
 def test_what_is_interrupted_is_kept_and_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
 ) -> None:
     steps_taken(monkeypatch, {"delay": error})
     status, report = report_of(tmp_path, capsys)
     assert status == 130 and report["interrupted"]
     assert states(report)["delay"] == "not taken"
-    assert load_config(str(tmp_path / "config.yaml")).config.model.inertia.value == 0.012
+    assert not_none(load_config(str(tmp_path / "config.yaml")).config.model.inertia).value == 0.012
     assert (tmp_path / "report.html").exists()
     called = steps_taken(monkeypatch, {"nothing": None})
     assert report_of(tmp_path, capsys)[0] == 0
@@ -356,7 +367,7 @@ def test_a_servo_that_was_not_identified_is_headlined_not_measured(
 
 @pytest.mark.parametrize("there", [False, True])
 def test_where_nothing_was_measured_no_folder_is_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, there
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, there: bool
 ) -> None:
     """Of a folder that was there before, what was in it."""
     folder = tmp_path / "new"
@@ -485,7 +496,7 @@ def test_a_real_servo_does_not_move_without_a_yes(
     assert list(tmp_path.iterdir()) == []
 
 
-def doctor_data(name, **more):
+def doctor_data(name: str, **more: object) -> dict[str, Any]:
     check = {"name": name, "ok": False, "found": "reverse", "wanted": "normal", "fixable": True}
     return {"checks": [{**check, "fix": "clear bit 0 of Drive Mode (10)"}], "reached": True, **more}
 
@@ -550,7 +561,7 @@ def test_the_plan_moves_nothing(
 def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def planned(*words):
+    def planned(*words: object) -> str:
         assert call("commission", *SIMULATED, "--plan", *words) == 0
         return capsys.readouterr().out
 
@@ -576,7 +587,7 @@ def test_the_plan_refuses_a_folder_that_the_commissioning_would_refuse(
 def test_results_are_kept_as_each_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A power cut in a later step loses nothing: the files are there before it begins."""
 
-    def looks(_bench):
+    def looks(_bench: object) -> StepResult:
         assert (tmp_path / "config.yaml").exists() and (tmp_path / "identify.json").exists()
         return StepResult(delay_data(_bench))
 
@@ -587,7 +598,7 @@ def test_results_are_kept_as_each_is_known(tmp_path: Path, monkeypatch: pytest.M
     assert run_steps(StepContext(config, "it", 0.6, store, lambda _text: None)).exit_status == 0
 
 
-def fails(*_given) -> NoReturn:
+def fails(*_given: object) -> NoReturn:
     raise RuntimeError("no font")
 
 
@@ -596,7 +607,7 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
 ) -> None:
     steps_taken(monkeypatch, {"nothing": None})
 
-    def kept(_found, name, path) -> None:
+    def kept(_found: object, name: str, path: Path) -> None:
         assert json.loads((tmp_path / "delay.json").read_text())["state"] == "done"
         assert name == "simulated" and path.parent == tmp_path
         fails()
@@ -615,7 +626,7 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(
 def test_an_interruption_of_a_drawing_costs_nothing_that_was_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupts(*_given) -> NoReturn:
+    def interrupts(*_given: object) -> NoReturn:
         raise KeyboardInterrupt
 
     steps_taken(monkeypatch, {"nothing": None})
@@ -638,7 +649,7 @@ def test_the_page_shows_what_is_said(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     page = (ROOT / "docs" / "commissioning.md").read_text()
-    shown = re.search(r"^```text\n(.*?)^```", page, re.S | re.M)[1]
+    shown = not_none(re.search(r"^```text\n(.*?)^```", page, re.S | re.M))[1]
     assert call("commission", *SIMULATED, "--out", "commissioned") == 0
     said = capsys.readouterr().out
     number = r"[-+]?\d+\.?\d*(?:e[-+]\d+)?"

@@ -3,7 +3,9 @@
 import json
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,7 +21,7 @@ SECRET = b"root:x:0:0"
 
 
 @pytest.fixture(scope="module")
-def commissioned(tmp_path_factory: pytest.TempPathFactory):
+def commissioned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole commissioning, in which one picture was drawn."""
     made = tmp_path_factory.mktemp("commission")
     with pytest.MonkeyPatch.context() as patch:
@@ -31,7 +33,7 @@ def commissioned(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.fixture
-def folder(commissioned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(commissioned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of it; no step is taken, nothing is drawn."""
     steps_taken(monkeypatch, {"nothing": None})
     (tmp_path / "secret").write_bytes(SECRET)
@@ -41,19 +43,19 @@ def folder(commissioned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     return made
 
 
-def test_a_picture_of_its_own_is_shown(folder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_picture_of_its_own_is_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert report_of(folder, capsys)[0] == 0
     assert "data:image/png" in (folder / "report.html").read_text()
 
 
-def edit(folder, step, change) -> None:
+def edit(folder: Path, step: str, change: Callable[[dict[str, Any]], object]) -> None:
     path = folder / f"{step}.json"
     outcome = json.loads(path.read_text())
     change(outcome)
     path.write_text(json.dumps(outcome))
 
 
-def refused(folder, capsys):
+def refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
     """The one sentence that it is refused with; there is no report then."""
     capsys.readouterr()
     assert call("commission", *SIMULATED, "--out", folder) == 2
@@ -64,18 +66,18 @@ def refused(folder, capsys):
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../secret", "identify.png", "sub/delay.png", ""])
 def test_a_picture_by_another_name_is_refused(
-    folder, capsys: pytest.CaptureFixture[str], name
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     edit(folder, "delay", lambda outcome: outcome.update(picture=name))
     line = refused(folder, capsys)
     assert "delay.json" in line and "picture" in line and "--fresh" in line
 
 
-def link(path) -> None:
+def link(path: Path) -> None:
     path.symlink_to(path.parent.parent / "secret")
 
 
-def too_long(path) -> None:
+def too_long(path: Path) -> None:
     path.write_bytes(PNG)
     os.truncate(path, 2**24 + 1)
 
@@ -93,7 +95,11 @@ def too_long(path) -> None:
 )
 @pytest.mark.parametrize("name", ["delay.png", "delay.json", "commission.json"])
 def test_only_plain_files_of_the_folder_are_read(
-    folder, capsys: pytest.CaptureFixture[str], name, make, found
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    make: Callable[[Path], object],
+    found: str,
 ) -> None:
     path = folder / name
     path.unlink()
@@ -128,7 +134,10 @@ def test_only_plain_files_of_the_folder_are_read(
     ],
 )
 def test_a_step_that_was_edited_is_checked_by_what_wrote_it(
-    folder, capsys: pytest.CaptureFixture[str], step, change
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    step: str,
+    change: Callable[[dict[str, Any]], object],
 ) -> None:
     edit(folder, step, change)
     line = refused(folder, capsys)
@@ -140,18 +149,18 @@ def test_a_step_that_was_edited_is_checked_by_what_wrote_it(
 )
 @pytest.mark.parametrize("name", ["sweep.json", "commission.json"])
 def test_what_is_no_json_of_ours_is_refused(
-    folder, capsys: pytest.CaptureFixture[str], name, text
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, text: str
 ) -> None:
     (folder / name).write_text(text, errors="surrogateescape")
     assert name in refused(folder, capsys)
 
 
 def test_an_identified_configuration_changes_nothing_but_the_model(
-    folder, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A folder from somewhere must not raise a torque limit."""
 
-    def stronger(outcome) -> None:
+    def stronger(outcome: dict[str, Any]) -> None:
         config = json.loads(outcome["data"]["config_text"])
         config["servo"]["torque_limit"] = 100.0
         outcome["data"]["config_text"] = json.dumps(config)
@@ -162,7 +171,9 @@ def test_an_identified_configuration_changes_nothing_but_the_model(
     assert (folder / "config.yaml").read_text() == before
 
 
-def test_nothing_is_written_through_a_link(folder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_through_a_link(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     mine = folder.parent / "mine"
     mine.write_text("mine")
     for name in ("report.html", "report.html.part", "commission.json.part", "allowed.png"):
@@ -174,7 +185,9 @@ def test_nothing_is_written_through_a_link(folder, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize("name", ["sweep", "logs"])
-def test_no_folder_is_followed_out(folder, capsys: pytest.CaptureFixture[str], name) -> None:
+def test_no_folder_is_followed_out(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
     """A sweep somewhere else would be replaced."""
     if (folder / name).exists():
         shutil.rmtree(folder / name)
@@ -186,7 +199,7 @@ def test_no_folder_is_followed_out(folder, capsys: pytest.CaptureFixture[str], n
     "name", ["config.yaml", "report.html", "allowed.png", "delay.json", "delay.png", "sweep"]
 )
 def test_nothing_that_somebody_else_put_there_is_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     """What delay or sweep wrote there, for instance."""
     (tmp_path / name).symlink_to("nowhere")
@@ -197,7 +210,7 @@ def test_nothing_that_somebody_else_put_there_is_replaced(
 
 
 def test_what_comes_from_files_is_text_in_the_page(
-    folder, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     edit(folder, "doctor", lambda outcome: outcome.update(reason="<script>alert(1)</script>"))
     assert report_of(folder, capsys)[0] == 0

@@ -1,18 +1,20 @@
 """The verdict against the guard itself; agreement where there is, and where there is none."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, Question, verdict
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 
 
-def question(name="simulated", *sets):
+def question(name: str = "simulated", *sets: str) -> Question:
     return GuardQuestion.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
 
 
@@ -26,7 +28,7 @@ def question(name="simulated", *sets):
         ("servo.damping=0", "servo.counts_per_rev=512"),
     ],
 )
-def test_no_damping_allows_more_than_the_best(sets, thorough: bool) -> None:
+def test_no_damping_allows_more_than_the_best(sets: tuple[str, ...], thorough: bool) -> None:
     asked = question("simulated", *sets)
     best = verdict(asked, True)["best"]["commanded"]
     # The guard itself, at many dampings; the best is given in two digits.
@@ -56,7 +58,7 @@ def test_the_measured_age_makes_it_softer() -> None:
 
 @pytest.mark.parametrize("coulomb", [0.0, 0.001, 0.09])
 @pytest.mark.parametrize("kick", [0.01, 0.1])
-def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick) -> None:
+def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb: float, kick: float) -> None:
     device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
     for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
         columns = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
@@ -70,7 +72,7 @@ def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb, kick) -> N
 
 
 @pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
-def test_planned_points_can_be_reached(name) -> None:
+def test_planned_points_can_be_reached(name: str) -> None:
     config = load_config(name).config
     device = Device.of(config)
     settings = short_sweep(config)
@@ -84,7 +86,7 @@ def test_planned_points_can_be_reached(name) -> None:
         assert planned.predicted <= planned.top
 
 
-def swept(measured, **more):
+def swept(measured: float | None, **more: Any) -> dict[str, Any]:
     point = {
         "virtual_damping": 0.0,
         "delay_steps": 3,

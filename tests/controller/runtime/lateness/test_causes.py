@@ -16,13 +16,28 @@ LOOP = Machine(virtual=True, real_time=True, shared=False, knows_run_delay=True)
 BARE = Machine(virtual=False, real_time=True, shared=False, knows_run_delay=True)
 
 
-def counted(on_core=0, delay=0, minor=0, major=0, voluntary=0, involuntary=0):
+def counted(
+    on_core: int = 0,
+    delay: int = 0,
+    minor: int = 0,
+    major: int = 0,
+    voluntary: int = 0,
+    involuntary: int = 0,
+) -> Counters:
     """What grew in 20 ms beyond what is usual, times in microseconds."""
     us = 1000
     return Counters(20 * MS, on_core * us, delay * us, minor, major, voluntary, involuntary)
 
 
-def late(asleep=0, held=0, work=30, bus=0, steal_ms=None, beyond=None, **more):
+def late(
+    asleep: int = 0,
+    held: int = 0,
+    work: int = 30,
+    bus: int = 0,
+    steal_ms: int | None = None,
+    beyond: Counters | None = None,
+    **more: int,
+) -> Late:
     """A late tick, times in microseconds."""
     facts = {"lost": False, "stopped": False, "collections_ns": 0} | more
     return Late(
@@ -84,7 +99,7 @@ def late(asleep=0, held=0, work=30, bus=0, steal_ms=None, beyond=None, **more):
         ),
     ],
 )
-def test_the_largest_share_is_the_cause(tick, cause, words) -> None:
+def test_the_largest_share_is_the_cause(tick: Late, cause: Cause, words: str) -> None:
     assert likely_cause(tick, LOOP) == cause
     assert words in evidence(cause, tick, LOOP) + ";"
 
@@ -126,6 +141,6 @@ def test_what_explains_nothing_is_left_out() -> None:
         (LOOP, "priority or above"),
     ],
 )
-def test_why_another_could_run_is_said(machine, words) -> None:
+def test_why_another_could_run_is_said(machine: Machine, words: str) -> None:
     tick = late(asleep=2000, beyond=counted(delay=2000))
     assert words in evidence(likely_cause(tick, machine), tick, machine)

@@ -19,14 +19,14 @@ SHARED = SettingState("core isolation", "core 1 is shared", "a core of its own",
 WELL = SettingState("kernel", "PREEMPT_RT", "PREEMPT_RT", "")
 
 
-def put(root, **files) -> None:
+def put(root: Path, **files: str) -> None:
     for path, text in files.items():
         place = root / path.replace("__", "/")
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text(text)
 
 
-def by_name(root, core=1):
+def by_name(root: Path, core: int = 1) -> dict[str, SettingState]:
     return {row.name: row for row in machine_setup(core, root)}
 
 
@@ -57,7 +57,9 @@ def test_what_a_system_does_not_tell_is_left_out(tmp_path: Path) -> None:
     ("runtime", "found", "well"),
     [("950000", "after 95 % of 1 s", True), ("-1", "never", True), ("100000", "10 %", False)],
 )
-def test_throttling_matters_where_it_leaves_little(tmp_path: Path, runtime, found, well) -> None:
+def test_throttling_matters_where_it_leaves_little(
+    tmp_path: Path, runtime: str, found: str, well: bool
+) -> None:
     kernel = "proc__sys__kernel__sched_rt"
     put(tmp_path, **{f"{kernel}_runtime_us": runtime, f"{kernel}_period_us": "1000000"})
     row = by_name(tmp_path)["throttling"]

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -25,6 +27,7 @@ from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import TorqueLostError
+from tests.typed import not_none
 
 PERIOD = 1_000_000
 MS = 1_000_000
@@ -41,7 +44,7 @@ class Readings:
         self.delay = 0
         self.reads = 0
 
-    def read(self):
+    def read(self) -> Counters:
         self.reads += 1
         return Counters(self.now, self.now // 10, self.delay, 0, 0, self.now // PERIOD, 0)
 
@@ -52,23 +55,25 @@ class Readings:
         pass
 
 
-def slept_until(instant_ns):
+def slept_until(instant_ns: int) -> SimpleNamespace:
     return SimpleNamespace(margin_ns=0, slept_ns=instant_ns)
 
 
 @pytest.fixture
-def readings():
+def readings() -> Readings:
     return Readings()
 
 
 @pytest.fixture
-def ticks(readings):
+def ticks(readings: Readings) -> Iterator[LateTicks]:
     with LateTicks(PLAIN, readings, PERIOD) as late:
         late.begin(0)
         yield late
 
 
-def serve(ticks, readings, deadline, overdue, delay=0, **more) -> None:
+def serve(
+    ticks: LateTicks, readings: Readings, deadline: int, overdue: int, delay: int = 0, **more: Any
+) -> None:
     """A tick that woke ``overdue`` late, of which it waited ``delay`` for the core."""
     woke = deadline + overdue
     facts = {"waiter": slept_until(woke), "bus_ns": 0, "replies_lost": 0, "missed": 0} | more
@@ -77,7 +82,7 @@ def serve(ticks, readings, deadline, overdue, delay=0, **more) -> None:
     ticks.late(deadline, woke, readings.now, **facts)
 
 
-def test_the_worst_are_kept_and_all_are_counted(ticks, readings) -> None:
+def test_the_worst_are_kept_and_all_are_counted(ticks: LateTicks, readings: Readings) -> None:
     for k in range(1, 31):
         serve(ticks, readings, 100 * k * PERIOD, k * MS, delay=k * MS, missed=k - 1)
     report = ticks.report()
@@ -90,7 +95,9 @@ def test_the_worst_are_kept_and_all_are_counted(ticks, readings) -> None:
     assert (worst["time_s"], worst["missed"], worst["work_us"]) == (3.0, 29, 20.0)
 
 
-def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings) -> None:
+def test_what_the_tick_before_cost_is_not_counted_again(
+    ticks: LateTicks, readings: Readings
+) -> None:
     serve(ticks, readings, 10 * PERIOD, 5_900_000)  # over 0.92 ms after the next one is due
     due = 15 * PERIOD
     woke = due + 920_000
@@ -98,8 +105,10 @@ def test_what_the_tick_before_cost_is_not_counted_again(ticks, readings) -> None
     assert ticks.report()["late_ticks"] == 1
 
 
-def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings) -> None:
-    def wait(deadline, bus, lost) -> None:
+def test_a_wait_for_the_bus_is_late_only_when_it_is_long(
+    ticks: LateTicks, readings: Readings
+) -> None:
+    def wait(deadline: int, bus: int, lost: int) -> None:
         ended = deadline + bus + 20_000
         readings.now = ended
         ticks.late(deadline, deadline, ended, slept_until(deadline), bus, lost, 0)
@@ -112,14 +121,14 @@ def test_a_wait_for_the_bus_is_late_only_when_it_is_long(ticks, readings) -> Non
     assert ticks.report()["causes"] == {Cause.LOST: 1, Cause.BUS: 2}
 
 
-def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks, readings) -> None:
+def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
     """However much longer it is than what made the tick late."""
     serve(ticks, readings, 10 * PERIOD, 300_000, delay=300_000, bus_ns=650_000)
     serve(ticks, readings, 20 * PERIOD, 300_000, delay=300_000, bus_ns=650_000, replies_lost=1)
     assert ticks.report()["causes"] == {Cause.OTHER: 2}
 
 
-def test_what_is_usual_is_no_cause(ticks, readings) -> None:
+def test_what_is_usual_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
     """Waiting 30 µs in each tick for the core adds up between two readings."""
     for k in range(1, 50):
         readings.now = 20 * k * PERIOD
@@ -129,13 +138,13 @@ def test_what_is_usual_is_no_cause(ticks, readings) -> None:
     assert ticks.report()["causes"] == {Cause.WOKEN_LATE: 1}
 
 
-def test_no_reading_where_there_is_no_time_for_it(ticks, readings) -> None:
+def test_no_reading_where_there_is_no_time_for_it(ticks: LateTicks, readings: Readings) -> None:
     before = readings.reads
     ticks.rest(PERIOD, slept_until(PERIOD), -1, 0)
     assert readings.reads == before
 
 
-def test_what_happened_long_before_is_no_cause(ticks, readings) -> None:
+def test_what_happened_long_before_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
     """Where there is no time for a reading either."""
     ticks.continued()
     gc.collect()
@@ -144,7 +153,7 @@ def test_what_happened_long_before_is_no_cause(ticks, readings) -> None:
     assert ticks.report()["causes"] == {Cause.BUS: 1}
 
 
-def test_an_explanation_is_not_explained(ticks, readings) -> None:
+def test_an_explanation_is_not_explained(ticks: LateTicks, readings: Readings) -> None:
     """It takes so long that the next tick is woken late: that is not late once more."""
     explained = 11 * PERIOD + 400_000
     readings.now = explained
@@ -168,13 +177,13 @@ def test_ticks_whose_replies_are_lost_count_as_late() -> None:
             1.0,
             surroundings=Surroundings(take_real_time=lambda: late),
         )
-    assert result.timing["causes"] == {Cause.LOST: result.timing["late_ticks"]}
-    assert result.timing["late_ticks"] >= 5
+    assert not_none(result.timing)["causes"] == {Cause.LOST: result.timing["late_ticks"]}
+    assert not_none(result.timing)["late_ticks"] >= 5
 
 
 @pytest.mark.parametrize("accounts", [b"", b"0 0 0\n"], ids=["empty", "switched off"])
 def test_a_kernel_that_does_not_account_for_waiting_is_found_out(
-    accounts, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    accounts: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     kept = tmp_path / "schedstat"
     kept.write_bytes(accounts)
@@ -190,7 +199,7 @@ def test_a_kernel_that_does_not_account_for_waiting_is_found_out(
     assert grown.run_delay_ns == 0
 
 
-def test_sleeps_are_told_as_long_as_they_were(ticks) -> None:
+def test_sleeps_are_told_as_long_as_they_were(ticks: LateTicks) -> None:
     for k in range(100):
         deadline = k * 20 * PERIOD
         waiter = SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000)
@@ -203,12 +212,18 @@ def test_sleeps_are_told_as_long_as_they_were(ticks) -> None:
 class Stall:
     """A simulated clock that stands still for nobody: the given tick takes 7 ms longer."""
 
-    def __init__(self, monkeypatch, clock, at, error=None) -> None:
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        clock: SimulatedClock,
+        at: int,
+        error: Exception | None = None,
+    ) -> None:
         from haptic_wall.controller.runtime import tick
 
         plain, seen = tick.Tick._follow_guard, []
 
-        def stalling(*args, **kwargs):
+        def stalling(*args: Any, **kwargs: Any) -> Any:
             seen.append(0)
             if len(seen) == at:
                 clock.wait_until(clock.now_ns() + 7 * MS)
@@ -220,7 +235,9 @@ class Stall:
 
 
 @pytest.mark.parametrize("error", [None, TorqueLostError("the watchdog came first")])
-def test_a_run_tells_when_and_how_long(error, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_tells_when_and_how_long(
+    error: TorqueLostError | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The tick that ends a run is explained like any other: its delay may be why it ended."""
     clock = SimulatedClock()
     Stall(monkeypatch, clock, 700, error)
@@ -234,7 +251,7 @@ def test_a_run_tells_when_and_how_long(error, monkeypatch: pytest.MonkeyPatch) -
             surroundings=Surroundings(take_real_time=lambda: late),
         )
     assert result.stop_reason == ("duration" if error is None else "trip:torque_lost")
-    (worst,) = result.timing["worst"]
+    (worst,) = not_none(result.timing)["worst"]
     assert worst["time_s"] == pytest.approx(0.699)
     assert worst["work_us"] == pytest.approx(7000.0)
     assert worst["missed"] == (6 if error is None else 0)
@@ -271,7 +288,7 @@ def block() -> None:
     time.sleep(STALL_S)
 
 
-def provoked(act):
+def provoked(act: Callable[[], object]) -> set[str]:
     """What a loop in this thread calls the ticks in which it does something now and then."""
     causes = set()
     with LateTicks(PLAIN, CounterReader(max(os.sched_getaffinity(0))), PERIOD) as late:
@@ -294,7 +311,7 @@ def provoked(act):
     return causes
 
 
-def provoked_until(cause, act):
+def provoked_until(cause: Cause, act: Callable[[], object]) -> set[str]:
     """Tried until a stall was called what it was; what any was called."""
     causes = set()
     for _ in range(20):
@@ -305,7 +322,7 @@ def provoked_until(cause, act):
 
 
 @contextmanager
-def undisturbed():
+def undisturbed() -> Iterator[None]:
     """As far as it is granted: a real-time scheduler, so that a busy machine does not matter."""
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
@@ -321,7 +338,7 @@ def stay() -> None:
         pass
 
 
-def crowded_out(causes) -> None:
+def crowded_out(causes: set[str]) -> None:
     """In a thread of its own: share a core with a busy process, and give way to it."""
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
@@ -329,7 +346,7 @@ def crowded_out(causes) -> None:
     script = f"import os; os.sched_setaffinity(0, {{{core}}}); print(flush=True)\nwhile True: pass"
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as hog:
         try:
-            hog.stdout.readline()
+            not_none(hog.stdout).readline()
             causes |= provoked_until(Cause.OTHER, stay)
         finally:
             hog.kill()
@@ -345,7 +362,7 @@ def crowded_out(causes) -> None:
         (block, Cause.BLOCKED),
     ],
 )
-def test_a_provoked_stall_is_called_by_its_name(act, cause) -> None:
+def test_a_provoked_stall_is_called_by_its_name(act: Callable[[], None], cause: Cause) -> None:
     with undisturbed():
         causes = provoked_until(cause, act)
     assert cause in causes
@@ -371,7 +388,7 @@ def test_a_run_that_was_stopped_and_continued_says_so(tmp_path: Path) -> None:
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
         loop = loop_of(run.pid)
-        told = list(iter(run.stderr.readline, "simulated servo: torque is on\n"))
+        told = list(iter(not_none(run.stderr).readline, "simulated servo: torque is on\n"))
         time.sleep(0.8)  # past the warm-up: a stop in it is no tick of the wall
         os.kill(loop, signal.SIGSTOP)
         time.sleep(0.05)
@@ -385,7 +402,7 @@ def test_a_run_that_was_stopped_and_continued_says_so(tmp_path: Path) -> None:
     assert Cause.STOPPED in {tick["cause"] for tick in timing["worst"]}
 
 
-def loop_of(pid):
+def loop_of(pid: int) -> int:
     """The process of the loop that a run has started."""
     end = time.monotonic() + 60.0
     while time.monotonic() < end:
