@@ -44,4 +44,4 @@ def pytest_xdist_auto_num_workers() -> int:
 @pytest.fixture(scope="session")
 def thorough(pytestconfig: pytest.Config) -> bool:
     """Whether the full number of random cases is wanted, however long it takes."""
-    return pytestconfig.getoption("thorough")
+    return bool(pytestconfig.getoption("thorough"))

@@ -203,11 +203,11 @@ def test_other_commands(found: tuple[str, tuple[str, ...]], folder: Path) -> Non
 @pytest.fixture
 def bus(
     tmp_path: Path,
-) -> Iterator[Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]]]:
+) -> Iterator[Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]]]:
     """Starts emulated buses by the pages' words, files apart; ends them."""
     started = []
 
-    def start(words: list[str]) -> tuple[subprocess.Popen[str], str | None, Path]:
+    def start(words: Sequence[str]) -> tuple[subprocess.Popen[str], str | None, Path]:
         link = value_of(words, "--link")
         place = {
             link: str(tmp_path / "bus"),
@@ -239,7 +239,7 @@ def second_terminal() -> list[str]:
 
 @pytest.mark.realtime
 def test_two_terminals(
-    bus: Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
+    bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
 ) -> None:
     """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
     first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
@@ -269,7 +269,7 @@ def test_two_terminals(
 
 @pytest.mark.realtime
 def test_the_vendors_client(
-    bus: Callable[[list[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
+    bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
 ) -> None:
     """The example with dynamixel-sdk speaks to the bus that the same page starts."""
     page = "docs/emulated-bus.md"

@@ -35,7 +35,8 @@ class Client:
 
     def ping(self, id_: int = 1, patience_ms: int = PATIENCE_MS) -> tuple[int, int, int]:
         self.port.setPacketTimeout = lambda _: self.port.setPacketTimeoutMillis(patience_ms)
-        return self.handler.ping(self.port, id_)
+        answer: tuple[int, int, int] = self.handler.ping(self.port, id_)
+        return answer
 
 
 def test_a_bus_by_default(dynamixel_bus: DynamixelBus) -> None:

@@ -220,14 +220,14 @@ def test_installed(how: str, tmp_path: Path, thorough: bool) -> None:
     place = tmp_path / "venv"
     venv.create(place, with_pip=True)
     python = place / "bin" / "python"
-    install = [python, "-m", "pip", "install", "--quiet"]
+    install: list[str | Path] = [python, "-m", "pip", "install", "--quiet"]
     subprocess.run(
         [*install, *(["--editable"] if how == "editable" else []), str(ROOT), "pytest"], check=True
     )
     for name in ("move_servo.py", "test_move_servo.py"):
         (tmp_path / name).write_text((EXAMPLES / name).read_text())
     where = "from haptic_wall.controller import pytest_plugin; print(pytest_plugin.__file__)"
-    asked = [python, "-P", "-c", where]
+    asked: list[str | Path] = [python, "-P", "-c", where]
     found = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert found.startswith(str(ROOT if how == "editable" else place))
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}

@@ -251,7 +251,7 @@ def test_the_page_says_each_promise_that_did_not_hold(run: Run, words: str) -> N
 
 
 def test_memory_is_only_called_flat_where_every_process_was_watched() -> None:
-    flat = [(t, 60.0) for t in range(0, 600, 2)]
+    flat = [(float(t), 60.0) for t in range(0, 600, 2)]
     run = a_run(memory={(name, n): flat for n, name in enumerate(WATCHED) if name != "recorder"})
     assert "no recorder was watched long enough, supervisor +0.0 MB | – |" in text_of(
         Hour(60.0, 1, [run])

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from scripts.chaos import shots
 from scripts.chaos.loads import others, ran_at_real_time
+from scripts.chaos.stage import Stage
 
 
 @pytest.mark.parametrize(
@@ -30,7 +32,7 @@ def test_a_core_is_held_from_when_who_holds_it_says_so(
         return subprocess.Popen([sys.executable, "-c", f"print(end={says!r})"], stdout=output)
 
     monkeypatch.setattr(shots, "load", load)
-    lasting = shots.hog(0.1, 0.3)(SimpleNamespace(core=1, random=Random(1)))
+    lasting = shots.hog(0.1, 0.3)(cast(Stage, SimpleNamespace(core=1, random=Random(1))))
     lasting.undo()
     assert (lasting.from_s, lasting.seconds) == (from_s, seconds)
 
@@ -89,7 +91,7 @@ def test_a_real_time_program_of_others_counts_only_while_it_runs(proc: Proc) -> 
     ],
 )
 def test_what_is_no_real_time_program_of_others_may_run(
-    proc: Proc, harmless: dict[str, int]
+    proc: Proc, harmless: dict[str, Any]
 ) -> None:
     proc(20, **harmless)
     before = others(OURS, proc.folder)

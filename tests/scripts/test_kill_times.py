@@ -39,7 +39,7 @@ def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot: Shot, hit: Hit, wa
     assert as_wanted(shot, hit) == wanted
 
 
-def report(reason: str, explanation: None = None) -> dict[str, Any]:
+def report(reason: str, explanation: str | None = None) -> dict[str, Any]:
     return {"stop_reason": reason, "explanation": explanation, "warnings": []}
 
 

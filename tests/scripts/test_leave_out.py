@@ -17,12 +17,12 @@ CASE = next(
 )
 
 
-def two_names(_most):
+def two_names(_most: object) -> list[str]:
     """Names of two cases."""
     return ["one", "two"]
 
 
-def test_a_number_is_known_to_matter_only_beyond_what_it_was_compared_to():
+def test_a_number_is_known_to_matter_only_beyond_what_it_was_compared_to() -> None:
     tuning, notes = asked_tuning()
     kept = notes["evidence.kept"]
     assert not kept.used
@@ -36,7 +36,7 @@ def test_a_number_is_known_to_matter_only_beyond_what_it_was_compared_to():
     assert not kept.allows(math.inf)
 
 
-def test_a_negative_factor_turns_the_range_around():
+def test_a_negative_factor_turns_the_range_around() -> None:
     tuning, notes = asked_tuning()
     assert -tuning.belief.shrinks > -0.5
     assert notes["belief.shrinks"].allows(0.4)
@@ -44,7 +44,7 @@ def test_a_negative_factor_turns_the_range_around():
     assert notes["belief.shrinks"].allows(-1.0)
 
 
-def test_a_number_that_is_computed_with_may_always_matter():
+def test_a_number_that_is_computed_with_may_always_matter() -> None:
     tuning, notes = asked_tuning()
     assert 1.0 + tuning.energy.wrong == 1.0 + TUNING.energy.wrong
     assert not notes["energy.wrong"].allows(TUNING.energy.wrong)
@@ -55,7 +55,7 @@ def test_a_number_that_is_computed_with_may_always_matter():
     assert not notes["probe.scale"].allows(0.25)
 
 
-def test_every_number_is_tried_and_every_try_can_be_set():
+def test_every_number_is_tried_and_every_try_can_be_set() -> None:
     numbers = {f"{g}.{one.name}" for g in EVERY for one in fields(getattr(TUNING, g))}
     tried = set()
     for tries in (*map(without, EVERY), *map(scaled, EVERY), CRITERIA):
@@ -75,7 +75,7 @@ def test_every_number_is_tried_and_every_try_can_be_set():
         (((3, 0.5), (8, 0.6)), 1.5, ((3, 0.75), (8, 0.9))),
     ],
 )
-def test_a_number_is_scaled_as_its_kind_allows(value, factor, other):
+def test_a_number_is_scaled_as_its_kind_allows(value: float | tuple[tuple[int, float], tuple[int, float]], factor: float, other: float | tuple[tuple[int, float], tuple[int, float]]) -> None:
     scaled_value = leave_out._times(value, factor)
     if isinstance(value, tuple):
         assert [count for count, _ in scaled_value] == [count for count, _ in other]
@@ -85,7 +85,7 @@ def test_a_number_is_scaled_as_its_kind_allows(value, factor, other):
 
 
 @pytest.mark.parametrize("name", [CASE, "kicks 2 0", "recordings 2 0"])
-def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(name, thorough: bool):
+def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(name, thorough: bool) -> None:
     if name != CASE and not thorough:
         pytest.skip("seconds; --thorough runs it")
     plain, notes = leave_out.as_it_is(name)
@@ -101,7 +101,7 @@ def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(name, th
     assert leave_out.outcome(name, varied(allowed)) == plain
 
 
-def test_a_case_that_never_asks_is_not_run_again(monkeypatch):
+def test_a_case_that_never_asks_is_not_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = Outcome("late", 2, "")
     monkeypatch.setattr(leave_out, "as_it_is", lambda _: (plain, {"probe.scale": Asked()}))
     monkeypatch.setattr(leave_out, "outcome", lambda *_: pytest.fail("it ran"))
@@ -109,7 +109,7 @@ def test_a_case_that_never_asks_is_not_run_again(monkeypatch):
     assert row == Row(plain, [], [], {})
 
 
-def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run():
+def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run() -> None:
     plain, worse = Outcome("in time", 0, "a"), Outcome("late", 2, "b")
     title = "backstop.again_s"
     row = Row(plain, [title], [title], {title: worse})
@@ -121,7 +121,7 @@ def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run():
     assert "`backstop.longest_s` (0 of 1)" in lines[-2]
 
 
-def test_rows_of_two_detectors_make_no_page():
+def test_rows_of_two_detectors_make_no_page() -> None:
     rows = [
         (("walls-1", group), Row(Outcome("late", 2, figures), [], [], {}))
         for group, figures in (("backstop", "a"), ("probe", "b"))

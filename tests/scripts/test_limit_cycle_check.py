@@ -26,7 +26,7 @@ def test_a_table_has_a_row_for_each_effect(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(limit_cycle_check, "MOST", 200)
     worth, missed, _ = STUDY.parts
     for part, cases in ((worth, limit_cycle_check.CASES), (missed, limit_cycle_check.SOFTER)):
-        rows = part.lines(found(part, usual(STUDY, walls=2)))
+        rows = list(part.lines(found(part, usual(STUDY, walls=2))))
         assert [row.split(" | ")[0] for row in rows[2:]] == [f"| {name}" for name in cases]
         assert len({row.count("|") for row in rows}) == 1
 

@@ -133,9 +133,9 @@ def test_the_tests_of_a_role_are_those_that_import_it() -> None:
 
 
 def test_a_watched_module_tells_which_statements_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    hits = set()
+    hits: set[str] = set()
     monkeypatch.setattr("builtins.mutant_hits", hits.add, raising=False)
-    names = {}
+    names: dict[str, str] = {}
     exec(compile(watched("a.py", SOURCE), "a.py", "exec"), names)
     assert not hits
     counter = names["Counter"]()

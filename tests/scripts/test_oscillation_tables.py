@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from scripts.studies import detector_table, reaction_table
-from scripts.study import ROOT, run
+from scripts.study import ROOT, Study, run
 from scripts.trials.cases import Case
 from scripts.trials.run import WallAsked
 from scripts.trials.truth import Truth
@@ -19,7 +19,7 @@ CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}
     ("study", "name"),
     [(detector_table.STUDY, "detector_table"), (reaction_table.STUDY, "reaction_table")],
 )
-def test_the_sections_of_a_page_are_made(tmp_path: Path, study, name: str) -> None:
+def test_the_sections_of_a_page_are_made(tmp_path: Path, study: Study, name: str) -> None:
     page, examples = tmp_path / "page.md", tmp_path / "examples"
     page.write_text((ROOT / "docs" / study.page).read_text())
     sections = [part.name for part in study.parts if part.name != "belief"]

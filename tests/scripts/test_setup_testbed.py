@@ -1,6 +1,7 @@
 """The set-up of a testbed says what it will do, does just that, and takes just that back."""
 
 import getpass
+import grp
 import os
 import subprocess
 import sys
@@ -23,7 +24,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     gids = {GROUP: os.getgid()}
     done = []
 
-    def command(*words: object) -> None:
+    def command(*words: str) -> None:
         done.append(" ".join(words))
         match words:
             case ("groupadd", "-r", name):
@@ -37,7 +38,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
 
     monkeypatch.setattr(setup_testbed, "command", command)
     monkeypatch.setattr(
-        setup_testbed.grp,
+        grp,
         "getgrall",
         lambda: [
             SimpleNamespace(gr_name=n, gr_mem=m, gr_gid=gids.get(n, -1)) for n, m in groups.items()
@@ -45,7 +46,7 @@ def system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     )
     monkeypatch.setattr("os.geteuid", lambda: 0)
 
-    def call(*options: object) -> None:
+    def call(*options: str) -> None:
         monkeypatch.setattr(sys, "argv", ["setup-testbed", f"--root={tmp_path}", *options])
         setup_testbed.main()
 

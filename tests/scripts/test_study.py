@@ -13,7 +13,7 @@ from tests.docs.pages import PAGES, commands
 
 STUDIES = [name for name, _ in listed() if (ROOT / "scripts" / "studies" / f"{name}.py").exists()]
 COMPUTED = re.compile(r"^<!-- computed: ([\w-]+) -->", re.M)
-asked = []
+asked: list[Any] = []
 
 
 @dataclass(frozen=True)

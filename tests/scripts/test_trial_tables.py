@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from scripts.trials.cases import LAGS, ROWS, Case, Lags, Row, draw_row, hand_case
 from scripts.trials.draws import bench_of
@@ -55,8 +56,8 @@ def made_up(output: np.ndarray, state: int = 0, alarm_s: float = math.nan) -> Tr
     )
 
 
-def swinging(growth: float, amplitude: float, seconds: float = 8.0) -> np.ndarray:
-    time = np.arange(round(seconds * 1e3)) * 1e-3
+def swinging(growth: float, amplitude: float, seconds: float = 8.0) -> NDArray[np.float64]:
+    time = np.arange(float(round(seconds * 1e3))) * 1e-3
     return amplitude * np.exp(growth * time) * np.cos(math.tau * 5.0 * time)
 
 

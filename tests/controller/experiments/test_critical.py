@@ -170,7 +170,7 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     played = Testbed.play
-    centres = []
+    centres: list[float] = []
 
     def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
         centres.extend(abs(phase.center) for phase in phases)

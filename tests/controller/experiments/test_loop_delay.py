@@ -47,7 +47,7 @@ def shaken(config: Config, folder: Path, bursts: int = 3, seed: int = 0) -> Shak
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[LoopDelay, list[str]]:
     """A servo with a lag of a fraction of a period, the hand of its preset, 3 periods inserted."""
     config = config_of("servo.delay=0.00137", "delay.steps=3")
-    told = []
+    told: list[str] = []
     folder = tmp_path_factory.mktemp("delay")
     return measure_delay(config, folder, [0], bursts=6, tell=told.append), told
 

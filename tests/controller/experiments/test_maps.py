@@ -104,7 +104,7 @@ def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting: Ma
     class Interrupted(AtOnce):
         def __init__(self) -> None:
             super().__init__(most=1)
-            self.futures = []
+            self.futures: list[Future[Any]] = []
 
         def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
             self.futures.append(super().submit(fn, *args, **kwargs))

@@ -1,9 +1,12 @@
 """``haptic-wall boundary`` over what is not known: quick, or refused in a sentence."""
 
+from typing import Any
+
 import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.theory import guaranteed
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
 from haptic_wall.controller.theory.ranges import Member, Ranges
 
@@ -36,9 +39,12 @@ def test_a_damping_from_nothing_on_is_no_range_of_many_decades(
 def test_what_is_known_already_is_not_proved_again(monkeypatch: pytest.MonkeyPatch) -> None:
     proofs = []
     prove = guaranteed.guaranteed_limit
-    monkeypatch.setattr(
-        guaranteed, "guaranteed_limit", lambda *given: proofs.append(given) or prove(*given)
-    )
+
+    def noted(*given: Any) -> FloatArray:
+        proofs.append(given)
+        return prove(*given)
+
+    monkeypatch.setattr(guaranteed, "guaranteed_limit", noted)
     ranges = Ranges((0.008, 0.016), (0.0117, 0.0117), (2e-3, 2e-3), (1.0, 1.0))
     costs = cost_of_each_unknown(ranges, Member(0.012, 0.0117, 2e-3), 0.01, 1e-3)
     assert len(proofs) == 2, "with the range of inertia, and without"

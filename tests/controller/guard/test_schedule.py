@@ -196,7 +196,8 @@ def shown(
     may_raise: bool = True,
 ) -> list[float]:
     """Show a repeated pattern of intervals [periods] for a while; when bins changed [periods]."""
-    passed, changes = 0.0, []
+    passed = 0.0
+    changes: list[float] = []
     for each in itertools.cycle(pattern):
         if passed >= periods:
             return changes

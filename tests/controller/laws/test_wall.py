@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.hw.settings import Side
 
 number = st.floats(-100, 100)
 
@@ -44,7 +45,7 @@ def test_below_is_above_in_the_mirror(position: float, velocity: float) -> None:
 
 
 @pytest.mark.parametrize("side", ["above", "below", "both"])
-def test_nan_comes_out_as_nan(side: str) -> None:
+def test_nan_comes_out_as_nan(side: Side) -> None:
     wall = Wall(10.0, 0.1, 0.0, side)
     assert math.isnan(wall.torque(math.nan, 0.0))
     assert math.isnan(Wall(10.0, 0.1, 0.0, side, 1.0).torque(math.nan, 0.0))

@@ -199,7 +199,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[int, set[int]]:
     """Answers of an input device by request: /dev/null, or a pipe, shall be one."""
     answers = {0x80044501: set(), 0x80604521: {SPACE, ENTER}, 0x80604518: {SPACE}}
 
-    def ioctl(_: int, request: int, buffer: bytes | array.array) -> int:
+    def ioctl(_: int, request: int, buffer: bytearray | array.array[int]) -> int:
         codes = answers[request]
         for code in codes:
             buffer[code // 8] |= 1 << code % 8

@@ -1,5 +1,7 @@
 """Who shares a core with the loop's bytes works when the loop has none under way."""
 
+import time
+
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import MonkeyPatch
@@ -15,7 +17,7 @@ def pause_ns(ended_ns: int, period_ns: int, wanted_ns: int) -> int:
     words = memoryview(bytearray(4096)).cast("q")
     words[Word.HEARTBEAT_NS] = ended_ns
     with MonkeyPatch.context() as patch:
-        patch.setattr(idle_window.time, "monotonic_ns", lambda: NOW_NS)
+        patch.setattr(time, "monotonic_ns", lambda: NOW_NS)
         return round(idle_window.until_idle_window(words, period_ns, wanted_ns * 1e-9) * 1e9)
 
 

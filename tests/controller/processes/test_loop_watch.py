@@ -4,6 +4,7 @@ import pytest
 
 from haptic_wall.controller.processes.loop_watch import END_S, REPORT_S, START_S, LoopWatch
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
+from tests.typed import not_none
 
 LOOK_S = 0.02
 HEARTBEAT_S = 0.1
@@ -40,7 +41,7 @@ def test_a_silent_loop_is_overdue_after_its_heartbeat() -> None:
     assert loop.after(10.0) is None
     loop.beats = False
     assert loop.after(HEARTBEAT_S) is None
-    assert "no sign of life for 0.1" in loop.after(2 * LOOK_S)
+    assert "no sign of life for 0.1" in not_none(loop.after(2 * LOOK_S))
 
 
 def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None:
@@ -51,7 +52,7 @@ def test_a_watcher_that_slept_gives_a_loop_that_slept_with_it_its_time() -> None
     loop.beats = False
     loop.now += 5.0
     assert loop.after(HEARTBEAT_S) is None, "one that does not come back has no more than that"
-    assert "no sign of life" in loop.after(2 * LOOK_S)
+    assert "no sign of life" in not_none(loop.after(2 * LOOK_S))
 
 
 @pytest.mark.parametrize("ask", ["stop", "bus"])
@@ -63,14 +64,14 @@ def test_a_loop_that_beats_but_does_not_end_when_asked_is_overdue(ask: str) -> N
     else:
         loop.watch.asked()
     assert loop.after(END_S) is None
-    assert "did not end within 2 s of being asked" in loop.after(3 * LOOK_S)
+    assert "did not end within 2 s of being asked" in not_none(loop.after(3 * LOOK_S))
 
 
 def test_a_loop_off_its_grid_has_time_to_read_torque_off_back_but_no_more() -> None:
     loop = Loop(LoopState.STOPPING)
     loop.beats = False
     assert loop.after(END_S - LOOK_S) is None
-    assert "of its last period" in loop.after(3 * LOOK_S)
+    assert "of its last period" in not_none(loop.after(3 * LOOK_S))
 
 
 @pytest.mark.parametrize("stop", [0, 1])
@@ -80,11 +81,11 @@ def test_a_loop_whose_torque_is_off_has_time_for_its_report(stop: int) -> None:
     loop.words[Word.STOP] = stop
     loop.beats = False
     assert loop.after(REPORT_S - LOOK_S) is None
-    assert "did not end within 15 s" in loop.after(3 * LOOK_S)
+    assert "did not end within 15 s" in not_none(loop.after(3 * LOOK_S))
 
 
 def test_a_loop_that_starts_has_no_heartbeat_yet_but_an_end() -> None:
     loop = Loop(LoopState.STARTING)
     loop.beats = False
     assert loop.after(START_S - LOOK_S) is None
-    assert "did not start" in loop.after(3 * LOOK_S)
+    assert "did not start" in not_none(loop.after(3 * LOOK_S))

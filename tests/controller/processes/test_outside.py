@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_wall.controller.processes.outside import Outside
-from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.hw.clock import SimulatedClock
 
 SECOND_NS = 1_000_000_000
@@ -44,7 +44,7 @@ def test_a_suspended_computer_ends_the_run(stage: Stage) -> None:
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert stage.outside.look()
     words = "the computer was suspended for 3 s"
-    assert stage.outside.verdict("interrupted") == ("trip:suspended", words)
+    assert stage.outside.verdict(End.INTERRUPTED) == ("trip:suspended", words)
 
 
 @pytest.mark.parametrize("noticed", [True, False])
@@ -67,7 +67,7 @@ def test_another_program_ends_the_run_by_name(stage: Stage) -> None:
     stage.users.now = "minicom (pid 7) has opened /dev/ttyUSB0"
     assert stage.outside.look()
     stage.users.now = ""  # gone by the time the run is over
-    assert stage.outside.verdict("interrupted") == (
+    assert stage.outside.verdict(End.INTERRUPTED) == (
         "trip:port_shared",
         "minicom (pid 7) has opened /dev/ttyUSB0",
     )
@@ -75,7 +75,7 @@ def test_another_program_ends_the_run_by_name(stage: Stage) -> None:
 
 def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage: Stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
-    reason, text = stage.outside.verdict("trip:torque_lost")
+    reason, text = stage.outside.verdict(Trip.TORQUE_LOST)
     assert reason == "trip:port_shared"
     assert "minicom (pid 7)" in text
     assert "torque_lost" in text
@@ -97,7 +97,7 @@ def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:
     stage = Stage(real=False)
     stage.clock.suspended_ns += 3 * SECOND_NS
     assert not stage.outside.look()
-    assert stage.outside.verdict("trip:losses_in_row") == ("trip:losses_in_row", "")
+    assert stage.outside.verdict(Trip.LOSSES_IN_ROW) == ("trip:losses_in_row", "")
     assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]
 
 

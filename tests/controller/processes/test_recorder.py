@@ -37,8 +37,8 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.telemetry = Telemetry.create()
-        self.told = []
-        self.recorders = []
+        self.told: list[str] = []
+        self.recorders: list[Child] = []
         self.monitor = RecorderMonitor(
             self.start, self.telemetry.words, self.told.append, time.monotonic()
         )
@@ -118,7 +118,7 @@ def test_a_log_that_can_never_be_written_is_told_and_holds_nothing_up(tmp_path: 
 def test_a_supervised_run_says_how_many_rows_its_log_lacks(tmp_path: Path) -> None:
     (tmp_path / "run.hwlog").symlink_to("/dev/full")
     config = load_config("simulated", ["loop.clock=monotonic"]).config
-    told = []
+    told: list[str] = []
     ended = run(Plan(config, 0.3, tmp_path / "run.hwlog", {}, None), told.append)
     (note,) = (warning for warning in ended.warnings if "it lacks" in warning)
     assert not_none(ended.lacking) > 0

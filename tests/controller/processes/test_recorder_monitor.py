@@ -34,10 +34,10 @@ class Child:
         log = LogWriter.resume(path, ROW) if resume else LogWriter(path, {}, ROW)
         self._recorder = Recorder(telemetry, log)
         self._words = telemetry.words
-        self._said = []
+        self._said: list[str] = []
         self.writes = True
         self.mortal = True
-        self.code = None
+        self.code: int | None = None
 
     def turn(self) -> None:
         if self.code is None and self.writes:
@@ -92,7 +92,7 @@ class TalkingChild(Child):
         self._words = telemetry.words
         self._capfd = capfd
         self.mortal = True
-        self.code = None
+        self.code: int | None = None
 
     def turn(self) -> None:
         if self.code is None:
@@ -112,14 +112,14 @@ class TalkingChild(Child):
 class Run:
     """A loop that writes a row each millisecond, a monitor that looks, on one simulated time."""
 
-    def __init__(self, folder: Path, child: Callable[..., object] = Child) -> None:
+    def __init__(self, folder: Path, child: Callable[..., Child] = Child) -> None:
         self._child = child
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.path = folder / "run.hwlog"
-        self.told = []
-        self.recorders = []
-        self.refused = None
+        self.told: list[str] = []
+        self.recorders: list[Child] = []
+        self.refused: OSError | None = None
         self.now = 0.0
         self.monitor = RecorderMonitor(self.start, self.words, self.told.append, self.now)
 

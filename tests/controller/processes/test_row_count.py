@@ -17,7 +17,7 @@ from haptic_wall.controller.settings.load import load_config
 class Run:
     def __init__(self, tmp_path: Path) -> None:
         self.telemetry = Telemetry.create()
-        self.told = []
+        self.told: list[str] = []
         plan = Plan(load_config("simulated", ()).config, None, tmp_path / "x", {}, None)
         self.count = RowCount(self.telemetry, plan, self.told.append)
 

@@ -10,7 +10,7 @@ from haptic_wall.controller.processes.run_report import explanation
 from haptic_wall.controller.settings.load import load_config
 
 
-def ended_by(trip: str, port: str, preset: str = "emulated-port") -> str:
+def ended_by(trip: str, port: str | Path, preset: str = "emulated-port") -> str | None:
     """What is said of a trip on a port."""
     servo = load_config(preset, [f"servo.port={port}"]).config.servo
     return explanation(Ended(f"trip:{trip}", None, ticks=0, missed=0), servo)

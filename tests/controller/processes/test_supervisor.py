@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -17,9 +17,10 @@ import pytest
 
 from haptic_wall.controller.processes import emulator, supervisor
 from haptic_wall.controller.processes.plan import Ended, Plan
+from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.run_report import exit_status, explanation, run_report
 from haptic_wall.controller.processes.supervisor import Supervisor
-from haptic_wall.controller.runtime.telemetry import LoopState, State, Telemetry, Word
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import ServoError
@@ -95,7 +96,7 @@ class Child:
             os.close(descriptor)
 
 
-CHILDREN = {}
+CHILDREN: dict[str, "Child"] = {}
 
 
 class Stage:
@@ -106,10 +107,10 @@ class Stage:
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.plan = Plan(config, None, folder / "run.hwlog", {}, None)
-        self.told = []
-        self.cuts = []
+        self.told: list[str] = []
+        self.cuts: list[int] = []
         self.confirmed = True
-        self.loop_acts = lambda loop: loop
+        self.loop_acts: Callable[[Child], object] = lambda loop: loop
         CHILDREN.clear()
         for module in (supervisor, emulator):
             monkeypatch.setattr(module, "Child", self.child)
@@ -211,7 +212,7 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.RUNNING, LoopState.STOPPING])
 def test_a_stop_before_the_first_tick_is_no_trip_however_slow_the_machine(
-    stage: Stage, state: State, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, state: LoopState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.loop_watch.END_S", 0.1)
     stage.words[Word.STOP] = 1
@@ -285,7 +286,7 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(
     assert stage.cuts == SILENT_AND_MARKED
 
 
-def refused(stage: Stage, state: State) -> str:
+def refused(stage: Stage, state: LoopState) -> str:
     """What a person is told when the loop refuses the run in that state."""
 
     def refuse(loop: Child) -> None:
@@ -305,7 +306,7 @@ def refused(stage: Stage, state: State) -> str:
     [(True, "the supervisor switched the torque off and read it back"), (False, "power off")],
 )
 def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
-    stage: Stage, state: State, confirmed: bool, words: str
+    stage: Stage, state: LoopState, confirmed: bool, words: str
 ) -> None:
     stage.confirmed = confirmed
     message = refused(stage, state)
@@ -315,7 +316,7 @@ def test_a_refused_start_whose_torque_is_not_known_to_be_off_is_cut(
 
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.TORQUE_OFF])
-def test_a_refused_start_without_torque_is_left_alone(stage: Stage, state: State) -> None:
+def test_a_refused_start_without_torque_is_left_alone(stage: Stage, state: LoopState) -> None:
     assert refused(stage, state) == "The servo answers no more: check the cable."
     assert stage.cuts == []
 
@@ -342,7 +343,7 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(
 def test_a_refused_start_tells_what_became_of_the_log(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(supervisor.RecorderMonitor, "end", lambda _: ["the log is incomplete"])
+    monkeypatch.setattr(RecorderMonitor, "end", lambda _: ["the log is incomplete"])
     assert "the log is incomplete" in refused(stage, LoopState.STARTING)
 
 

@@ -59,7 +59,7 @@ class Rehearsed:
 
 def rows_of(preset: str, *sets: str, warmed_up: bool) -> tuple[bytes, str, Any, Any]:
     config = load_config(preset, ("loop.clock=simulated", *sets)).config
-    ran = []
+    ran: list[object] = []
 
     def opener(settings: ServoSettings, clock: Clock, port: int | None) -> Any:
         servo = open_servo(settings, clock, port)
@@ -92,7 +92,7 @@ class Machine:
 
     def __init__(self) -> None:
         self.now = self.oversleeps_ns = 0
-        self.naps = []
+        self.naps: list[int] = []
 
     def monotonic_ns(self) -> int:
         self.now += 100
@@ -122,7 +122,7 @@ def made(machine: Machine, cost_ns: int | Callable[[], int], began: list[int]) -
 
 
 def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine: Machine) -> None:
-    began = []
+    began: list[int] = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
     waiter = SpinWaiter(50_000, warm_up)
@@ -139,7 +139,7 @@ def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine: Machine
 
 
 def test_without_the_time_it_needs_there_is_none(machine: Machine) -> None:
-    began = []
+    began: list[int] = []
     warm_up = made(machine, 60_000, began)
     assert warm_up.practise(500_000)
     need_ns = warm_up.need_ns
@@ -174,7 +174,7 @@ def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine: Machine) -
 
 def test_a_single_long_one_does_not_end_them(machine: Machine) -> None:
     costs = [40_000]
-    began = []
+    began: list[int] = []
     warm_up = made(machine, lambda: costs[0], began)
     assert warm_up.practise(200_000)
     before = warm_up.need_ns
@@ -184,7 +184,7 @@ def test_a_single_long_one_does_not_end_them(machine: Machine) -> None:
 
 
 def test_short_periods_and_waits_without_spinning_have_none(machine: Machine) -> None:
-    began = []
+    began: list[int] = []
     clock = MonotonicClock()
     for spin_ns, period_ns, wanted in (
         (50_000, PERIOD_NS, True),
@@ -229,7 +229,7 @@ class Mute:
 
 
 def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on() -> None:
-    said = []
+    said: list[str] = []
     config = load_config("simulated", ("loop.warm_up_s=0.01", "realtime.spin_us=50")).config
     result = run_session(
         config,

@@ -19,7 +19,7 @@ SERVO = DrivenLimits(LIMIT, COUNT, torque_limit=4.1, inertia=0.006, damping=0.00
 def fed(
     driven: DrivenSpeed,
     speeds: Sequence[float],
-    torque: Callable[..., object],
+    torque: Callable[[float, float], float],
     wall: Wall,
     start: float = 0.0,
     period: float = 1e-3,

@@ -50,7 +50,7 @@ def test_not_a_number_and_alert_trip() -> None:
     assert Safety(LIMITS).good(reading(0.0, 1, alert=True)) is Trip.HARDWARE_ERROR
 
 
-def silent(safety: Safety, period_ms: float, share: float = 0.8) -> tuple[float, int]:
+def silent(safety: Safety, period_ms: float, share: float = 0.8) -> tuple[object, int]:
     """From a good reading on all fail: when that trips, after so many [ms], and how many did."""
     safety.good(reading(0.0, 1000))
     for count in range(1, 1000):

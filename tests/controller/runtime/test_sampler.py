@@ -1,12 +1,13 @@
 """A position a period, its velocity over the time that really passed, and what a failure leaves."""
 
 import math
+from typing import cast
 
 import pytest
 
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
-from haptic_wall.hw.servo import Outcome, Reading
+from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 PERIOD_NS = 1_000_000
 
@@ -14,10 +15,10 @@ PERIOD_NS = 1_000_000
 class Replies:
     """A servo that gives the replies it was told to, and notes what it was asked."""
 
-    def __init__(self, *replies: object) -> None:
+    def __init__(self, *replies: Reading) -> None:
         self.replies = list(replies)
         self.requests = 0
-        self.deadlines = []
+        self.deadlines: list[int] = []
 
     def request(self) -> None:
         self.requests += 1
@@ -37,7 +38,7 @@ def failed(outcome: Outcome) -> Reading:
 
 def sampler(*replies: Reading, pipelined: bool = False) -> tuple[Sampler, Replies]:
     servo = Replies(*replies)
-    made = Sampler(servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined)
+    made = Sampler(cast(Servo, servo), BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined)
     return made, servo
 
 

@@ -240,7 +240,7 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
-    told = []
+    told: list[str] = []
 
     def tell(text: str) -> None:
         told.append(text)
@@ -263,7 +263,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("turns", [3, -3])
 def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
-    told = []
+    told: list[str] = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
     config = load_config(preset, [*sets, "servo.hand=none"]).config
     telemetry = Telemetry.create()
@@ -280,7 +280,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
-    told = []
+    told: list[str] = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
     config = load_config(preset, sets).config
     telemetry = Telemetry.create()
@@ -421,7 +421,7 @@ def test_a_dead_man_let_go_inside_the_wall(preset: str, more: tuple[str, ...], m
             telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
         plain(self, deadline_ns, woke_ns, missed)
 
-    let_go = []
+    let_go: list[int] = []
     monkeypatch.setattr(Tick, "run", run)
     sets = ("loop.clock=simulated", *more)
     result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
@@ -528,10 +528,21 @@ def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
-    sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
-    sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
-    sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
-    sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
+    sets: tuple[str, ...] = (
+        "loop.clock=simulated",
+        "wall.side=both",
+        "guard.mode=off",
+        "servo.hand=none",
+    )
+    sets = (
+        *sets,
+        "wall.damping=-0.1",
+        "servo.kick=0.5",
+        "servo.coulomb=0.001",
+        "wall.stiffness=0.3",
+    )
+    sets = (*sets, "model.coulomb={value: 0.5, low: 0, high: 0.5}")
+    sets = (*sets, "model.damping={value: 0.3, low: 0.01, high: 0.3}")
     result, rows = session("emulated-xm430", *sets)
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")

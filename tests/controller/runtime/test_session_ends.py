@@ -1,5 +1,6 @@
 """However a session fails, it is known whether torque is off; a run that was is reported."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -10,7 +11,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime import session
-from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.safety import End, Trip
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
@@ -23,7 +24,6 @@ from haptic_wall.hw.errors import (
     UnfitServoError,
 )
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Servo
 
 CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
 
@@ -35,9 +35,11 @@ class Scene:
         self.telemetry = Telemetry.create()
         self.words = self.telemetry.words
         self.sent = 0
+        self.opener: Callable[..., DynamixelServo] = self.open
 
-    def opener(self, *arguments: Any) -> Servo:
+    def open(self, *arguments: Any) -> DynamixelServo:
         servo = open_servo(*arguments)
+        assert isinstance(servo, DynamixelServo)
         self.line = servo._line
         self._read, self._write = self.line.read, self.line.write
         self.line.write = self.write
@@ -104,7 +106,7 @@ def test_a_start_that_fails_under_torque_does_not_call_it_off_unconfirmed(
 def test_a_check_that_fails_leaves_torque_known_to_be_off(scene: Scene) -> None:
     opener = scene.opener
 
-    def weak(*arguments: Any) -> Servo:
+    def weak(*arguments: Any) -> DynamixelServo:
         servo = opener(*arguments)
         scene.truth.memory["current_limit"] = 0
         return servo
@@ -118,7 +120,7 @@ def test_a_check_that_fails_leaves_torque_known_to_be_off(scene: Scene) -> None:
 def test_what_never_answered_was_never_driven(scene: Scene) -> None:
     opener = scene.opener
 
-    def unplugged(*arguments: Any) -> Servo:
+    def unplugged(*arguments: Any) -> DynamixelServo:
         servo = opener(*arguments)
         scene.go_deaf()
         return servo
@@ -132,7 +134,7 @@ def test_what_never_answered_was_never_driven(scene: Scene) -> None:
 def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene: Scene) -> None:
     opener = scene.opener
 
-    def exchanged(*arguments: Any) -> Servo:
+    def exchanged(*arguments: Any) -> DynamixelServo:
         servo = opener(*arguments)
         scene.truth.model = replace(scene.truth.model, number=2020)
         return servo
@@ -195,5 +197,6 @@ def test_a_log_tells_of_a_defect_after_the_run(
     ended = run(Plan(CONFIG, 0.1, tmp_path / "a.hwlog", {}, None), lambda _text: None)
     assert ended.stop_reason == Trip.INTERNAL_ERROR
     *_, end = LogReader(tmp_path / "a.hwlog").pieces()
+    assert isinstance(end, End)
     assert end.ended["stop_reason"] == ended.stop_reason
     assert "broken_report" in end.ended["message"]

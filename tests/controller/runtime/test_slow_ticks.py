@@ -1,7 +1,8 @@
 """Ticks that cost more than a period: the guard counts the interval that is really served."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,11 +13,10 @@ from haptic_wall.controller.runtime.session import Result, Surroundings, run_ses
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
-from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.servo import Facts
+from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings
-from haptic_wall.hw.simulated import SimulatedServo
 from tests.typed import not_none
 
 PERIOD = 1e-3
@@ -41,12 +41,10 @@ TWO_SIDED = (
 class SlowServo:
     """A simulated servo after whose ``write`` the tick goes on for some time."""
 
-    def __init__(
-        self, servo: SimulatedServo, clock: SimulatedClock, costs: Iterator[float]
-    ) -> None:
+    def __init__(self, servo: Servo, clock: SimulatedClock, costs: Iterator[float]) -> None:
         self._servo, self._clock, self._costs = servo, clock, costs
 
-    def __getattr__(self, name: str) -> Facts | Callable[..., object] | None:
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._servo, name)
 
     def write(self, torque: float) -> float:
@@ -63,8 +61,8 @@ def run(
     telemetry = Telemetry.create()
     clock = SimulatedClock()
 
-    def opener(settings: ServoSettings, clock: SimulatedClock, port: None) -> SlowServo:
-        return SlowServo(open_servo(settings, clock, port), clock, costs)
+    def opener(settings: ServoSettings, _: Clock, port: int | None) -> Servo:
+        return cast(Servo, SlowServo(open_servo(settings, clock, port), clock, costs))
 
     result = run_session(
         config, clock, telemetry, duration, surroundings=Surroundings(open_servo=opener)

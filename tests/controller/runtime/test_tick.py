@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading, Servo
 
 PERIOD_NS = 1_000_000
 LOST = object()
@@ -51,12 +51,12 @@ class ScriptedServo:
 
     facts = Facts("scripted", 0, torque_limit=5.0, torque_step=0.0)
 
-    def __init__(self, clock: SimulatedClock, positions: Iterable[float], age_ns: int = 0) -> None:
+    def __init__(self, clock: SimulatedClock, positions: Iterable[object], age_ns: int = 0) -> None:
         self.clock, self.positions, self.age_ns = clock, list(positions), age_ns
         self.bus = Bus()
-        self.sent = []
-        self.calls = []
-        self.deadlines = []
+        self.sent: list[float] = []
+        self.calls: list[str] = []
+        self.deadlines: list[int] = []
 
     def request(self) -> None:
         self.calls.append("request")
@@ -72,6 +72,7 @@ class ScriptedServo:
         began_ns = self.clock.now_ns()
         self.clock.wait_until(self.asked_ns + self.age_ns)
         self.bus.waited_ns = self.clock.now_ns() - began_ns
+        assert isinstance(position, float | int)
         return Reading(Outcome.OK, position, 0, self.asked_ns, math.nan, False)
 
     def write(self, torque: float) -> float:
@@ -95,7 +96,7 @@ class ScaledWatch(Watch):
 class Rig:
     def __init__(
         self,
-        positions: Iterable[float],
+        positions: Iterable[object],
         steps: int = 0,
         rungs: Sequence[Rung] | None = None,
         ages: Sequence[int] = (0,),
@@ -113,7 +114,7 @@ class Rig:
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
-                servo=self.servo,
+                servo=cast(Servo, self.servo),
                 law=self.wall,
                 sampler=Sampler(
                     self.servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined

@@ -7,6 +7,7 @@ import os
 import socket
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -21,20 +22,19 @@ from haptic_wall.controller.settings.load import (
     preset_names,
     preset_summary,
 )
-from haptic_wall.controller.settings.rules import Problem
 from haptic_wall.controller.settings.yaml_text import parse
 
 HARDWARE = "xm430-w350"
 
 
-def problems(source: str | Path, *sets: str) -> Sequence[Problem]:
+def problems(source: str | Path, *sets: str) -> Sequence[str]:
     with pytest.raises(ConfigError) as refused:
         load_config(str(source), sets)
     assert refused.value.exit_status == 2
     return refused.value.problems
 
 
-def only(source: str | Path, *sets: str) -> Problem:
+def only(source: str | Path, *sets: str) -> str:
     (problem,) = problems(source, *sets)
     return problem
 
@@ -75,7 +75,7 @@ def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path:
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_set_reads_every_way_a_number_is_written(number: float) -> None:
     for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
-        data = {}
+        data: dict[str, Any] = {}
         apply_set(data, f"a.b={text}")
         assert isinstance(data["a"]["b"], int | float)
         assert data["a"]["b"] == float(text)
@@ -84,7 +84,7 @@ def test_set_reads_every_way_a_number_is_written(number: float) -> None:
 @settings(deadline=None)
 @given(st.integers())
 def test_set_reads_whole_numbers_as_such(number: int) -> None:
-    data = {}
+    data: dict[str, Any] = {}
     apply_set(data, f"a.b={number}")
     assert data["a"]["b"] == number
     assert isinstance(data["a"]["b"], int)
@@ -120,7 +120,7 @@ def test_set_never_fails_but_with_a_message(text: str) -> None:
 def test_words_and_numbers_mean_what_they_look_like(
     text: str, value: str | float | dict[str, float] | None
 ) -> None:
-    data = {"a": {}}
+    data: dict[str, Any] = {"a": {}}
     assert apply_set(data, f"a.b={text}") == "a.b"
     assert data == {"a": {"b": value}}
 

@@ -151,7 +151,9 @@ class Page(HTMLParser):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.open, self.images, self.words = [], [], []
+        self.open: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.words: list[str] = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:

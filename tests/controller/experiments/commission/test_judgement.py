@@ -7,14 +7,14 @@ import pytest
 
 from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
-from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, Question, verdict
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 
 
-def question(name: str = "simulated", *sets: str) -> Question:
+def question(name: str = "simulated", *sets: str) -> GuardQuestion:
     return GuardQuestion.of(load_config(name, ["loop.clock=simulated", *sets]).config, None)
 
 

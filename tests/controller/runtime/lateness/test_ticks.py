@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -66,7 +66,7 @@ def readings() -> Readings:
 
 @pytest.fixture
 def ticks(readings: Readings) -> Iterator[LateTicks]:
-    with LateTicks(PLAIN, readings, PERIOD) as late:
+    with LateTicks(PLAIN, cast(CounterReader, readings), PERIOD) as late:
         late.begin(0)
         yield late
 
@@ -76,7 +76,12 @@ def serve(
 ) -> None:
     """A tick that woke ``overdue`` late, of which it waited ``delay`` for the core."""
     woke = deadline + overdue
-    facts = {"waiter": slept_until(woke), "bus_ns": 0, "replies_lost": 0, "missed": 0} | more
+    facts: dict[str, Any] = {
+        "waiter": slept_until(woke),
+        "bus_ns": 0,
+        "replies_lost": 0,
+        "missed": 0,
+    } | more
     readings.now = woke + 20_000 + facts["bus_ns"]
     readings.delay += delay
     ticks.late(deadline, woke, readings.now, **facts)
@@ -290,7 +295,7 @@ def block() -> None:
 
 def provoked(act: Callable[[], object]) -> set[str]:
     """What a loop in this thread calls the ticks in which it does something now and then."""
-    causes = set()
+    causes: set[str] = set()
     with LateTicks(PLAIN, CounterReader(max(os.sched_getaffinity(0))), PERIOD) as late:
         waiter = SpinWaiter(50_000)
         deadline = time.monotonic_ns() + PERIOD
@@ -313,7 +318,7 @@ def provoked(act: Callable[[], object]) -> set[str]:
 
 def provoked_until(cause: Cause, act: Callable[[], object]) -> set[str]:
     """Tried until a stall was called what it was; what any was called."""
-    causes = set()
+    causes: set[str] = set()
     for _ in range(20):
         causes |= provoked(act)
         if cause in causes:
@@ -371,7 +376,7 @@ def test_a_provoked_stall_is_called_by_its_name(act: Callable[[], None], cause: 
 
 @pytest.mark.realtime
 def test_another_process_on_the_core_is_called_so() -> None:
-    causes = set()
+    causes: set[str] = set()
     thread = threading.Thread(target=crowded_out, args=[causes])
     thread.start()
     thread.join()
