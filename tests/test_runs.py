@@ -21,8 +21,6 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
-from collections.abc import Iterator
-from typing import Any
 
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 PATIENT = [
@@ -42,7 +40,7 @@ pytestmark = pytest.mark.realtime
 
 
 @contextlib.contextmanager
-def started(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+def started(*arguments, cwd):
     process = subprocess.Popen(
         [*PROGRAM, *arguments],
         stdout=subprocess.PIPE,
@@ -62,12 +60,12 @@ def started(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextlib.contextmanager
-def emulator(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def emulator(folder, *arguments):
     with started("emulate", "--record", "witness.csv", *arguments, cwd=folder) as process:
         yield process, process.stdout.readline().strip()
 
 
-def children(pid: int) -> dict[str, int]:
+def children(pid):
     """The children of a process by the module they run."""
     found = {}
     tasks = Path(f"/proc/{pid}/task/{pid}/children")
@@ -82,7 +80,7 @@ def children(pid: int) -> dict[str, int]:
     return found
 
 
-def wait_for(condition: Callable[[], T], what: str, timeout_s: float=60.0) -> T:
+def wait_for(condition, what, timeout_s=60.0):
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if result := condition():
@@ -92,7 +90,7 @@ def wait_for(condition: Callable[[], T], what: str, timeout_s: float=60.0) -> T:
 
 
 @contextlib.contextmanager
-def ticking(*arguments: Any, cwd) -> dict[str, int]:
+def ticking(*arguments, cwd):
     """A run whose log holds more rows than the warm-up has, the wall is on; and its family.
 
     A start-up that a stalled machine has spoiled is tried again; a run that ends for another reason
@@ -115,7 +113,7 @@ def ticking(*arguments: Any, cwd) -> dict[str, int]:
         assert process.returncode == 4 and attempt < 2, f"ended by {process.returncode}: {said}"
 
 
-def shared_words(pid: int) -> memoryview[int]:
+def shared_words(pid):
     """The control words of the telemetry that a process holds."""
     for link in Path(f"/proc/{pid}/fd").iterdir():
         if "haptic-wall-telemetry" in str(link.readlink()):
@@ -123,17 +121,17 @@ def shared_words(pid: int) -> memoryview[int]:
     raise AssertionError(f"process {pid} holds no telemetry")
 
 
-def run_arguments(*more: str) -> list[str]:
+def run_arguments(*more):
     picture = () if "--plot" in more else ("--no-plot",)  # it takes most of a second
     return ["run", "emulated-xm430", "--log", "run.hwlog", *picture, "--json", *PATIENT, *more]
 
 
-def witness(folder: Path) -> list[dict[str, str]]:
+def witness(folder):
     with (folder / "witness.csv").open() as file:
         return list(csv.DictReader(file))
 
 
-def assert_torque_off(rows: list[dict[str, str]]) -> None:
+def assert_torque_off(rows) -> None:
     """The last the bus saw of torque: switched off, read back as off, and none acting."""
     torque_enable = [
         row
@@ -264,11 +262,11 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Makes a run that is refused, and gives the one message it leaves."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments: str, status: int=4) -> str:
+    def run(*arguments, status=4):
         capsys.readouterr()
         try:
             ended = cli.main(["run", *arguments, "--json"])
@@ -283,12 +281,12 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return run
 
 
-def on(port: str, *more: str) -> list[str]:
+def on(port, *more):
     words = [f"servo.port={port}", *more]
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused) -> None:
     assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
     with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
         assert "id 7" in refused(*on(port, "servo.id=7"))
@@ -302,7 +300,7 @@ def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused: C
         assert "1000000" in wrong_baud
 
 
-def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused) -> None:
     with emulator(tmp_path) as (_, port):
         arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot"]
         with ticking(*arguments, cwd=tmp_path) as (process, _):
@@ -353,7 +351,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 """
 
 
-def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def without_rights(tmp_path, *arguments):
     """A run as a user without real-time rights would have it."""
     command = [sys.executable, "-c", WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
     return subprocess.run(
@@ -382,7 +380,7 @@ def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path: 
 
 
 @contextlib.contextmanager
-def renewed(path: Path) -> Iterator[None]:
+def renewed(path):
     """Have the file renewed every 20 ms until told to stop."""
     stop = threading.Event()
 
@@ -411,7 +409,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path) -> None:
         control = shared_words(children(process.pid)["loop_process"])
         assert control[Word.HELD_NS] == 0, "existing is not enough"
 
-        def last_flags() -> int | None:
+        def last_flags():
             with contextlib.suppress(Exception):  # the last block may be half written
                 return int(read_log(path)[1]["flags"][-1])
 

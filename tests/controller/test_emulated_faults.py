@@ -17,6 +17,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
+from tests.typed import not_none
 
 EMULATED = "emulated-xm430"
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
@@ -103,8 +104,8 @@ def test_they_happen_on_the_bus_in_memory_as_the_seed_says() -> None:
     for seed in (0, 0, 1):
         found = simulated("servo.faults=corrupt:p=0.05,way=reply", f"servo.fault_seed={seed}")
         assert found.stop_reason == "duration"
-        counts.append((found.bus["corrupt"], found.bus["lost"]))
-        assert 0.02 < sum(counts[-1]) / found.bus["cycles"] < 0.09
+        counts.append((not_none(found.bus)["corrupt"], found.bus["lost"]))
+        assert 0.02 < sum(counts[-1]) / not_none(found.bus)["cycles"] < 0.09
     assert counts[0] == counts[1] != counts[2]
 
 

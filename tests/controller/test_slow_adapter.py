@@ -51,7 +51,11 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
         result = found.result
         assert result.stop_reason == "duration"
         assert result.torque_off
-        assert (not_none(result.bus)["lost"], result.bus["late"], result.bus["corrupt"]) == (
+        assert (
+            not_none(result.bus)["lost"],
+            not_none(result.bus)["late"],
+            result.bus["corrupt"],
+        ) == (
             0,
             0,
             0,

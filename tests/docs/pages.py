@@ -18,7 +18,7 @@ def name_of(page: Path) -> str:
 
 def commands() -> list[tuple[str, tuple[str, ...]]]:
     """Every distinct line of the ``sh`` blocks: the page it is first seen on, and its words."""
-    found: dict[str, str] = {}
+    found: dict[tuple[str, ...], str] = {}
     for page in PAGES:
         for block in re.findall(r"^ *```sh\n(.*?)^ *```", page.read_text(), re.S | re.M):
             for line in block.splitlines():

@@ -1,7 +1,7 @@
 """On made-up records of a run each broken promise is found, and none is invented."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from scripts.chaos.judge import (
     stalled,
 )
 from scripts.chaos.page import WATCHED, Hour, lines
-from scripts.chaos.run import ASKED, DID_NOT_START, Run
+from scripts.chaos.run import ASKED, DID_NOT_START, Course, Run
 from scripts.chaos.shots import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
 from scripts.chaos.verdict import growth, judge
 from scripts.studies import chaos
@@ -269,7 +269,7 @@ def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path: 
     said = f"{DID_NOT_START}: haptic-wall: The servo must not be driven as it is."
     run = Run(reason=said)
     (tmp_path / "witness.csv").touch()
-    judge(run, None, tmp_path, None, (), ())
+    judge(run, cast(Course, None), tmp_path, None, (), ())
     text = text_of(Hour(60.0, 1, [a_run(), run], whole=True))
     assert "1 refused to start" in text
     assert "must not be driven as it is" in text

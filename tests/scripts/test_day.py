@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.telemetry import ROW, Row
 from haptic_wall.hw.servo import Outcome
-from scripts.studies.day import PERIOD_NS, Passed, WatchedTelemetry, long_run, turning
+from scripts.soak import PERIOD_NS
+from scripts.studies.day import Passed, WatchedTelemetry, long_run, turning
 
 TICKS = 15_000
 

@@ -135,7 +135,7 @@ def test_the_tests_of_a_role_are_those_that_import_it() -> None:
 def test_a_watched_module_tells_which_statements_run(monkeypatch: pytest.MonkeyPatch) -> None:
     hits: set[str] = set()
     monkeypatch.setattr("builtins.mutant_hits", hits.add, raising=False)
-    names: dict[str, str] = {}
+    names: dict[str, Any] = {}
     exec(compile(watched("a.py", SOURCE), "a.py", "exec"), names)
     assert not hits
     counter = names["Counter"]()
@@ -223,7 +223,8 @@ def test_mutants_are_tried_in_a_copy(project: Path, tmp_path: Path, thorough: bo
     }
     if thorough:  # takes as long as a mutant may
         wanted["safety:far:sign:1"] = "timeout"
-    said, outcomes = [], {}
+    said: list[str] = []
+    outcomes: dict[str, Any] = {}
     workers = Workers(1, project, tmp_path)
     try:
         known = tmp_path / "known.json"

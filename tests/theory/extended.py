@@ -8,7 +8,7 @@ whether *all* of its zeros are inside of the unit circle (Schur and Cohn).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import mpmath
 import numpy as np
@@ -18,7 +18,8 @@ BITS = 640
 """Of the fixed-point numbers of the Schur-Cohn test: of two poles at 1 - 1e-15 and degree 64 the
 recursion loses about 130."""
 
-ExactNumber = mpmath.mpf
+ExactNumber: TypeAlias = Any
+"""An ``mpmath.mpf``"""
 
 
 class Wall(NamedTuple):

@@ -40,7 +40,7 @@ def random_settings(count: int, seed: int) -> dict[str, np.ndarray]:
 def loops(s: dict[str, np.ndarray], stiffness: np.ndarray, virtual: np.ndarray) -> list[Loop]:
     columns = (s["inertia"], s["damping"], stiffness, virtual, s["period"], s["delay"])
     return [
-        Loop(*map(float, row), samples=int(n))
+        Loop(*(float(x) for x in row), samples=int(n))
         for *row, n in zip(*columns, s["velocity_samples"], strict=True)
     ]
 

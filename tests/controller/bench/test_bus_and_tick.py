@@ -35,7 +35,7 @@ def row(time_s: float, event: str, instruction: int | None = None, fault: str = 
 
 class TestTorqueFrames:
     def test_a_late_frame_makes_one_interval_longer_and_the_next_one_shorter(self) -> None:
-        sent = 10.0 + 1e-3 * np.arange(2000)
+        sent = 10.0 + 1e-3 * np.arange(2000.0)
         sent[1000] += 30e-6
         found = intervals_us(sent, 9.0, 13.0, 2.0, 1000.0)
         assert np.sort(found)[[0, -1]] == pytest.approx([970.0, 1030.0], abs=1e-3)
@@ -50,7 +50,7 @@ class TestTorqueFrames:
 
     def test_only_the_loops_own_torques_count_and_not_those_of_its_start(self) -> None:
         start = 5.0 + 0.013 * np.arange(20)
-        own = 6.0 + 1e-3 * np.arange(2000)
+        own = 6.0 + 1e-3 * np.arange(2000.0)
         other = 9.0 + 1.7e-3 * np.arange(1000)
         sent = np.concatenate([start, own, other])
         found = intervals_us(sent, 4.9, 8.5, 2.0, 1000.0)
@@ -58,7 +58,7 @@ class TestTorqueFrames:
 
     def test_a_loop_that_hardly_ran_is_told_in_a_sentence(self) -> None:
         with pytest.raises(PlatformError, match="wanted about 750"):
-            intervals_us(10.5 + 1e-3 * np.arange(60), 10.0, 11.0, 1.0, 1000.0)
+            intervals_us(10.5 + 1e-3 * np.arange(60.0), 10.0, 11.0, 1.0, 1000.0)
         with pytest.raises(PlatformError, match="found 0 torque frames"):
             intervals_us(np.array([]), 10.0, 11.0, 1.0, 1000.0)
 

@@ -37,8 +37,8 @@ def watched(
 
 
 def cosine(hertz: float, amplitude: float, seconds: float, count: float = 0.0) -> FloatArray:
-    time = np.arange(round(seconds / PERIOD)) * PERIOD
-    position = amplitude * np.cos(math.tau * hertz * time)
+    time = np.arange(float(round(seconds / PERIOD))) * PERIOD
+    position: FloatArray = amplitude * np.cos(math.tau * hertz * time)
     return np.round(position / count) * count if count else position
 
 

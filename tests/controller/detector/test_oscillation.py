@@ -24,7 +24,7 @@ def free_oscillation(
     frequency: float, growth: float, amplitude: float, seconds: float, step: float = COUNT
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A free oscillation, and the torque that makes it by Newton's law, acting at once."""
-    t = np.arange(round(seconds / PERIOD)) * PERIOD
+    t = np.arange(float(round(seconds / PERIOD))) * PERIOD
     w = 2.0 * math.pi * frequency
     wave = amplitude * np.exp(growth * t)
     x = wave * np.cos(w * t)

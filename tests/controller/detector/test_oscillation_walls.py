@@ -103,8 +103,12 @@ def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> No
         replace(walls, coulomb=0.5 * count_commands),
     ):
         loops = Loops(some, np.full(1, 1.3 * COUNT))
-        positions = []
-        loops.run(8000, lambda loops=loops, to=positions: to.append(loops.bodies.position[0]))
+        positions: list[float] = []
+
+        def note(loops: Loops = loops, to: list[float] = positions) -> None:
+            to.append(loops.bodies.position[0])
+
+        loops.run(8000, note)
         sizes.append(np.ptp(positions[-1000:]) / 2 / COUNT)
     assert 0.5 < sizes[0] < 3.0
     assert sizes[1] < 0.5 * sizes[0]
@@ -154,10 +158,10 @@ def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(shar
     for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
         m, b, _, delay = wrong_beliefs(walls.size)[i].tolist()
         settings = DetectorSettings(T, m * M, b * B_SERVO, 0.0)
-        positions = trace.counts * COUNT
+        positions = trace.counts.astype(float) * COUNT
         wall = fitted_wall(positions, trace.torque, T)
         lag = float(walls.whole[i]) * T * delay
-        times = np.arange(positions.size) * T
+        times = np.arange(float(positions.size)) * T
         found = detect(times, positions, trace.torque, settings, lag=lag, wall=wall)
         alarm = round(found.first_alarm_s / T)
         assert np.abs(trace.position[: alarm + 1]).max() < 2.0 * kick[i]

@@ -64,7 +64,7 @@ def test_samples_that_are_missing_are_no_obstacle_unless_they_are_many() -> None
 
 
 def test_what_does_not_oscillate_tells_nothing() -> None:
-    times = np.arange(500) * T
+    times = np.arange(500.0) * T
     for positions in (times, 0.0 * times, np.full(500, math.nan)):
         assert fitted_servo(positions, 1.0 - 0.1 * times, T) is None
         assert fitted_servo(positions, 0.0 * times, T) is None

@@ -24,6 +24,7 @@ from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, peak
 from haptic_wall.controller.theory.checks import FloatArray
+from tests.typed import not_none
 
 BASE = (
     "loop.clock=simulated",
@@ -70,7 +71,7 @@ def test_a_deceived_guard_is_helped_by_reducing_the_wall(
     reduced: tuple[Ended, NDArray[np.void]],
 ) -> None:
     ended, rows = reduced
-    seen = ended.result["oscillation"]
+    seen = not_none(ended.result)["oscillation"]
     assert ended.stop_reason == "duration"
     assert seen["state"] in ("sustained", "growing")
     assert seen["reduced_to"]["stiffness"] < 0.6
@@ -95,10 +96,10 @@ def test_the_report_says_what_is_commanded_in_the_end_and_why(
     reduced: tuple[Ended, NDArray[np.void]],
 ) -> None:
     ended, rows = reduced
-    guard = ended.result["guard"]
+    guard = not_none(ended.result)["guard"]
     assert guard["commanded"]["stiffness"] == rows["stiffness"][-1]
     assert guard["commanded"]["stiffness"] == pytest.approx(
-        ALLOWED * ended.result["oscillation"]["reduced_to"]["stiffness"], rel=1e-3
+        ALLOWED * not_none(ended.result)["oscillation"]["reduced_to"]["stiffness"], rel=1e-3
     )
     assert any("reduced to" in reason for reason in guard["reasons"])
     json.dumps(ended.result, allow_nan=False)
@@ -117,7 +118,7 @@ def test_the_full_wall_comes_back_only_on_request(
     left = rows["stiffness"][-1]
     assert left < 0.6 * ALLOWED, "what an alarm took does not come back by itself"
     assert left == pytest.approx(
-        ALLOWED * ended.result["oscillation"]["reduced_to"]["stiffness"], rel=1e-3
+        ALLOWED * not_none(ended.result)["oscillation"]["reduced_to"]["stiffness"], rel=1e-3
     )
     telemetry = Telemetry.create()
 
@@ -140,12 +141,12 @@ def test_trip_ends_the_run_by_name(tmp_path: Path) -> None:
     ended, _ = play(tmp_path, *DECEIVED, "safety.on_oscillation=trip")
     assert ended.stop_reason == "trip:oscillation"
     assert exit_status(ended.stop_reason) == 3
-    assert ended.result["torque_off"]
+    assert not_none(ended.result)["torque_off"]
 
 
 def test_report_only_tells(tmp_path: Path) -> None:
     ended, rows = play(tmp_path, *DECEIVED, "safety.on_oscillation=report", duration=2.0)
-    assert ended.result["oscillation"]["first_alarm_s"] < 2.0
+    assert not_none(ended.result)["oscillation"]["first_alarm_s"] < 2.0
     assert np.all(rows["stiffness"] == rows["stiffness"][0])
 
 
@@ -156,8 +157,8 @@ def test_without_a_guard_it_always_trips(tmp_path: Path) -> None:
 
 def test_a_stable_wall_is_left_alone(tmp_path: Path) -> None:
     ended, rows = play(tmp_path, "servo.delay=0.002", "wall.stiffness=10")
-    assert ended.result["oscillation"]["first_alarm_s"] is None
-    assert ended.result["oscillation"]["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
+    assert not_none(ended.result)["oscillation"]["first_alarm_s"] is None
+    assert not_none(ended.result)["oscillation"]["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert rows["stiffness"][-1] == pytest.approx(ALLOWED, rel=1e-3)
 
 

@@ -19,9 +19,11 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
+from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
 
@@ -49,7 +51,7 @@ def test_a_linear_servo_has_the_exact_boundary(
     assert found.measured == pytest.approx(exact, rel=0.005)
     assert found.exact == pytest.approx(exact)
     assert found.delay_s == pytest.approx(delay)
-    assert found.uncertainty < 0.005 * exact
+    assert not_none(found.uncertainty) < 0.005 * exact
     assert found.reason is None
 
 
@@ -71,7 +73,7 @@ def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(
     assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
     assert found.onset_rad == pytest.approx(kick, rel=0.1)
     assert found.kick_rad == pytest.approx(kick)
-    assert found.measured > 1.5 * found.exact
+    assert not_none(found.measured) > 1.5 * found.exact
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,7 @@ def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     played = Testbed.play
-    losses = iter([ExperimentTrippedError("trip:losses_in_row", "check cable")])
+    losses = iter([ExperimentTrippedError(Trip.LOSSES_IN_ROW, "check cable")])
 
     def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
         done = played(bed, name, phases, steps)
@@ -140,7 +142,7 @@ def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
     found = search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
     assert len(found.trips) == 3
     assert found.measured is None
-    assert found.reason.startswith("given up after 3 trips: trip:overspeed at ")
+    assert not_none(found.reason).startswith("given up after 3 trips: trip:overspeed at ")
 
 
 def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
@@ -150,7 +152,7 @@ def test_three_losses_that_are_not_the_walls_end_the_search_and_are_no_figure(
 
     def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> NoReturn:
         played(bed, name, phases, steps)
-        raise ExperimentTrippedError("trip:losses_in_row", "check cable")
+        raise ExperimentTrippedError(Trip.LOSSES_IN_ROW, "check cable")
 
     monkeypatch.setattr(Testbed, "play", play)
     with pytest.raises(ExperimentTrippedError, match="check cable"):
@@ -179,7 +181,7 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
     monkeypatch.setattr(Testbed, "play", play)
     found = search(tmp_path, 0.02, 2, "servo.coulomb=4", "model.coulomb=0.09", kick=0.1)
     assert found.measured is None
-    assert max(centres) < 3.1 * found.kick_rad
+    assert max(centres) < 3.1 * not_none(found.kick_rad)
 
 
 @pytest.mark.parametrize("damping", [-0.005, 0.02, 3.0])

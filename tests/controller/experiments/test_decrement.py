@@ -62,9 +62,9 @@ def test_half_cycles_that_are_not_sound_are_left_out() -> None:
     assert {6, 10} <= set(found.number)
 
 
-@pytest.mark.parametrize("position", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
-def test_too_little_motion_gives_no_growth(position: list[float]) -> None:
-    position = np.array(position)
-    turns = turning_points(1e-3 * np.arange(position.size), position, 1e-3)
+@pytest.mark.parametrize("samples", [[], [0.1], [0.1, 0.1, 0.05, 0.02]])
+def test_too_little_motion_gives_no_growth(samples: list[float]) -> None:
+    position = np.array(samples, dtype=float)
+    turns = turning_points(1e-3 * np.arange(float(position.size)), position, 1e-3)
     found = growth(turns, np.ones(max(turns.time.size - 1, 0), dtype=bool))
     assert found.log_ratio.size == 0

@@ -21,11 +21,11 @@ def trial(
     start: float = KICK,
 ) -> Trial:
     """Amplitudes that follow A' = r A - f, with r and f such that LIMIT holds at KICK."""
-    amplitude = [start]
+    made = [start]
     for _ in range(12):
         ratio = np.exp(0.2 * np.log(stiffness / LIMIT)) * (1.0 + friction / KICK)
-        amplitude.append(ratio * amplitude[-1] - friction)
-    amplitude = np.maximum(amplitude, 1e-3) + noise * rng.standard_normal(13)
+        made.append(ratio * made[-1] - friction)
+    amplitude = np.maximum(made, 1e-3) + noise * rng.standard_normal(13)
     ratio = np.log(amplitude[1:] / amplitude[:-1])
     mean = np.sqrt(amplitude[1:] * amplitude[:-1])
     return Trial(stiffness, Growth(ratio, mean, np.arange(12)), 0.05, bool(ratio.mean() > 0))

@@ -10,12 +10,11 @@ import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.identify import identification
-from haptic_wall.controller.experiments.identify.bench import Bench
+from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
     Estimated,
     Identified,
-    UnidentifiableError,
     bounds_of,
     identify,
 )

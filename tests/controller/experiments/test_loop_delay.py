@@ -38,7 +38,7 @@ def config_of(*sets: str, preset: str = "simulated") -> Config:
 
 
 def shaken(config: Config, folder: Path, bursts: int = 3, seed: int = 0) -> Shaken:
-    limit = config.servo.torque_limit
+    limit = not_none(config.servo.torque_limit)
     shaking = plan_shaking(config, limit, config.delay.steps, bursts, seed)
     return shake(Testbed(config, folder), "steps", shaking)
 
@@ -125,7 +125,7 @@ def test_the_standard_error_is_honest(
 
 def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     config = config_of("servo.backlash=0.004", "servo.hand=none")
-    lost, stderr = lost_motion(shaken(config, tmp_path, bursts=6).fit)
+    lost, stderr = not_none(lost_motion(shaken(config, tmp_path, bursts=6).fit))
     assert lost == pytest.approx(0.004, abs=3 * stderr)
     assert stderr < 5e-4
 
@@ -139,8 +139,8 @@ def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> 
         preset="emulated-xm430",
     )
     fit = shaken(config, tmp_path, bursts=1).fit
-    gain = fit.acceleration * config.servo.inertia
-    error = fit.acceleration_stderr * config.servo.inertia
+    gain = fit.acceleration * not_none(config.servo.inertia)
+    error = fit.acceleration_stderr * not_none(config.servo.inertia)
     assert gain == pytest.approx(1.5 / (4.1 / 2.3), abs=3 * error)
     assert error < 0.02
 
@@ -204,7 +204,7 @@ def test_a_flexible_transmission_tells_no_lag(
     hertz: int,
     damping_ratio: float,
     load: float,
-    encoder: str,
+    encoder: Literal["output", "motor"],
 ) -> None:
     config = tried(monkeypatch, two_masses(hertz, damping_ratio, load, encoder))
     with pytest.raises(ExperimentFailedError, match="not that of a rigid servo and tells no lag"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ SMALL = (0.011951, 0.011692)
 """Inertia and damping of an MX-64"""
 
 
-def random_loops(seed: int, n: int) -> tuple[FloatArray, ...]:
+def random_loops(seed: int, n: int) -> tuple[Any, ...]:
     """Inertia, damping, B, T, delay and N at random, up to 0.9 of the damping ceiling."""
     rng = np.random.default_rng(seed)
     inertia, period = 10 ** rng.uniform(-3, 0, n), 10 ** rng.uniform(-3.5, -2, n)
@@ -104,7 +105,7 @@ def test_play_costs_stiffness_and_small_motion_most() -> None:
 
 
 def after_long(
-    loop: tuple[FloatArray, ...],
+    loop: tuple[FloatArray | float, ...],
     stiffness: FloatArray,
     kick: FloatArray | float,
     coulomb: FloatArray | float,
@@ -124,11 +125,13 @@ def after_long(
     loops = Loops(walls.take(order), kick[order])
     turn = int(np.max(2 * np.pi * np.sqrt(m / k) / period))
     largest = np.zeros(one.size)
+
+    def note() -> None:
+        np.maximum(largest, np.abs(loops.bodies.position), out=largest)
+
     with np.errstate(over="ignore", invalid="ignore"):
         loops.run((turns - 10) * turn)
-        loops.run(
-            10 * turn, lambda: np.maximum(largest, np.abs(loops.bodies.position), out=largest)
-        )
+        loops.run(10 * turn, note)
     found = np.empty(one.size)
     found[order] = largest
     return found / kick
@@ -210,7 +213,7 @@ def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero
     ],
 )
 def test_what_cannot_be_is_refused_by_name(given: dict[str, float], name: str) -> None:
-    values = {
+    values: dict[str, Any] = {
         "inertia": 0.01,
         "damping": 0.01,
         "virtual_damping": 0.0,

@@ -20,6 +20,7 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import append_end
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from tests.typed import not_none
 
@@ -92,7 +93,7 @@ CUT_SHORT = [
 ]
 
 
-def cut_short(monkeypatch: pytest.MonkeyPatch, lacking: int, warning: str) -> None:
+def cut_short(monkeypatch: pytest.MonkeyPatch, lacking: int | None, warning: str) -> None:
     def run_and_lose(plan: Plan, tell: Callable[[str], None]) -> Ended:
         return replace(run(plan, tell), warnings=[warning], lacking=lacking)
 
@@ -119,7 +120,7 @@ def test_a_warning_that_costs_no_row_spoils_no_measurement(
 
 
 def test_a_trip_comes_whole_out_of_another_process() -> None:
-    error = pickle.loads(pickle.dumps(ExperimentTrippedError("trip:overspeed", "too fast", "gap")))
+    error = pickle.loads(pickle.dumps(ExperimentTrippedError(Trip.OVERSPEED, "too fast", "gap")))
     assert (error.stop_reason, str(error), error.fault) == ("trip:overspeed", "too fast", "gap")
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.theory import guaranteed
-from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
 from haptic_wall.controller.theory.ranges import Member, Ranges
 
@@ -40,7 +39,7 @@ def test_what_is_known_already_is_not_proved_again(monkeypatch: pytest.MonkeyPat
     proofs = []
     prove = guaranteed.guaranteed_limit
 
-    def noted(*given: Any) -> FloatArray:
+    def noted(*given: Any) -> guaranteed.GuaranteedLimit:
         proofs.append(given)
         return prove(*given)
 

@@ -17,9 +17,10 @@ from haptic_wall.controller.guard.delay_parts import (
     DelayParts,
     shorter,
 )
+from haptic_wall.controller.guard.design import improvements
 from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Change, Improvement, improvements
+from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (

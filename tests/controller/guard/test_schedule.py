@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from haptic_wall.controller.guard.schedule import (
     RAISE_WINDOWS,
     RUN,
     BinFilter,
+    Decision,
     GainSchedule,
     age_bins_ns,
     inserted_delay,
@@ -35,7 +37,9 @@ class Ages:
 
     def __init__(self, percentile: float = 90.0) -> None:
         gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
-        self.made = GainSchedule([gains], AGES, [PERIOD], percentile, WINDOW)
+        self.made = GainSchedule(
+            [cast(Sequence[Decision], gains)], AGES, [PERIOD], percentile, WINDOW
+        )
 
     def observe(self, age: int, may_raise: bool) -> bool:
         return self.made.observe(age, PERIOD, may_raise)

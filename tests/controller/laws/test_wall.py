@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.hw.settings import Side
+from haptic_wall.controller.laws.wall import Side, Wall
 
 number = st.floats(-100, 100)
 

@@ -99,15 +99,18 @@ def test_a_cut_off_end_is_warned_about(tmp_path: Path, caplog: pytest.LogCapture
     assert not caplog.records
 
 
-def pieces(path: Path) -> tuple[list[int], list[Damage], list[End]]:
+def pieces(path: Path) -> tuple[list[int], list[Damage], list[dict[str, Any]]]:
     """The rows' numbers, the damage, and the ends that a log gives."""
-    numbers, damage, ends = [], [], []
+    numbers: list[int] = []
+    damage: list[Damage] = []
+    ends: list[dict[str, Any]] = []
     for piece in LogReader(path).pieces():
         if isinstance(piece, Damage):
             damage.append(piece)
         elif isinstance(piece, End):
             ends.append(piece.ended)
         else:
+            assert isinstance(piece, np.ndarray)
             np.testing.assert_array_equal(piece["position"], 0.1 * piece["seq"])
             numbers += piece["seq"].tolist()
     return numbers, damage, ends
@@ -145,7 +148,8 @@ def damaged(data: st.DataObject, content: bytes) -> tuple[bytes, list[tuple[int,
     if kind in ("zeros", "page"):
         other = np.zeros_like(hit)
     else:
-        other = hit ^ np.random.default_rng(data.draw(st.integers(0, 9))).integers(1, 256, hit.size)
+        noise = np.random.default_rng(data.draw(st.integers(0, 9))).integers(1, 256, hit.size)
+        other = (hit ^ noise).astype(np.uint8)
     changed = np.flatnonzero(other != hit) + start
     spans = [(int(changed[0]), int(changed[-1]) + 1)] if changed.size else []
     return content[:start] + other.astype(np.uint8).tobytes() + content[end:], spans
@@ -201,7 +205,8 @@ def test_blocks_in_any_order_give_each_row_at_most_once(
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     places = [table[k] for k in order]
     path.write_bytes(content[: table[0][1]] + b"".join(content[b:e] for _, b, e in places))
-    expected, late, twice = [], 0, 0
+    expected: list[int] = []
+    late = twice = 0
     for numbers, _, _ in places:
         if not expected or numbers[0] > expected[-1]:
             expected += numbers
@@ -214,6 +219,7 @@ def test_blocks_in_any_order_give_each_row_at_most_once(
         if isinstance(piece, Misplaced):
             left_out.append(piece)
         else:
+            assert isinstance(piece, np.ndarray)
             read += piece["seq"].tolist()
     assert read == expected
     # Of a block that is late, and then comes again, nothing is there before.
@@ -232,12 +238,13 @@ def test_joined_logs_are_read_one_after_the_other(
     path = tmp_path_factory.mktemp("log") / "a.hwlog"
     ends = data.draw(st.lists(st.integers(0, len(table)), min_size=1, max_size=4))
     path.write_bytes(b"".join(content[: table[end - 1][2] if end else table[0][1]] for end in ends))
-    read = [[]]
+    read: list[list[int]] = [[]]
     for piece in LogReader(path).pieces():
         if isinstance(piece, Head):
             assert piece.metadata["unit"] == "N·m"
             read.append([])
         else:
+            assert isinstance(piece, np.ndarray)
             read[-1] += piece["seq"].tolist()
     assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
 

@@ -3,12 +3,14 @@
 import math
 import tracemalloc
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.logs import detected as seen
 from haptic_wall.controller.logs import recordings as log_recording
 from haptic_wall.controller.logs import windows as log_windows
@@ -90,7 +92,7 @@ def test_memory_does_not_grow_with_the_log(logs: list[Path], tmp_path: Path, wor
 
     some = logs[:2] if work == "csv" else logs[1:]
     do(some[0])  # what is loaded and compiled on first use
-    short, long = (peak(lambda path=path: do(path)) for path in some)
+    short, long = (peak(partial(do, path)) for path in some)
     # The rows grow by 1.3 MB or more; what is held are a few blocks, and 1.3 MB for a summary.
     assert long < short + 0.3
 
@@ -141,7 +143,7 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(
     assert max(r.samples for r in found) <= 6_000 + 250 + 10_000
     parted = seen.detect_all(found, NOTHING)
     assert (parted.samples, parted.parts) == (whole.samples, whole.parts)
-    assert parted.state == whole.state >= seen.State.SUSTAINED
+    assert parted.state == whole.state >= State.SUSTAINED
     assert parted.first_alarm_s == pytest.approx(whole.first_alarm_s, abs=0.3)
     assert parted.frequency_hz == pytest.approx(whole.frequency_hz, rel=0.1)
     assert parted.amplitude == pytest.approx(whole.amplitude, rel=0.1)
@@ -152,7 +154,7 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(
 
 
 def test_shade_stays_simple_and_where_it_was() -> None:
-    time = np.arange(100_000) * 1e-3
+    time = np.arange(100_000.0) * 1e-3
     few = (time >= 20.0) & (time < 30.0)
     corners, heights = outline(time, few)
     assert corners.tolist() == [20.0, 20.0, 30.0, 30.0]

@@ -41,7 +41,7 @@ def write(path: Path, **columns: Iterable[float]) -> Path:
 
 
 def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
-    times = np.arange(2000) * 1e-3
+    times = np.arange(2000.0) * 1e-3
     counted = np.round(swing(times) / STEP) * STEP
     path = write(tmp_path / "a.csv", time_s=times, position_rad=counted, torque_nm=-counted)
     found = read_recording(path)
@@ -54,7 +54,7 @@ def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
 
 
 def test_columns_may_come_in_any_order_with_others_beside(tmp_path: Path) -> None:
-    times = np.arange(100) * 1e-3
+    times = np.arange(100.0) * 1e-3
     path = write(tmp_path / "a.csv", extra=times, position_rad=swing(times), time_s=times)
     found = read_recording(path)
     assert np.allclose(found.parts[0].positions, swing(times))
@@ -63,7 +63,7 @@ def test_columns_may_come_in_any_order_with_others_beside(tmp_path: Path) -> Non
 
 
 def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
-    times = np.arange(3000) * 1e-3
+    times = np.arange(3000.0) * 1e-3
     times = times[(times < 1.0) | (times >= 1.5)]
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     assert [part.times[0] for part in found.parts] == pytest.approx([0.0, 1.5])
@@ -71,7 +71,7 @@ def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
 
 
 def test_missing_positions_stay_missing(tmp_path: Path) -> None:
-    times = np.arange(1000) * 1e-3
+    times = np.arange(1000.0) * 1e-3
     positions = swing(times)
     positions[[10, 500, 501]] = math.nan
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=positions))
@@ -81,18 +81,18 @@ def test_missing_positions_stay_missing(tmp_path: Path) -> None:
 
 
 def test_missing_torques_are_held_and_told(tmp_path: Path) -> None:
-    times = np.arange(100) * 1e-3
+    times = np.arange(100.0) * 1e-3
     torques = np.full(100, 2.0)
     torques[[0, 50]] = math.nan
     path = write(tmp_path / "a.csv", time_s=times, position_rad=times, torque_nm=torques)
     found = read_recording(path)
-    assert not_none(found.parts)[0].torques[0] == 0.0
-    assert not_none(found.parts)[0].torques[50] == 2.0
+    assert not_none(not_none(found.parts))[0].torques[0] == 0.0
+    assert not_none(not_none(found.parts))[0].torques[50] == 2.0
     assert any("2 rows have no torque" in note for note in found.notes)
 
 
 def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path: Path) -> None:
-    times = np.arange(3000) * 1e-3 + RNG.uniform(-4e-4, 4e-4, 3000)
+    times = np.arange(3000.0) * 1e-3 + RNG.uniform(-4e-4, 4e-4, 3000)
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
     (part,) = found.parts
     assert found.period == pytest.approx(1e-3, rel=0.01)
@@ -112,7 +112,7 @@ def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path: Pa
 
 
 def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
-    times = np.arange(200) * 1e-3
+    times = np.arange(200.0) * 1e-3
     times[100] = 0.05
     times[150] = times[149]
     found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
@@ -121,7 +121,7 @@ def test_times_that_go_back_are_left_out_and_told(tmp_path: Path) -> None:
 
 
 def recording(start: float, samples: int, period: float = 1e-3, jitter: float = 0.0) -> FloatArray:
-    times = start + np.arange(samples) * period
+    times = start + np.arange(float(samples)) * period
     return times + RNG.uniform(-jitter, jitter, samples) * period
 
 

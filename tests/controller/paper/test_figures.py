@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from haptic_wall.controller.paper import boundaries, linear_error, lwr3
 from haptic_wall.controller.paper.curves import Curve, FigureData, write_csv
@@ -17,11 +16,11 @@ from tests.theory.oracles import Loop, radius
 
 
 @pytest.fixture(scope="module")
-def fig10() -> Figure:
+def fig10() -> FigureData:
     return linear_error.figure_10()
 
 
-def one(data: Figure, kind: str, **settings: Any) -> Curve:
+def one(data: FigureData, kind: str, **settings: Any) -> Curve:
     (curve,) = data.of_kind(kind, **settings)
     return curve
 
@@ -38,7 +37,7 @@ def on_the_edge(inertia: float, damping: float, period: float, delay: float, cur
 
 
 @pytest.mark.parametrize("figure", [boundaries.figure_3, boundaries.figure_5])
-def test_peaks(figure: Callable[..., object]) -> None:
+def test_peaks(figure: Callable[..., FigureData]) -> None:
     # delta = 1e-4, four digits; the paper states .686 and .144 for d = 0 and 1
     table = {0: 0.6864, 0.25: 0.3964, 0.5: 0.2670, 0.75: 0.1924, 1: 0.1445}
     table |= {1.5: 0.0908, 2: 0.0625, 3: 0.0348}
@@ -76,7 +75,7 @@ def test_figure_5_draws_the_eight_delays_from_the_origin_to_the_ceiling() -> Non
 
 @pytest.mark.parametrize("figure", [boundaries.figure_4, boundaries.figure_6])
 def test_zoomed_boundaries_start_at_minus_delta_along_the_straight_lines(
-    figure: Callable[..., object],
+    figure: Callable[..., FigureData],
 ) -> None:
     data = figure()
     delta = boundaries.DELTA
@@ -115,7 +114,7 @@ def test_the_axis_is_that_of_the_preset() -> None:
     assert servo.delay == lwr3.SHORT_DELAYS[0]
 
 
-def test_figure_10_marks_where_the_line_is_off(fig10: Figure) -> None:
+def test_figure_10_marks_where_the_line_is_off(fig10: FigureData) -> None:
     points = fig10.of_kind("error point")
     for point in points:
         delta, delay = point.settings["delta"], point.settings["delay_periods"]
@@ -130,7 +129,7 @@ def test_figure_10_marks_where_the_line_is_off(fig10: Figure) -> None:
 
 
 def test_figure_10_has_two_points_of_2_percent_for_three_samples_and_a_damped_device(
-    fig10: Figure,
+    fig10: FigureData,
 ) -> None:
     def found(delta: float, delay: float) -> dict[Any, float]:
         points = fig10.of_kind("error point", delta=delta, delay_periods=delay)

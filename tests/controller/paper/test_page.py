@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,21 +45,26 @@ class Page(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.links, self.images, self.ids, self.open = [], {}, [], []
-        self.tables, self.section, self.text = {}, None, []
+        self.links: list[str] = []
+        self.images: dict[str, Any] = {}
+        self.ids: list[str] = []
+        self.open: list[str] = []
+        self.tables: dict[Any, Any] = {}
+        self.section: Any = None
+        self.text: list[str] = []
 
-    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str]]) -> None:
-        attrs = dict(attrs)
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given: dict[str, Any] = dict(attrs)
         if tag not in ("meta", "img", "link"):
             self.open.append(tag)
-        if "id" in attrs:
-            self.ids.append(attrs["id"])
+        if "id" in given:
+            self.ids.append(given["id"])
         if tag == "section":
-            self.section = attrs["id"]
+            self.section = given["id"]
         elif tag == "a":
-            self.links.append(attrs["href"])
+            self.links.append(given["href"])
         elif tag == "img":
-            self.images[attrs["src"]] = attrs["alt"]
+            self.images[given["src"]] = given["alt"]
         elif tag == "table":
             self.tables[self.section] = []
         elif tag == "tr":

@@ -58,7 +58,7 @@ def test_it_wins_over_what_loop_and_servo_make_of_it(
     stage.clock.suspended_ns += 3 * SECOND_NS
     if noticed:
         assert stage.outside.look()
-    reason, text = stage.outside.verdict(f"trip:{trip}")
+    reason, text = stage.outside.verdict(Trip(f"trip:{trip}"))
     assert reason == "trip:suspended"
     assert text == f"the computer was suspended for 3 s; the run had ended by {trip}"
 
@@ -90,7 +90,7 @@ def test_what_it_cannot_have_caused_keeps_its_name(stage: Stage, reason: str) ->
 
 def test_a_start_that_is_refused_is_explained_too(stage: Stage) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
-    assert stage.outside.verdict("refused") == ("refused", stage.users.everywhere)
+    assert stage.outside.verdict(End.REFUSED) == ("refused", stage.users.everywhere)
 
 
 def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:

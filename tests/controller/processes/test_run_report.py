@@ -2,18 +2,23 @@
 
 import os
 from pathlib import Path
+from typing import cast
 
 import pytest
 
 from haptic_wall.controller.processes.plan import Ended
 from haptic_wall.controller.processes.run_report import explanation
+from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.load import load_config
+from tests.typed import not_none
 
 
-def ended_by(trip: str, port: str | Path, preset: str = "emulated-port") -> str | None:
+def ended_by(trip: str, port: str | Path, preset: str = "emulated-port") -> str:
     """What is said of a trip on a port."""
     servo = load_config(preset, [f"servo.port={port}"]).config.servo
-    return explanation(Ended(f"trip:{trip}", None, ticks=0, missed=0), servo)
+    ended = Ended(Trip(f"trip:{trip}"), cast(RunStatistics, None), ticks=0, missed=0)
+    return not_none(explanation(ended, servo))
 
 
 @pytest.mark.parametrize(

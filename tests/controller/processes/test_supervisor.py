@@ -24,6 +24,7 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import ServoError
+from tests.typed import not_none
 
 RESULT = {
     "stop_reason": "trip:overspeed",
@@ -50,8 +51,8 @@ class Child:
         self.pidfd, self._end = os.pipe()
         self.output, self._voice = os.pipe()
         os.set_blocking(self.output, False)
-        self.code = None
-        self.sent = []
+        self.code: int | None = None
+        self.sent: list[Any] = []
         CHILDREN[name] = self
 
     def say(self, event: str, **content: Any) -> None:
@@ -108,7 +109,7 @@ class Stage:
         self.words = self.telemetry.words
         self.plan = Plan(config, None, folder / "run.hwlog", {}, None)
         self.told: list[str] = []
-        self.cuts: list[int] = []
+        self.cuts: list[tuple[bool, int]] = []
         self.confirmed = True
         self.loop_acts: Callable[[Child], object] = lambda loop: loop
         CHILDREN.clear()
@@ -162,8 +163,8 @@ def test_a_hung_loop_is_killed_before_its_torque_is_cut(stage: Stage) -> None:
     ended, _ = stage.run()
     assert stage.cuts == SILENT_AND_MARKED
     assert ended.stop_reason == "trip:loop_hung"
-    assert "no sign of life for 0.1" in explanation(ended, stage.plan.config.servo)
-    assert "it was busy" in explanation(ended, stage.plan.config.servo)
+    assert "no sign of life for 0.1" in not_none(explanation(ended, stage.plan.config.servo))
+    assert "it was busy" in not_none(explanation(ended, stage.plan.config.servo))
 
 
 def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage: Stage) -> None:
@@ -171,8 +172,8 @@ def test_torque_that_cannot_be_read_back_as_off_is_never_called_off(stage: Stage
     stage.loop_acts = lambda loop: loop.end(1)
     ended, report = stage.run()
     assert report["torque_off"] is False
-    assert "switch the servo's power off" in explanation(ended, stage.plan.config.servo)
-    assert "switched the torque off" not in explanation(ended, stage.plan.config.servo)
+    assert "switch the servo's power off" in not_none(explanation(ended, stage.plan.config.servo))
+    assert "switched the torque off" not in not_none(explanation(ended, stage.plan.config.servo))
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
@@ -207,7 +208,7 @@ def test_a_loop_that_does_not_end_when_asked_is_ended(
     )
     ended, _ = stage.run()
     assert ended.stop_reason == "trip:loop_hung"
-    assert "being asked to" in explanation(ended, stage.plan.config.servo)
+    assert "being asked to" in not_none(explanation(ended, stage.plan.config.servo))
 
 
 @pytest.mark.parametrize("state", [LoopState.STARTING, LoopState.RUNNING, LoopState.STOPPING])

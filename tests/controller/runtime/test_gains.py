@@ -1,11 +1,12 @@
 """One owner of the commanded stiffness: along a ramp down, at once and only at rest up."""
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
 
 import pytest
 
-from haptic_wall.controller.guard.schedule import RUN, GainSchedule
+from haptic_wall.controller.guard.schedule import RUN, Decision, GainSchedule
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.gains import Gains
 
@@ -23,7 +24,9 @@ class Allowed(NamedTuple):
 def gains(*allowed: tuple[Any, ...], window: int = 100) -> tuple[Gains, Wall]:
     wall = Wall(0.0, 0.0, 0.0, "both", clip=2.0)
     decisions = [Allowed(*each) for each in allowed]
-    schedule = GainSchedule([decisions], AGES[: len(allowed)], [PERIOD_NS], 90.0, window)
+    schedule = GainSchedule(
+        [cast(Sequence[Decision], decisions)], AGES[: len(allowed)], [PERIOD_NS], 90.0, window
+    )
     return Gains(schedule, wall, RAMP, 5.0), wall
 
 

@@ -29,7 +29,7 @@ LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_
 LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
 
 
-def session(preset: str, *sets: str, duration: float=2.0, telemetry: Telemetry | None=None) -> tuple[SessionResult, NDArray[np.void]]:
+def session(preset, *sets, duration=2.0, telemetry=None):
     config = load_config(preset, sets).config
     telemetry = telemetry or Telemetry.create()
     result = run_session(config, SimulatedClock(), telemetry, duration)
@@ -37,14 +37,14 @@ def session(preset: str, *sets: str, duration: float=2.0, telemetry: Telemetry |
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
 
 
-def heights(rows: NDArray[np.void], wall: float=0.0) -> tuple[float, float]:
+def heights(rows, wall=0.0):
     """Largest distance from the wall in the first and in the last quarter."""
     distance = np.abs(rows["position"] - wall)
     quarter = len(distance) // 4
     return distance[:quarter].max(), distance[-quarter:].max()
 
 
-def run_command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_command(folder, *arguments):
     return subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *arguments],
         capture_output=True,
@@ -66,7 +66,7 @@ def call(arguments):
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_the_same_run_gives_the_same_log_to_the_byte(preset: str, tmp_path: Path) -> None:
+def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path: Path) -> None:
     logs = []
     for name, picture in (("a.hwlog", ["--plot", "p.png"]), ("b.hwlog", ["--no-plot"])):
         arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
@@ -108,7 +108,7 @@ def test_the_hand_feels_the_wall() -> None:
 
 @pytest.mark.parametrize("steps", [0, 3])
 @pytest.mark.parametrize("lag", [0.0, 0.0004])
-def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: float) -> None:
+def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag) -> None:
     inertia, damping, virtual = 0.011951, 0.011692, 0.03
     limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
     for factor, grows in ((0.97, False), (1.03, True)):
@@ -159,7 +159,7 @@ def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
-def test_rates_and_schedules_on_a_bus_in_memory(rate: int, schedule: str) -> None:
+def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule) -> None:
     result, rows = session(
         "emulated-xm430",
         "loop.clock=simulated",
@@ -181,7 +181,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
 ) -> None:
     from haptic_wall.hw.dynamixel.servo import DynamixelServo
 
-    def start(_: object) -> NoReturn:
+    def start(_) -> NoReturn:
         raise AssertionError("started")
 
     monkeypatch.setattr(DynamixelServo, "start", start)
@@ -195,7 +195,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
 def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     telemetry = Telemetry.create()
 
-    def stop(_: object) -> None:
+    def stop(_) -> None:
         telemetry.words[Word.STOP] = 1
 
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
@@ -207,14 +207,14 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
 
 
 @pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
-def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_period_is_a_tick_or_missed(stalled, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
     from haptic_wall.controller.runtime import tick
 
     plain = tick.Tick._follow_guard
     seen = []
 
-    def stalling(self: Tick, *args: Any, **kwargs: Any) -> Any:
+    def stalling(self, *args, **kwargs):
         seen.append(0)
         if len(seen) == stalled + 1:
             clock.wait_until(clock.now_ns() + 7_300_000)
@@ -240,9 +240,9 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
-    told: list[str] = []
+    told = []
 
-    def tell(text: str) -> None:
+    def tell(text) -> None:
         told.append(text)
         if "inside the wall" in text:
             telemetry.words[Word.STOP] = 1
@@ -262,8 +262,8 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("turns", [3, -3])
-def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
-    told: list[str] = []
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns) -> None:
+    told = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
     config = load_config(preset, [*sets, "servo.hand=none"]).config
     telemetry = Telemetry.create()
@@ -279,8 +279,8 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
-    told: list[str] = []
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset) -> None:
+    told = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
     config = load_config(preset, sets).config
     telemetry = Telemetry.create()
@@ -297,7 +297,7 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str
 
 
 @pytest.mark.parametrize("reference", ["absolute", "start"])
-def test_travel_trips(reference: str) -> None:
+def test_travel_trips(reference) -> None:
     position = 0.0 if reference == "absolute" else 0.1
     sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
     result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
@@ -352,7 +352,7 @@ def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> N
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset) -> None:
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
     assert result.wall_came_on
@@ -374,7 +374,7 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
 
 @pytest.mark.parametrize("friction", [0.0, 0.09])
 def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(
-    friction: float,
+    friction,
 ) -> None:
     """The push that proves the torque's sign moves it by some counts."""
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
@@ -390,7 +390,7 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
 
     plain, seen = DynamixelServo.collect, []
 
-    def leaving(self: Any, deadline_ns: int) -> Reading:
+    def leaving(self, deadline_ns):
         seen.append(0)
         reading = plain(self, deadline_ns)
         return reading._replace(position=0.4) if len(seen) > 500 else reading
@@ -406,13 +406,13 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
-def test_a_dead_man_let_go_inside_the_wall(preset: str, more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
     from haptic_wall.controller.runtime.tick import Tick
 
     plain, telemetry = Tick.run, Telemetry.create()
 
-    def run(self: Tick, deadline_ns: int, woke_ns: int, missed: int) -> None:
+    def run(self, deadline_ns, woke_ns, missed) -> None:
         depth = self.position
         if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
             let_go.append(self.ticks)
@@ -421,7 +421,7 @@ def test_a_dead_man_let_go_inside_the_wall(preset: str, more: tuple[str, ...], m
             telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
         plain(self, deadline_ns, woke_ns, missed)
 
-    let_go: list[int] = []
+    let_go = []
     monkeypatch.setattr(Tick, "run", run)
     sets = ("loop.clock=simulated", *more)
     result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
@@ -444,9 +444,9 @@ def test_a_dead_man_let_go_inside_the_wall(preset: str, more: tuple[str, ...], m
     [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
 )
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
-    side: str,
-    kick: float,
-    where: str,
+    side,
+    kick,
+    where,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -476,7 +476,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
 ) -> None:
     from haptic_wall.controller.runtime import tick
 
-    def broken(*_: object, **__: object) -> NoReturn:
+    def broken(*_, **__) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
@@ -492,7 +492,7 @@ def test_a_position_that_is_not_a_number_trips(monkeypatch: pytest.MonkeyPatch) 
     plain = DynamixelServo.collect
     seen = []
 
-    def broken(self: Any, deadline_ns: int) -> Reading:
+    def broken(self, deadline_ns):
         seen.append(0)
         reading = plain(self, deadline_ns)
         return reading._replace(position=math.nan) if len(seen) == 700 else reading
@@ -528,21 +528,10 @@ def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
-    sets: tuple[str, ...] = (
-        "loop.clock=simulated",
-        "wall.side=both",
-        "guard.mode=off",
-        "servo.hand=none",
-    )
-    sets = (
-        *sets,
-        "wall.damping=-0.1",
-        "servo.kick=0.5",
-        "servo.coulomb=0.001",
-        "wall.stiffness=0.3",
-    )
-    sets = (*sets, "model.coulomb={value: 0.5, low: 0, high: 0.5}")
-    sets = (*sets, "model.damping={value: 0.3, low: 0.01, high: 0.3}")
+    sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
+    sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
+    sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
+    sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
     result, rows = session("emulated-xm430", *sets)
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")

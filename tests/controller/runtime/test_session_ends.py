@@ -7,16 +7,18 @@ from typing import Any, NoReturn
 
 import pytest
 
+from haptic_wall.controller.logs.pieces import End
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime import session
-from haptic_wall.controller.runtime.safety import End, Trip
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import (
     ServoLostError,
     ServoMissingError,
@@ -40,10 +42,12 @@ class Scene:
     def open(self, *arguments: Any) -> DynamixelServo:
         servo = open_servo(*arguments)
         assert isinstance(servo, DynamixelServo)
-        self.line = servo._line
-        self._read, self._write = self.line.read, self.line.write
-        self.line.write = self.write
-        (self.truth,) = self.line.bus.servos
+        line = servo._line
+        assert isinstance(line, MemoryLine)
+        self.line = line
+        self._read, self._write = line.read, line.write
+        line.write = self.write  # type: ignore[method-assign]
+        (self.truth,) = line.bus.servos
         return servo
 
     def write(self, data: bytes) -> None:
@@ -52,7 +56,7 @@ class Scene:
 
     def go_deaf(self) -> None:
         """No reply comes through any more."""
-        self.line.read = lambda: self._read()[:0]
+        self.line.read = lambda: self._read()[:0]  # type: ignore[method-assign]
 
     def run(self) -> Result:
         return run_session(

@@ -137,7 +137,7 @@ def test_the_report_says_what_interval_was_counted_and_why() -> None:
         "every 1.5 ms instead of every 1 ms" in why for why in not_none(result.guard)["reasons"]
     )
     assert any("safety.max_missed" in text for text in result.warnings)
-    assert math.isclose(not_none(result.delay)["total"], result.delay["inserted"])
+    assert math.isclose(not_none(result.delay)["total"], not_none(result.delay)["inserted"])
 
 
 def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick() -> None:

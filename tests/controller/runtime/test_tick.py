@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import EngageLimits, Engagement
 from haptic_wall.controller.laws.velocity import BackwardDifference
@@ -107,17 +108,23 @@ class Rig:
         self.servo = ScriptedServo(self.clock, positions, age_ns)
         self.telemetry = Telemetry.create()
         rungs = rungs or [Rung(wall.get("stiffness", 10.0), wall.get("damping", 0.0), 0.0)]
-        self.schedule = GainSchedule([rungs], list(ages), [PERIOD_NS], 90.0, 100)
+        self.schedule = GainSchedule(
+            [cast(Sequence[Decision], rungs)], list(ages), [PERIOD_NS], 90.0, 100
+        )
         self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
         gains = Gains(self.schedule, self.wall, 50, ScriptedServo.facts.torque_limit)
         pipelined = wall.get("pipelined", False)
+        self.watch = ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0))
         self.tick = Tick(
             TickParts(
                 clock=self.clock,
                 servo=cast(Servo, self.servo),
                 law=self.wall,
                 sampler=Sampler(
-                    self.servo, BackwardDifference(1e-3), PERIOD_NS, pipelined=pipelined
+                    cast(Servo, self.servo),
+                    BackwardDifference(1e-3),
+                    PERIOD_NS,
+                    pipelined=pipelined,
                 ),
                 gains=gains,
                 ring=DelayRing(steps),
@@ -127,7 +134,7 @@ class Rig:
                 motion=MotionWatch(
                     self.wall,
                     gains,
-                    ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0)),
+                    self.watch,
                     DrivenSpeed(DrivenLimits(wall.get("driven", math.inf))),
                     None,
                     [0.0] * len(rungs),
@@ -230,7 +237,7 @@ def test_a_stall_before_a_tick_makes_no_false_velocity(pipelined: bool) -> None:
         rig.servo.asked_ns = rig.clock.now_ns()
         rig.servo.positions[0] = 10.0 * (rig.clock.now_ns() - 10**9) * 1e-9
 
-    rig.servo.request = at_request
+    rig.servo.request = at_request  # type: ignore[method-assign]
     at_request()
     on(rig).run(3)
     rig.clock.wait_until(rig.clock.now_ns() + 5_300_000)
@@ -362,8 +369,7 @@ def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest
 
 def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
     """The watch scales the wall from now on."""
-    watch = rig.tick._parts.motion.watch
-    watch.scale, watch.damping_scale = scale, damping_scale
+    rig.watch.scale, rig.watch.damping_scale = scale, damping_scale
     return rig
 
 
@@ -406,7 +412,7 @@ def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact
     reduced(rig, 0.25, 0.5).run(20)
     rig.telemetry.words[Word.RAISE] += 1
     rig.run(100)
-    assert rig.tick._parts.motion.watch.asked == 1
+    assert rig.watch.asked == 1
     assert set(rig.rows["stiffness"]) == {5.0}
     assert set(rig.rows["damping"]) == {0.01}
 

@@ -125,7 +125,7 @@ def test_the_guard_gets_the_wall_that_is_asked_for() -> None:
 
 def test_the_configuration_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="frozen"):
-        loaded("simulated").wall.stiffness = 3.0
+        loaded("simulated").wall.stiffness = 3.0  # type: ignore[misc]
 
 
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:

@@ -16,13 +16,14 @@ from haptic_wall.controller.experiments.commission import plan, steps
 from haptic_wall.controller.experiments.commission.sequence import run_steps
 from haptic_wall.controller.experiments.commission.steps import StepContext, StepResult
 from haptic_wall.controller.experiments.commission.store import CommissionStore, settings_of
-from haptic_wall.controller.experiments.identify.identification import UnidentifiableError
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
 from haptic_wall.controller.report.commission import picture
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from scripts.ordinary_servos import Effects, ordinary
@@ -179,7 +180,7 @@ def test_the_page_is_one_file_with_its_pictures_in_it(
     assert page.open == []
     assert len(page.images) == 5
     for image in page.images:
-        head, _, data = image["src"].partition(",")
+        head, _, data = not_none(image["src"]).partition(",")
         assert head == "data:image/png;base64" and image["alt"]
         assert base64.b64decode(data, validate=True).startswith(b"\x89PNG\r\n")
     assert "grid-template" not in text  # pictures side by side cannot be read
@@ -297,7 +298,7 @@ def test_without_a_model_only_what_needs_none_goes_on(
 def test_a_trip_ends_its_step_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trip = ExperimentTrippedError("trip:overspeed", "too fast")
+    trip = ExperimentTrippedError(Trip.OVERSPEED, "too fast")
     called = steps_taken(monkeypatch, {"delay": trip})
     status, report = report_of(tmp_path, capsys)
     assert status == 3
@@ -311,7 +312,7 @@ def test_a_trip_ends_its_step_alone(
 
 @pytest.mark.parametrize(
     "error",
-    [ServoLostError("it answers no more"), ExperimentTrippedError("trip:hardware_error", "hot")],
+    [ServoLostError("it answers no more"), ExperimentTrippedError(Trip.HARDWARE_ERROR, "hot")],
 )
 def test_nothing_moves_after_a_servo_was_lost(
     tmp_path: Path,

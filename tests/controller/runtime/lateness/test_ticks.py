@@ -182,7 +182,7 @@ def test_ticks_whose_replies_are_lost_count_as_late() -> None:
             1.0,
             surroundings=Surroundings(take_real_time=lambda: late),
         )
-    assert not_none(result.timing)["causes"] == {Cause.LOST: result.timing["late_ticks"]}
+    assert not_none(result.timing)["causes"] == {Cause.LOST: not_none(result.timing)["late_ticks"]}
     assert not_none(result.timing)["late_ticks"] >= 5
 
 
