@@ -57,7 +57,7 @@ def test_a_number_that_is_computed_with_may_always_matter() -> None:
 
 def test_every_number_is_tried_and_every_try_can_be_set() -> None:
     numbers = {f"{g}.{one.name}" for g in EVERY for one in fields(getattr(TUNING, g))}
-    tried = set()
+    tried: set[str] = set()
     for tries in (*map(without, EVERY), *map(scaled, EVERY), CRITERIA):
         for title, changed in tries.items():
             assert varied(changed) != TUNING, title
@@ -75,9 +75,14 @@ def test_every_number_is_tried_and_every_try_can_be_set() -> None:
         (((3, 0.5), (8, 0.6)), 1.5, ((3, 0.75), (8, 0.9))),
     ],
 )
-def test_a_number_is_scaled_as_its_kind_allows(value: float | tuple[tuple[int, float], tuple[int, float]], factor: float, other: float | tuple[tuple[int, float], tuple[int, float]]) -> None:
+def test_a_number_is_scaled_as_its_kind_allows(
+    value: float | tuple[tuple[int, float], ...],
+    factor: float,
+    other: float | tuple[tuple[int, float], ...],
+) -> None:
     scaled_value = leave_out._times(value, factor)
-    if isinstance(value, tuple):
+    if isinstance(scaled_value, tuple):
+        assert isinstance(other, tuple)
         assert [count for count, _ in scaled_value] == [count for count, _ in other]
         assert [g for _, g in scaled_value] == pytest.approx([g for _, g in other])
     else:
@@ -85,7 +90,9 @@ def test_a_number_is_scaled_as_its_kind_allows(value: float | tuple[tuple[int, f
 
 
 @pytest.mark.parametrize("name", [CASE, "kicks 2 0", "recordings 2 0"])
-def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(name, thorough: bool) -> None:
+def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(
+    name: str, thorough: bool
+) -> None:
     if name != CASE and not thorough:
         pytest.skip("seconds; --thorough runs it")
     plain, notes = leave_out.as_it_is(name)

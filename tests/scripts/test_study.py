@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -165,7 +166,7 @@ def test_each_study_has_its_place_on_a_page_and_says_what_it_takes(
     renewed(text, {part.name: [] for part in study.parts})
     assert f"scripts/study {name}" in text, "the page says what makes it again"
     with pytest.raises(SystemExit, match="0"):
-        run(study, name, module.__doc__, ["--help"])
+        run(study, name, module.__doc__ or "", ["--help"])
     assert f"scripts/study {name}" in capsys.readouterr().out
     assert all(part.row.__annotations__["return"] for part in study.parts)
 
