@@ -104,7 +104,7 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, lacking: int | None, warning: str
 def test_a_log_that_was_cut_short_is_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacking: int | None, warning: str
 ) -> None:
-    cut_short(monkeypatch, not_none(lacking), warning)
+    cut_short(monkeypatch, lacking, warning)
     with pytest.raises(UserError, match="so nothing is measured from it") as error:
         bed(tmp_path).play("it", [Phase(0.05)])
     assert warning in str(error.value)

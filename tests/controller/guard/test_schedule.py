@@ -14,12 +14,12 @@ from haptic_wall.controller.guard.schedule import (
     RAISE_WINDOWS,
     RUN,
     BinFilter,
-    Decision,
     GainSchedule,
     age_bins_ns,
     inserted_delay,
     interval_bins_ns,
 )
+from haptic_wall.controller.guard.types import Decision
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple, cast
 
 import pytest
 
-from haptic_wall.controller.guard.schedule import RUN, Decision, GainSchedule
+from haptic_wall.controller.guard.schedule import RUN, GainSchedule
+from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.gains import Gains
 
