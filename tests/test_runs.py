@@ -403,10 +403,9 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path) -> None:
     hold.touch()
     words = ["--hold", str(hold), "--set", "loop.warm_up_s=0.1", "--set", "servo.hand=none"]
     words += ["--set", "wall.side=both", "--set", "servo.kick=0.05"]
-    with started(*run_arguments(*words), cwd=tmp_path) as process:
+    with ticking(*run_arguments(*words), cwd=tmp_path) as (process, family):
         path = tmp_path / "run.hwlog"
-        wait_for(lambda: path.exists() and path.stat().st_size > 50_000, "a growing log")
-        control = shared_words(children(process.pid)["loop_process"])
+        control = shared_words(family["loop_process"])
         assert control[Word.HELD_NS] == 0, "existing is not enough"
 
         def last_flags():
