@@ -13,7 +13,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 import pytest
@@ -21,7 +24,9 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
+from tests.typed import not_none, status_of
 
+T = TypeVar("T")
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 PATIENT = [
     word
@@ -40,7 +45,7 @@ pytestmark = pytest.mark.realtime
 
 
 @contextlib.contextmanager
-def started(*arguments, cwd):
+def started(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         [*PROGRAM, *arguments],
         stdout=subprocess.PIPE,
@@ -55,19 +60,19 @@ def started(*arguments, cwd):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        process.stdout.close()
-        process.stderr.close()
+        not_none(process.stdout).close()
+        not_none(process.stderr).close()
 
 
 @contextlib.contextmanager
-def emulator(folder, *arguments):
+def emulator(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     with started("emulate", "--record", "witness.csv", *arguments, cwd=folder) as process:
-        yield process, process.stdout.readline().strip()
+        yield process, not_none(process.stdout).readline().strip()
 
 
-def children(pid):
+def children(pid: int) -> dict[str, int]:
     """The children of a process by the module they run."""
-    found = {}
+    found: dict[str, int] = {}
     tasks = Path(f"/proc/{pid}/task/{pid}/children")
     with contextlib.suppress(FileNotFoundError), tasks.open() as file:
         for child in file.read().split():
@@ -80,7 +85,11 @@ def children(pid):
     return found
 
 
-def wait_for(condition, what, timeout_s=60.0):
+def gone(pid: int) -> bool:
+    return not Path(f"/proc/{pid}").exists()
+
+
+def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60.0) -> T:
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if result := condition():
@@ -90,7 +99,7 @@ def wait_for(condition, what, timeout_s=60.0):
 
 
 @contextlib.contextmanager
-def ticking(*arguments, cwd):
+def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A run whose log holds more rows than the warm-up has, the wall is on; and its family.
 
     A start-up that a stalled machine has spoiled is tried again; a run that ends for another reason
@@ -99,7 +108,7 @@ def ticking(*arguments, cwd):
     path = cwd / "run.hwlog"
     enough = 700 * ROW.itemsize
 
-    def grown():
+    def grown() -> bool:
         return path.exists() and path.stat().st_size > enough
 
     for attempt in range(3):
@@ -109,11 +118,11 @@ def ticking(*arguments, cwd):
             if process.poll() is None:
                 yield process, children(process.pid)
                 return
-            said = process.stderr.read()
+            said = not_none(process.stderr).read()
         assert process.returncode == 4 and attempt < 2, f"ended by {process.returncode}: {said}"
 
 
-def shared_words(pid):
+def shared_words(pid: int) -> memoryview:
     """The control words of the telemetry that a process holds."""
     for link in Path(f"/proc/{pid}/fd").iterdir():
         if "haptic-wall-telemetry" in str(link.readlink()):
@@ -121,17 +130,17 @@ def shared_words(pid):
     raise AssertionError(f"process {pid} holds no telemetry")
 
 
-def run_arguments(*more):
+def run_arguments(*more: str) -> list[str]:
     picture = () if "--plot" in more else ("--no-plot",)  # it takes most of a second
     return ["run", "emulated-xm430", "--log", "run.hwlog", *picture, "--json", *PATIENT, *more]
 
 
-def witness(folder):
+def witness(folder: Path) -> list[dict[str, str]]:
     with (folder / "witness.csv").open() as file:
         return list(csv.DictReader(file))
 
 
-def assert_torque_off(rows) -> None:
+def assert_torque_off(rows: list[dict[str, str]]) -> None:
     """The last the bus saw of torque: switched off, read back as off, and none acting."""
     torque_enable = [
         row
@@ -231,7 +240,7 @@ def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path: Path) -> None:
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(output)["stop_reason"] == "interrupted"
-    assert not Path(f"/proc/{loop}").exists()
+    assert gone(loop)
     assert_torque_off(witness(tmp_path))
 
 
@@ -244,8 +253,8 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan
             process.kill()
             for pid in family.values():
-                wait_for(lambda pid=pid: not Path(f"/proc/{pid}").exists(), "the children's end")
-            assert "Traceback" not in process.stderr.read()
+                wait_for(partial(gone, pid), "the children's end")
+            assert "Traceback" not in not_none(process.stderr).read()
         bus.send_signal(signal.SIGTERM)
         bus.wait(timeout=30)
     assert_torque_off(witness(tmp_path))
@@ -261,17 +270,25 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     assert report["torque_off"] is False
 
 
+class Refused(Protocol):
+    """A run that must be refused, and its message."""
+
+    def __call__(self, *arguments: str, status: int = 4) -> str: ...
+
+
 @pytest.fixture
-def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Refused:
     """Makes a run that is refused, and gives the one message it leaves."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments, status=4):
+    def run(*arguments: str, status: int = 4) -> str:
         capsys.readouterr()
         try:
             ended = cli.main(["run", *arguments, "--json"])
         except SystemExit as left:
-            ended = left.code
+            ended = status_of(left)
         said = capsys.readouterr()
         assert ended == status
         assert json.loads(said.out)["exit_status"] == status
@@ -281,12 +298,12 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return run
 
 
-def on(port, *more):
+def on(port: str, *more: str) -> list[str]:
     words = [f"servo.port={port}", *more]
     return ["xm430-w350", *PATIENT, *BELIEF, *(w for s in words for w in ("--set", s))]
 
 
-def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused) -> None:
+def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused: Refused) -> None:
     assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
     with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
         assert "id 7" in refused(*on(port, "servo.id=7"))
@@ -300,7 +317,7 @@ def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused) -
         assert "1000000" in wrong_baud
 
 
-def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused) -> None:
+def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused: Refused) -> None:
     with emulator(tmp_path) as (_, port):
         arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot"]
         with ticking(*arguments, cwd=tmp_path) as (process, _):
@@ -329,7 +346,7 @@ def test_a_program_that_opens_the_port_in_mid_run_ends_it_by_name(tmp_path: Path
             subprocess.Popen(opener, stdin=subprocess.PIPE) as other,
         ):
             output, _ = process.communicate(timeout=60)
-            other.stdin.close()
+            not_none(other.stdin).close()
         assert process.returncode == 3
         report = json.loads(output)
         assert report["stop_reason"] == "trip:port_shared"
@@ -351,7 +368,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 """
 
 
-def without_rights(tmp_path, *arguments):
+def without_rights(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A run as a user without real-time rights would have it."""
     command = [sys.executable, "-c", WITHOUT_RIGHTS, *PROGRAM[1:], "run", "simulated", *arguments]
     return subprocess.run(
@@ -380,7 +397,7 @@ def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path: 
 
 
 @contextlib.contextmanager
-def renewed(path):
+def renewed(path: Path) -> Iterator[None]:
     """Have the file renewed every 20 ms until told to stop."""
     stop = threading.Event()
 
@@ -408,12 +425,13 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path) -> None:
         control = shared_words(family["loop_process"])
         assert control[Word.HELD_NS] == 0, "existing is not enough"
 
-        def last_flags():
+        def last_flags() -> int | None:
             with contextlib.suppress(Exception):  # the last block may be half written
                 return int(read_log(path)[1]["flags"][-1])
+            return None
 
         off = FLAG_WARM_UP | FLAG_OFF
-        assert last_flags() & FLAG_WARM_UP
+        assert not_none(last_flags()) & FLAG_WARM_UP
         for _ in range(2):
             with renewed(hold):
                 wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")

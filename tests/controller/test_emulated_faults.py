@@ -104,8 +104,9 @@ def test_they_happen_on_the_bus_in_memory_as_the_seed_says() -> None:
     for seed in (0, 0, 1):
         found = simulated("servo.faults=corrupt:p=0.05,way=reply", f"servo.fault_seed={seed}")
         assert found.stop_reason == "duration"
-        counts.append((not_none(found.bus)["corrupt"], found.bus["lost"]))
-        assert 0.02 < sum(counts[-1]) / not_none(found.bus)["cycles"] < 0.09
+        bus = not_none(found.bus)
+        counts.append((bus["corrupt"], bus["lost"]))
+        assert 0.02 < sum(counts[-1]) / bus["cycles"] < 0.09
     assert counts[0] == counts[1] != counts[2]
 
 

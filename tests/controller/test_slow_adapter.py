@@ -54,7 +54,7 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
         assert (
             not_none(result.bus)["lost"],
             not_none(result.bus)["late"],
-            result.bus["corrupt"],
+            not_none(result.bus)["corrupt"],
         ) == (
             0,
             0,

@@ -7,6 +7,7 @@ matrix exponential.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -28,6 +29,12 @@ class Loop(NamedTuple):
     delay: float
     samples: int = 1
     hand_stiffness: float = 0.0
+
+    @staticmethod
+    def of(row: Iterable[float], samples: float) -> Loop:
+        """A loop of the numbers in a row of an array, from the inertia to the delay."""
+        m, b, k, virtual, period, delay = map(float, row)
+        return Loop(m, b, k, virtual, period, delay, int(samples))
 
 
 def held(loop: Loop, time: float) -> tuple[Array, Array]:

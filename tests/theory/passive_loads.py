@@ -94,7 +94,7 @@ def aliases(wall: Wall, theta: float, count: int) -> tuple[Array, NDArray[np.com
 
     The loop is the sum of the weights, each times the admittance at its frequency.
     """
-    w = theta + 2 * np.pi * np.arange(-count, count + 1)
+    w = np.asarray(theta + 2 * np.pi * np.arange(-count, count + 1), np.float64)
     h = wall.stiffness + wall.virtual_damping * (1 - np.exp(-1j * theta))
     return w, -h * (1 - np.exp(-1j * theta)) * np.exp(-1j * w * wall.delay) / w**2
 

@@ -43,8 +43,8 @@ def test_poles_in_extended_precision_leave_the_circle_within_a_billionth(thoroug
     part = mpmath.mpf(10) ** -9
     with mpmath.workdps(DIGITS):
         rows = zip(delta, beta, delay, found.stiffness, found.frequency, strict=True)
-        for *wall, alpha, frequency in rows:
-            setting = Wall(*map(float, wall))
+        for d, b, late, alpha, frequency in rows:
+            setting = Wall(float(d), float(b), float(late))
             below = characteristic(setting, mpmath.mpf(float(alpha)) * (1 - part))
             above = characteristic(setting, mpmath.mpf(float(alpha)) * (1 + part))
             on_circle = cmath.exp(2j * np.pi * float(frequency))
@@ -69,8 +69,8 @@ def test_long_differences_and_heavy_damping_do_too(thorough: bool) -> None:
     alpha = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
     part = mpmath.mpf(10) ** -9
     with mpmath.workdps(DIGITS):
-        for *wall, limit in zip(delta, beta, delay, samples, alpha, strict=True):
-            setting = Wall(*map(float, wall[:3]), samples=int(wall[3]))
+        for d, b, late, n, limit in zip(delta, beta, delay, samples, alpha, strict=True):
+            setting = Wall(float(d), float(b), float(late), int(n))
             exact = mpmath.mpf(float(limit))
             assert all_inside(characteristic(setting, exact * (1 - part))), setting
             assert not all_inside(characteristic(setting, exact * (1 + part))), setting
@@ -135,12 +135,13 @@ def test_the_extended_precision_is_enough() -> None:
     delta, beta, delay = light_settings(40, seed=3)
     alpha = critical_stiffness(1.0, delta, beta, 1.0, delay)
     for side in (-1, 1):
-        for *wall, limit in zip(delta, beta, delay, alpha, strict=True):
+        for d, b, late, limit in zip(delta, beta, delay, alpha, strict=True):
+            setting = Wall(float(d), float(b), float(late))
             verdicts = []
             for digits, bits in ((DIGITS, 640), (150, 1600)):
                 with mpmath.workdps(digits):
                     exact = mpmath.mpf(float(limit)) * (1 + side * mpmath.mpf(10) ** -12)
-                    polynomial = characteristic(Wall(*map(float, wall)), exact)
+                    polynomial = characteristic(setting, exact)
                     verdicts.append(all_inside(polynomial, bits))
             assert verdicts == [side < 0, side < 0]
 

@@ -20,9 +20,10 @@ PERIOD = 1e-3
 def loop_with(
     hand: Hand, inertia: float, damping: float, wall: tuple[float, float], delay: float, n: int = 1
 ) -> Loop:
-    return Loop(
-        inertia + hand.mass, damping + hand.damping, *wall, PERIOD, delay, n, hand.stiffness
+    mass, damper, spring = (
+        float(np.asarray(each)) for each in (hand.mass, hand.damping, hand.stiffness)
     )
+    return Loop(inertia + mass, damping + damper, *wall, PERIOD, delay, n, spring)
 
 
 def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool) -> None:
@@ -89,13 +90,14 @@ def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
         big_b = random.uniform(-0.7, 0.7) * b
         k = 0.999 * float(passive_limit(b, big_b, PERIOD, delay))
         for _ in range(25):
+            mass = m * 10 ** random.uniform(-2, 3)
             hand = Hand(
-                m * 10 ** random.uniform(-2, 3),
+                mass,
                 b * 10 ** random.uniform(-3, 3) * float(random.integers(0, 2)),
                 k * 10 ** random.uniform(-3, 4),
             )
             assert is_stable(m, b, k, big_b, PERIOD, delay, hand)
-            if hand.mass > 5 * m:
+            if mass > 5 * m:
                 assert coupled_limit(m, b, big_b, PERIOD, delay, hand) > k
         everything = HandRange((0.0, 10.0), (0.0, 10.0), (0.0, 1e5))
         assert stable_hands(m, b, k, big_b, PERIOD, delay, everything).stable
@@ -144,7 +146,9 @@ def test_no_admittance_of_a_range_reaches_farther() -> None:
         a = np.array([complex(*random.normal(size=2))])
         r = np.sort(random.uniform(0.1, 2, 2))
         x = np.sort(random.normal(0, 2, 2))
-        each = np.real(a / (np.linspace(*r, 300)[:, None] + 1j * np.linspace(*x, 300)))
+        each = np.real(
+            a / (np.linspace(r[0], r[1], 300)[:, None] + 1j * np.linspace(x[0], x[1], 300))
+        )
         least = float(least_reach(a, (r[0], r[1]), x[:1], x[1:])[0])
         assert least <= each.min() + 1e-12
         assert least == pytest.approx(each.min(), rel=5e-3, abs=5e-3)

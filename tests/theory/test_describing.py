@@ -125,7 +125,9 @@ def predicted(
 # far above the limit, and far sooner with a damper: along the ray of (K, B) the boundary may then
 # be far away. Cycles of about a count are rough, because the samples fall where they fall.
 SPRINGS, DAMPERS = 0.0, 0.2  # of the ceiling
-CASES = {
+Pair = tuple[float, float]
+Effect = Coulomb | Saturation | Quantisation | Backlash
+CASES: dict[str, tuple[Effect, Pair, float, Pair, Pair]] = {
     "saturation": (Saturation(1.0), (1.05, 3.0), SPRINGS, (0.99, 1.15), (0.92, 1.01)),
     "saturation and damper": (Saturation(1.0), (1.05, 3.0), DAMPERS, (0.99, 1.7), (0.75, 1.01)),
     "backlash": (Backlash(4e-3), (0.3, 0.9), SPRINGS, (0.95, 1.05), (0.97, 1.01)),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from haptic_wall.controller.theory import (
     critical_point,
@@ -39,10 +40,7 @@ def random_settings(count: int, seed: int) -> dict[str, np.ndarray]:
 
 def loops(s: dict[str, np.ndarray], stiffness: np.ndarray, virtual: np.ndarray) -> list[Loop]:
     columns = (s["inertia"], s["damping"], stiffness, virtual, s["period"], s["delay"])
-    return [
-        Loop(*(float(x) for x in row), samples=int(n))
-        for *row, n in zip(*columns, s["velocity_samples"], strict=True)
-    ]
+    return [Loop.of(row, n) for *row, n in zip(*columns, s["velocity_samples"], strict=True)]
 
 
 def test_poles_leave_the_circle_exactly_at_the_critical_stiffness() -> None:
@@ -263,7 +261,8 @@ def test_shapes_broadcast_and_scalars_stay_scalars() -> None:
         ({"inertia": np.ones(2), "damping": np.ones(3)}, "the shapes must broadcast"),
     ],
 )
-def test_errors_name_the_argument(change: dict[str, object], message: str) -> None:
-    good = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0, "period": 1e-3, "delay": 0.0}
+def test_errors_name_the_argument(change: dict[str, ArrayLike], message: str) -> None:
+    good: dict[str, ArrayLike] = {"inertia": 1.0, "damping": 0.1, "virtual_damping": 0.0}
+    good |= {"period": 1e-3, "delay": 0.0}
     with pytest.raises(ValueError, match=message):
         critical_stiffness(**{**good, **change})

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import cast
+
 import numpy as np
 import pytest
 
@@ -39,7 +42,8 @@ def random_ranges(random: np.random.Generator) -> tuple[Ranges, float, float, in
     longest = shortest + random.choice([0, 1, random.uniform(0, 4)])
     samples = int(random.choice([1, 1, 1, 2, 3, 8]))
     gain = wide(0.8)
-    ceiling = max_virtual_damping(inertia, damping, period, longest * period, samples) / gain[1]
+    ceiling = float(max_virtual_damping(inertia, damping, period, longest * period, samples))
+    ceiling /= gain[1]
     virtual = random.choice([0, -0.95 * damping / gain[1] * random.random(), ceiling])
     ranges = Ranges(wide(inertia), wide(damping), (shortest * period, longest * period), gain)
     return ranges, float(virtual * 0.9 * random.random()), period, samples
@@ -80,15 +84,16 @@ def test_every_member_is_stable_up_to_the_limit_and_the_worst_is_not_above_it(
 ) -> None:
     random = np.random.default_rng(1)
     for _ in range(1000 if thorough else 25):
-        ranges, virtual, *rest = random_ranges(random)
-        found = guaranteed_limit(ranges, virtual, *rest)
+        ranges, virtual, period, samples = random_ranges(random)
+        found = guaranteed_limit(ranges, virtual, period, samples)
         assert 0 < found.stiffness <= found.upper
         assert 1 - found.stiffness / found.upper < 0.0101
         for member in [found.worst, *members(ranges, 10, random)]:
             # the limit itself, and now and then a softer wall
             share = random.choice([1.0, 1.0, random.random()])
-            assert radius(loop(member, share * found.stiffness, virtual, *rest)) < 1, member
-        assert radius(loop(found.worst, 1.005 * found.upper, virtual, *rest)) > 1
+            softer = loop(member, share * found.stiffness, virtual, period, samples)
+            assert radius(softer) < 1, member
+        assert radius(loop(found.worst, 1.005 * found.upper, virtual, period, samples)) > 1
 
 
 def test_the_least_safe_corner_is_not_always_the_worst() -> None:
@@ -221,9 +226,9 @@ def test_with_the_linear_limit_the_guards_corner_is_the_guaranteed_limit(thoroug
 def test_ranges_that_make_no_sense_name_the_argument(
     field: str, bounds: tuple[float, ...], message: str
 ) -> None:
-    good = {"inertia": (0.01, 0.02), "damping": (0.01, 0.02), "delay": (0.0, 1e-3)}
+    good = Ranges(inertia=(0.01, 0.02), damping=(0.01, 0.02), delay=(0.0, 1e-3))
     with pytest.raises(ValueError, match=message):
-        Ranges(**{**good, field: bounds})
+        replace(good, **{field: cast(tuple[float, float], bounds)})
 
 
 def test_other_arguments_out_of_their_domain_are_named() -> None:
@@ -232,7 +237,7 @@ def test_other_arguments_out_of_their_domain_are_named() -> None:
     with pytest.raises(ValueError, match="virtual_damping must be finite"):
         guaranteed_limit(MX_64, float("inf"), PERIOD)
     with pytest.raises(ValueError, match="virtual_damping must be one number"):
-        guaranteed_limit(MX_64, [0.0, 0.1], PERIOD)
+        guaranteed_limit(MX_64, cast(float, [0.0, 0.1]), PERIOD)
     with pytest.raises(ValueError, match="period must be > 0"):
         guaranteed_limit(MX_64, 0.1, 0.0)
     with pytest.raises(ValueError, match="velocity_samples must be a whole number"):

@@ -62,8 +62,7 @@ def test_restitution_equals_an_independent_contact() -> None:
     m, b, virtual, t, delay, n = random_walls(40, seed=1)
     stiffness = 0.9 * critical_stiffness(m, b, virtual, t, delay, n)
     loops = [
-        Loop(*map(float, row[:6]), samples=int(row[6]))
-        for row in zip(m, b, stiffness, virtual, t, delay, n, strict=True)
+        Loop.of(row[:6], row[6]) for row in zip(m, b, stiffness, virtual, t, delay, n, strict=True)
     ]
     # the oracle looks at the speed at samples and switches only: a device that leaves freely has
     # lost up to b T / m of its speed since the wall
@@ -99,7 +98,7 @@ def test_at_the_limit_no_device_comes_back_faster_and_a_tenth_above_it_some_do(
 
     def loops(factor: float) -> list[Loop]:
         rows = zip(m, b, factor * stiffness, virtual, t, delay, n, strict=True)
-        return [Loop(*map(float, row[:6]), samples=int(row[6])) for row in rows]
+        return [Loop.of(row[:6], row[6]) for row in rows]
 
     phases = np.array([1e-9, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0])
     # the computed limit is within 1e-4, and a ratio grows less than its stiffness does
@@ -126,7 +125,7 @@ def test_a_device_that_slows_down_outside_was_fast_when_it_left() -> None:
     exact = critical_stiffness(1.0, damping, virtual, 1.0, late, n)
     stiffness = np.where(limit > 0, limit * (1 - 1e-3), 0.01 * exact)
     loops = [
-        Loop(1.0, *map(float, row[:5]), samples=int(row[5]))
+        Loop.of((1.0, *row[:5]), row[5])
         for row in zip(damping, stiffness, virtual, np.ones(40), late, n, strict=True)
     ]
     # what the oracle sees of the speed is less than it was at the wall

@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.theory import linear_limit, passive_limit
 from tests.theory.oracles import Loop, radius
 from tests.theory.passive_loads import Wall, adverse_load, distance, random_load
 from tests.theory.passive_loads import radius as loaded_radius
+
+FloatArray = NDArray[np.float64]
 
 
 def test_without_delay_it_is_the_condition_of_colgate() -> None:
@@ -55,9 +58,10 @@ def greatest(function: Callable[[np.ndarray], np.ndarray], low: float, high: flo
 def test_whole_delays_meet_the_closed_formula(late: int, ratio: float) -> None:
     k = float(passive_limit(1.0, ratio, 1.0, late))
 
-    def needed(theta: np.ndarray) -> np.ndarray:
+    def needed(theta: FloatArray) -> FloatArray:
         by_spring = k / 2 * np.sin((late + 0.5) * theta) / np.sin(theta / 2)
-        return by_spring - ratio * np.cos((late + 1) * theta)
+        left: FloatArray = by_spring - ratio * np.cos((late + 1) * theta)
+        return left
 
     assert greatest(needed, 1e-6, np.pi) == pytest.approx(1, abs=1e-9)
 
@@ -67,7 +71,8 @@ def test_any_delay_meets_the_condition_angle_by_angle() -> None:
     theta = np.linspace(1e-4, np.pi, 20_001)
     back = np.exp(-1j * theta)
     for _ in range(40):
-        late, ratio, n = random.uniform(0, 8), random.uniform(-0.9, 0.9), random.integers(1, 4)
+        late, ratio = random.uniform(0, 8), random.uniform(-0.9, 0.9)
+        n = int(random.integers(1, 4))
         f = late % 1
         c = np.exp(1j * theta * f) * ((1 - f) + f * back)
 

@@ -24,13 +24,12 @@ def one(delta: float = 0.001, delay: float = 1.0, gain: float = 1.0) -> Servos:
 
 
 def wall(
-    servos: Servos, share: float = 0.1, of_limit: float = 0.8, **changes: float
+    servos: Servos, share: float = 0.1, of_limit: float = 0.8, position_step: float = STEP
 ) -> OneSidedWall:
     b, t_d = float(servos.damping[0]), float(servos.delay[0])
     damping = share * float(max_virtual_damping(M, b, T, t_d))
     stiffness = of_limit * float(one_sided_limit(M, b, damping, T, t_d))
-    settings = {"position_step": STEP, "torque_limit": 1e9} | changes
-    return OneSidedWall(stiffness, damping, T, **settings)
+    return OneSidedWall(stiffness, damping, T, position_step=position_step, torque_limit=1e9)
 
 
 def returned(

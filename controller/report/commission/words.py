@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from haptic_wall.controller.experiments.commission.report import INCOMPLETE, NOT_MEASURED
@@ -160,7 +160,7 @@ def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
         yield f"{said}: {ratio:.3f} of it." if off else f"{said}."
 
 
-def _boundary(points: list[Mapping[str, Any]], margin: float) -> Iterator[str]:
+def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
     measured = [point for point in points if point["measured"] is not None]
     if not measured:
         yield "No point of the boundary could be measured; the reasons stand with the points."

@@ -1,7 +1,7 @@
 """Contacts of made-up motions with a one-sided wall: duration, depth and apparent inertia."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import pytest
 from hypothesis import given
@@ -26,7 +26,7 @@ def bounces(
     lag: int = 0,
     gravity: float = 2.0,
     count: float = 0.0,
-) -> list[tuple[float, float]]:
+) -> Iterator[tuple[float, float]]:
     """A mass that falls onto a spring and comes back; yields depth and torque, at each sample.
 
     Args:

@@ -108,7 +108,7 @@ def test_rest_and_flicker_of_a_count_are_quiet() -> None:
     detector = Detector(settings())
     detector.stiffness = 10.0
     detector.balance.surface = 0.0
-    flicker = COUNT * (np.random.default_rng(1).random(5000) < 0.5)
+    flicker = np.where(np.random.default_rng(1).random(5000) < 0.5, COUNT, 0.0)
     assert watched(detector, flicker, -10.0 * flicker) is None
     assert detector.state == State.QUIET
     assert detector.amplitude == 0.0
@@ -210,7 +210,7 @@ class TestRecord:
         assert np.isfinite(found.amplitude).all()
 
     def test_lengths_and_order_are_checked(self) -> None:
-        t = np.arange(3) * PERIOD
+        t = PERIOD * np.array([0.0, 1.0, 2.0])
         with pytest.raises(ValueError, match="3 times, 2 positions"):
             detect(t, t[:2], None, settings())
         with pytest.raises(ValueError, match="do not increase"):

@@ -177,7 +177,8 @@ def test_the_measured_torque_is_believed_before_the_one_sent() -> None:
 
 def five_cycles(stiffness: float, rows: NDArray[np.void]) -> FloatArray:
     last = round(5e3 * math.tau * math.sqrt(0.011951 / stiffness))
-    return np.abs(rows["position"][: last + 1])
+    amplitudes: FloatArray = np.abs(rows["position"][: last + 1])
+    return amplitudes
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.7])

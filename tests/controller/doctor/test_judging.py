@@ -25,7 +25,7 @@ def replies(
     corrupt: int = 0,
     counts: tuple[int, int] = (2048, 2048),
 ) -> Replies:
-    return Replies(took_ns, in_row_ns, len(took_ns) + lost + corrupt, lost, corrupt, *counts)
+    return Replies(list(took_ns), in_row_ns, len(took_ns) + lost + corrupt, lost, corrupt, *counts)
 
 
 def held(timer_ns: int) -> Replies:

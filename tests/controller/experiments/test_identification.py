@@ -27,8 +27,8 @@ from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, P
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.plant import mechanism
 from haptic_wall.hw.plant.body import Pull, step
-from haptic_wall.hw.plant.mechanism import Mechanism
 from scripts.ordinary_servos import Effects, ordinary
 from tests.typed import not_none
 
@@ -182,8 +182,7 @@ def test_a_strong_spring_on_the_shaft_is_told(
         assert pull is None
         return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
 
-    monkeypatch.setattr("haptic_wall.hw.plant.mechanism.step", on_a_spring)
-    assert Mechanism  # whose step it is
+    monkeypatch.setattr(mechanism, "step", on_a_spring)
     try:
         found = identify(config_of(), tmp_path)
     except UnidentifiableError as error:

@@ -9,9 +9,10 @@ import pytest
 
 import haptic_wall.hw.simulated
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.delay import LoopDelay, Shaken, delay_report, measure_delay
+from haptic_wall.controller.experiments.delay import LoopDelay, delay_report, measure_delay
 from haptic_wall.controller.experiments.steps.shaken import (
     ExperimentFailedError,
+    Shaken,
     plan_shaking,
     shake,
 )

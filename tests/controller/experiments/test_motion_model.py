@@ -21,7 +21,7 @@ MS = 1_000_000
 def moved(
     true: TrueServo,
     torques: FloatArray,
-    jitter: FloatArray | None = None,
+    jitter: IntArray | None = None,
     ticks: IntArray | None = None,
 ) -> tuple[Motion, FloatArray]:
     """A mechanism under torques sent at each sample, or up to some time after it."""
@@ -46,7 +46,8 @@ def model(true: TrueServo) -> Parameters:
 
 def shown(motion: Motion, true: TrueServo, begin: int, end: int, speed: FloatArray) -> FloatArray:
     pieces = pieces_of(motion, [(begin, end)])
-    return simulated(pieces, model(true), np.array([[speed[begin]]]))[0, 0]
+    positions: FloatArray = simulated(pieces, model(true), np.array([[speed[begin]]]))[0, 0]
+    return positions
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0052])

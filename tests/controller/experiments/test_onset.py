@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -12,17 +12,19 @@ import pytest
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, split_delay
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.friction import onset_amplitude
 from scripts.nonlinear_walls import Motion
 from scripts.nonlinear_walls import Walls as AloneWalls
 
+T = TypeVar("T")
+FiveOf = tuple[T, T, T, T, T]
 COUNT = 2 * np.pi / 4096
 SMALL = (0.011951, 0.011692)
 """Inertia and damping of an MX-64"""
 
 
-def random_loops(seed: int, n: int) -> tuple[Any, ...]:
+def random_loops(seed: int, n: int) -> tuple[FiveOf[FloatArray], IntArray]:
     """Inertia, damping, B, T, delay and N at random, up to 0.9 of the damping ceiling."""
     rng = np.random.default_rng(seed)
     inertia, period = 10 ** rng.uniform(-3, 0, n), 10 ** rng.uniform(-3.5, -2, n)
@@ -32,7 +34,7 @@ def random_loops(seed: int, n: int) -> tuple[Any, ...]:
     samples = rng.integers(1, 4, n)
     ceiling = max_virtual_damping(inertia, damping, period, delay, samples)
     virtual = np.where(rng.random(n) < 0.1, -0.3 * damping, rng.uniform(0, 0.9, n) * ceiling)
-    return inertia, damping, virtual, period, delay, samples
+    return (inertia, damping, virtual, period, delay), samples
 
 
 def test_every_cell_of_the_papers_table_within_a_thousandth(thorough: bool) -> None:
@@ -49,14 +51,14 @@ def test_every_cell_of_the_papers_table_within_a_thousandth(thorough: bool) -> N
 
 
 def test_random_two_sided_walls_are_on_the_exact_boundary(thorough: bool) -> None:
-    *loop, samples = random_loops(3, 400 if thorough else 15)
+    loop, samples = random_loops(3, 400 if thorough else 15)
     found = simulated_critical_stiffness(*loop, velocity_samples=samples)
     # Turning points are taken from the speeds at the samples, which is not exact under friction.
     np.testing.assert_allclose(found, critical_stiffness(*loop, samples), rtol=2e-4)
 
 
 def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough: bool) -> None:
-    *loop, samples = random_loops(4, 200 if thorough else 30)
+    loop, samples = random_loops(4, 200 if thorough else 30)
     found = simulated_critical_stiffness(
         *loop, velocity_samples=samples, one_sided=True, tolerance=1e-3
     )
@@ -105,7 +107,7 @@ def test_play_costs_stiffness_and_small_motion_most() -> None:
 
 
 def after_long(
-    loop: tuple[FloatArray | float, ...],
+    loop: FiveOf[FloatArray | float],
     stiffness: FloatArray,
     kick: FloatArray | float,
     coulomb: FloatArray | float,
@@ -137,15 +139,27 @@ def after_long(
     return found / kick
 
 
-def both_sides(loop, share, found, kick, coulomb, play):
+def both_sides(
+    loop: FiveOf[FloatArray | float],
+    share: float,
+    found: FloatArray,
+    kick: FloatArray,
+    coulomb: FloatArray | float,
+    play: FloatArray | float,
+) -> list[FloatArray]:
     """The amplitudes this share below and above the critical stiffness, of one simulation."""
 
-    def twice(value):
+    def twice(value: FloatArray | float) -> FloatArray:
         return np.tile(np.broadcast_to(value, found.shape), 2)
 
     stiffness = np.concatenate([(1.0 - share) * found, (1.0 + share) * found])
-    loop = tuple(twice(value) for value in loop)
-    return np.split(after_long(loop, stiffness, twice(kick), twice(coulomb), twice(play)), 2)
+    m, b, virtual, period, delay = map(twice, loop)
+    return np.split(
+        after_long(
+            (m, b, virtual, period, delay), stiffness, twice(kick), twice(coulomb), twice(play)
+        ),
+        2,
+    )
 
 
 def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth() -> None:

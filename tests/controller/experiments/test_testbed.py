@@ -58,7 +58,7 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
 )
 def test_no_further_trial_follows_where_somebody_must_look_first(trip: str, gone: bool) -> None:
-    assert ExperimentTrippedError(f"trip:{trip}", "").gone is gone
+    assert ExperimentTrippedError(Trip(f"trip:{trip}"), "").gone is gone
 
 
 def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from haptic_wall.controller.guard.delay_parts import (
 from haptic_wall.controller.guard.design import improvements
 from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Change, Improvement
+from haptic_wall.controller.guard.reasons import Change, Improvement, LimitName
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (
@@ -185,11 +185,11 @@ def test_several_delays_at_once_give_what_each_gives_alone() -> None:
 
 
 def test_a_stiffness_of_nothing_has_no_factor() -> None:
-    improvement = Improvement("delay", 3.0, "exact", 0.1)
+    improvement = Improvement("delay", 3.0, LimitName.EXACT, 0.1)
     assert improvement.factor(2.0) == pytest.approx(1.5)
     assert improvement.factor(0.0) is None
     assert improvement.buys(0.0)
-    assert not Improvement("delay", 0.0, "exact", 0.1).buys(0.0)
+    assert not Improvement("delay", 0.0, LimitName.EXACT, 0.1).buys(0.0)
 
 
 def test_the_parts_of_a_delay_make_the_whole() -> None:

@@ -32,14 +32,17 @@ class Gains:
     delay: float
 
 
+def decisions_of(rows: list[list[Gains]]) -> Sequence[Sequence[Decision]]:
+    """The schedule hands out its decisions, and looks at their stiffness and delay alone."""
+    return cast(Sequence[Sequence[Decision]], rows)
+
+
 class Ages:
     """A schedule that is shown ages, at one tick a period."""
 
     def __init__(self, percentile: float = 90.0) -> None:
         gains = [Gains(100.0 / (1 + age / 1e5), age * 1e-9) for age in AGES]
-        self.made = GainSchedule(
-            [cast(Sequence[Decision], gains)], AGES, [PERIOD], percentile, WINDOW
-        )
+        self.made = GainSchedule(decisions_of([gains]), AGES, [PERIOD], percentile, WINDOW)
 
     def observe(self, age: int, may_raise: bool) -> bool:
         return self.made.observe(age, PERIOD, may_raise)
@@ -189,7 +192,7 @@ def test_where_replies_take_several_periods_the_bins_reach_three_of_them() -> No
 
 def intervals(window: int = 1000, run: int = 50, percentile: float = 90.0) -> GainSchedule:
     bins = interval_bins_ns(PERIOD)
-    rows = [[Gains(100.0 / k, 0.0)] for k in INTERVAL_BINS]
+    rows = decisions_of([[Gains(100.0 / k, 0.0)] for k in INTERVAL_BINS])
     return GainSchedule(rows, [0], bins, percentile, window, run)
 
 
@@ -271,7 +274,7 @@ def test_stalls_that_come_again_and_again_do() -> None:
 
 
 def test_both_bins_count_at_once() -> None:
-    rows = [[Gains(10.0 * a / k, a) for a in (2, 1)] for k in (1, 2)]
+    rows = decisions_of([[Gains(10.0 * a / k, a) for a in (2, 1)] for k in (1, 2)])
     subject = GainSchedule(rows, [0, 500_000], [PERIOD, 2 * PERIOD], 90.0, 1000, 50)
     for _ in range(200):
         subject.observe(400_000, 2 * PERIOD, may_raise=False)

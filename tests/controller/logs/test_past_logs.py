@@ -12,6 +12,7 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recordings import read_recordings
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.runtime.telemetry import ROW
+from tests.typed import not_none
 
 PAST = sorted((Path(__file__).parent / "past").glob("*.hwlog"))
 """40 ticks of a simulated wall, begun inside it: before there were phases, checksums, an end; with
@@ -57,7 +58,7 @@ def test_its_rows_are_those_that_were_written(
     rows = np.concatenate(list(LogRows.of(LogReader(log)).blocks()))
     assert rows.dtype == ROW
     assert rows["seq"].tolist() == list(range(40))
-    for name in raw.dtype.names:
+    for name in not_none(raw.dtype.names):
         np.testing.assert_array_equal(rows[name], raw[name])
     assert np.isnan(rows["measured_torque"]).all()
     (recording,) = read_recordings(log)

@@ -49,7 +49,7 @@ def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
     assert found.notes == ()
     (part,) = found.parts
     assert np.array_equal(part.positions, counted)
-    assert np.array_equal(part.torques, -counted)
+    assert np.array_equal(not_none(part.torques), -counted)
     assert found.known.position_step == pytest.approx(STEP, rel=1e-9)
 
 
@@ -86,8 +86,9 @@ def test_missing_torques_are_held_and_told(tmp_path: Path) -> None:
     torques[[0, 50]] = math.nan
     path = write(tmp_path / "a.csv", time_s=times, position_rad=times, torque_nm=torques)
     found = read_recording(path)
-    assert not_none(not_none(found.parts))[0].torques[0] == 0.0
-    assert not_none(not_none(found.parts))[0].torques[50] == 2.0
+    torques = not_none(found.parts[0].torques)
+    assert torques[0] == 0.0
+    assert torques[50] == 2.0
     assert any("2 rows have no torque" in note for note in found.notes)
 
 

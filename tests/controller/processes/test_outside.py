@@ -3,7 +3,7 @@
 import pytest
 
 from haptic_wall.controller.processes.outside import Outside
-from haptic_wall.controller.runtime.safety import End, Trip
+from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.hw.clock import SimulatedClock
 
 SECOND_NS = 1_000_000_000
@@ -81,8 +81,8 @@ def test_one_that_has_ended_the_run_before_it_was_seen_is_named(stage: Stage) ->
     assert "torque_lost" in text
 
 
-@pytest.mark.parametrize("reason", ["trip:oscillation", "trip:not_a_number", "duration"])
-def test_what_it_cannot_have_caused_keeps_its_name(stage: Stage, reason: str) -> None:
+@pytest.mark.parametrize("reason", [Trip.OSCILLATION, Trip.NOT_A_NUMBER, End.DURATION])
+def test_what_it_cannot_have_caused_keeps_its_name(stage: Stage, reason: StopReason) -> None:
     stage.users.everywhere = "minicom (pid 7) has opened /dev/ttyUSB0"
     stage.clock.suspended_ns += SECOND_NS
     assert stage.outside.verdict(reason) == (reason, "")

@@ -7,14 +7,14 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.file import LogWriter, read_log
-from haptic_wall.controller.processes import recorder, recorder_monitor
+from haptic_wall.controller.processes import children, recorder, recorder_monitor
 from haptic_wall.controller.processes.recorder import Recorder, _Attempts, may_stand_back
 from haptic_wall.controller.processes.recorder_monitor import STUCK_S, RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemetry, Word
@@ -121,7 +121,8 @@ class Run:
         self.recorders: list[Child] = []
         self.refused: OSError | None = None
         self.now = 0.0
-        self.monitor = RecorderMonitor(self.start, self.words, self.told.append, self.now)
+        start = cast(Callable[[bool], children.Child], self.start)
+        self.monitor = RecorderMonitor(start, self.words, self.told.append, self.now)
 
     def start(self, resume: bool) -> Child:
         if self.refused is not None:
@@ -226,7 +227,9 @@ def test_nobody_writes_beside_a_recorder_that_does_not_die(run: Run) -> None:
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
 
 
-def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run: Run) -> None:
+def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def crawl(self: Child) -> None:
         """A block of a few rows, then the processor is somebody else's."""
         recorder = self._recorder
@@ -234,7 +237,8 @@ def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(run: Run)
         recorder._log.append(block)
         recorder._count(block)
 
-    run.recorders[-1].turn = crawl.__get__(run.recorders[-1])
+    slow = run.recorders[-1]
+    monkeypatch.setattr(slow, "turn", lambda: crawl(slow))
     run.go(2.25, rows_per_s=CAPACITY // 4)
     run.go(STUCK_S + 0.5, rows_per_s=4)
     assert run.told == ["the recorder did not keep up for 10 s; another one goes on with the log"]
@@ -284,7 +288,11 @@ def talking(
 ) -> Run:
     """A run whose recorder syncs at each turn."""
     monkeypatch.setattr(recorder, "SYNC_S", 0.0)
-    return Run(tmp_path, lambda *of: TalkingChild(*of, capfd))
+
+    def child(telemetry: Telemetry, path: Path, resume: bool) -> TalkingChild:
+        return TalkingChild(telemetry, path, resume, capfd)
+
+    return Run(tmp_path, child)
 
 
 def failing(*_: object) -> NoReturn:

@@ -153,9 +153,8 @@ def test_a_dead_loop_has_its_torque_cut_and_its_end_told(stage: Stage) -> None:
     assert stage.cuts == SILENT_AND_MARKED
     assert exit_status(ended.stop_reason) == 3
     assert ended.stop_reason == "trip:loop_died"
-    assert "the loop's process ended with 1; the supervisor switched the torque off" in explanation(
-        ended, stage.plan.config.servo
-    )
+    said = not_none(explanation(ended, stage.plan.config.servo))
+    assert "the loop's process ended with 1; the supervisor switched the torque off" in said
     assert report["torque_off"] is True
 
 

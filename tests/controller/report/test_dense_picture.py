@@ -1,11 +1,11 @@
 """Lines drawn in pieces look like lines drawn whole."""
 
+import io
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -15,13 +15,13 @@ from haptic_wall.controller.report.dense_picture import PIECE, line
 def pixels(draw: Callable[[Axes], object]) -> NDArray[np.uint8]:
     """What is drawn on an empty square, as grey levels."""
     figure = Figure(figsize=(4, 4), dpi=100)
-    canvas = FigureCanvasAgg(figure)
     ax = figure.add_axes((0, 0, 1, 1))
     ax.axis("off")
     draw(ax)
     ax.set(xlim=(-100, 3 * PIECE), ylim=(-0.1, 1.1))
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:, :, 0]
+    image = io.BytesIO()
+    figure.savefig(image, format="rgba")
+    return np.frombuffer(image.getvalue(), np.uint8).reshape(400, 400, 4)[:, :, 0]
 
 
 @pytest.mark.parametrize("at", [*range(PIECE - 3, PIECE + 3), 2 * PIECE])

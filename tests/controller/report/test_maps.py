@@ -47,7 +47,7 @@ def test_the_theory_reaches_from_the_first_damping_to_the_last(
 def test_over_one_damping_the_theory_is_a_level_line(monkeypatch: pytest.MonkeyPatch) -> None:
     linear, exact, *_ = drawn(monkeypatch, [0.1]).lines
     for line in (linear, exact):
-        np.testing.assert_allclose(line.get_ydata(), 133.3, rtol=1e-3)
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), 133.3, rtol=1e-3)
         assert np.asarray(line.get_xdata()).tolist() == [0, 1]  # of the picture's width
 
 

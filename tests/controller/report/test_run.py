@@ -112,7 +112,7 @@ def test_one_look_tells_wall_torque_and_timing(
     assert velocity.get_ylabel() == "velocity [rad/s]"
     assert "missed: 2 ticks" in legend(timing)
     assert any(text.startswith("work (median 25") for text in legend(timing))
-    assert timing.get_xlim() == (0.0, pytest.approx(0.599))
+    assert timing.get_xlim() == pytest.approx((0.0, 0.599))
 
 
 def test_a_clamped_stiffness_is_in_the_title_and_drawn(

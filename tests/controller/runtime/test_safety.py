@@ -113,7 +113,7 @@ def test_the_value_that_trips_and_its_limit_are_kept_for_the_report() -> None:
     assert safety.found == pytest.approx((0.06, 0.05))
     safety = Safety(LIMITS)
     safety.good(reading(1.0, 1))
-    assert safety.found == ()
+    assert list(safety.found) == []
     safety.good(reading(0.9, 5))
     assert safety.found == pytest.approx((25.0, 10.0))
     safety.good(reading(1.0, 5))

@@ -10,9 +10,10 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.runtime.session import Surroundings, run_session
+from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
     FLAG_SATURATED,
@@ -21,15 +22,22 @@ from haptic_wall.controller.runtime.telemetry import (
     Telemetry,
     Word,
 )
+from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.servo import DynamixelServo
+from haptic_wall.hw.servo import Reading
+from tests.typed import not_none, status_of
 
+Rows = NDArray[np.void]
 LINEAR = ["servo.coulomb=0", "servo.hand=none", "wall.side=both", "servo.counts_per_rev=0"]
 LINEAR += ["servo.torque_step=0", "servo.torque_limit=100", "loop.clock=simulated"]
 
 
-def session(preset, *sets, duration=2.0, telemetry=None):
+def session(
+    preset: str, *sets: str, duration: float = 2.0, telemetry: Telemetry | None = None
+) -> tuple[Result, Rows]:
     config = load_config(preset, sets).config
     telemetry = telemetry or Telemetry.create()
     result = run_session(config, SimulatedClock(), telemetry, duration)
@@ -37,14 +45,14 @@ def session(preset, *sets, duration=2.0, telemetry=None):
     return result, rows[(rows["flags"] & FLAG_WARM_UP) == 0]
 
 
-def heights(rows, wall=0.0):
+def heights(rows: Rows, wall: float = 0.0) -> tuple[float, float]:
     """Largest distance from the wall in the first and in the last quarter."""
     distance = np.abs(rows["position"] - wall)
     quarter = len(distance) // 4
     return distance[:quarter].max(), distance[-quarter:].max()
 
 
-def run_command(folder, *arguments):
+def run_command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *arguments],
         capture_output=True,
@@ -55,18 +63,18 @@ def run_command(folder, *arguments):
     )
 
 
-def call(arguments):
+def call(arguments: list[str]) -> int:
     try:
         return cli.main(arguments)
     except SystemExit as ended:
-        return ended.code
+        return status_of(ended)
     finally:
         gc.enable()  # a run switches it off
         gc.unfreeze()
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_the_same_run_gives_the_same_log_to_the_byte(preset, tmp_path: Path) -> None:
+def test_the_same_run_gives_the_same_log_to_the_byte(preset: str, tmp_path: Path) -> None:
     logs = []
     for name, picture in (("a.hwlog", ["--plot", "p.png"]), ("b.hwlog", ["--no-plot"])):
         arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
@@ -108,7 +116,7 @@ def test_the_hand_feels_the_wall() -> None:
 
 @pytest.mark.parametrize("steps", [0, 3])
 @pytest.mark.parametrize("lag", [0.0, 0.0004])
-def test_motion_decays_below_the_exact_limit_and_grows_above(steps, lag) -> None:
+def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: float) -> None:
     inertia, damping, virtual = 0.011951, 0.011692, 0.03
     limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
     for factor, grows in ((0.97, False), (1.03, True)):
@@ -132,7 +140,7 @@ def test_the_guard_keeps_an_absurd_wall_stable() -> None:
     result, rows = session(
         "simulated", *LINEAR, "wall.stiffness=1e9", "wall.damping=0.03", "servo.kick=0.01"
     )
-    guard = result.guard
+    guard = not_none(result.guard)
     assert guard["requested"]["stiffness"] == 1e9
     assert guard["commanded"]["stiffness"] == pytest.approx(0.8 * guard["limit"]["exact"], rel=1e-3)
     first, last = heights(rows)
@@ -151,15 +159,20 @@ def test_the_guard_can_be_wrong_when_the_belief_is() -> None:
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
     _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
     result, bus = session("emulated-xm430", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
-    assert result.bus["lost"] == result.bus["late"] == result.bus["corrupt"] == 0
-    assert 0.0 < result.delay["measured"] < 0.5e-3
+    assert (
+        not_none(result.bus)["lost"]
+        == not_none(result.bus)["late"]
+        == not_none(result.bus)["corrupt"]
+        == 0
+    )
+    assert 0.0 < not_none(result.delay)["measured"] < 0.5e-3
     assert bus["position"].max() == pytest.approx(plain["position"].max(), abs=0.01)
     assert bus["torque"].min() == pytest.approx(plain["torque"].min(), rel=0.05)
 
 
 @pytest.mark.parametrize("rate", [250, 500, 1000])
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
-def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule) -> None:
+def test_rates_and_schedules_on_a_bus_in_memory(rate: int, schedule: str) -> None:
     result, rows = session(
         "emulated-xm430",
         "loop.clock=simulated",
@@ -168,7 +181,7 @@ def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule) -> None:
     )
     assert result.stop_reason == "duration"
     assert result.ticks == 2 * rate
-    assert result.bus["lost"] == result.bus["late"] == 0
+    assert not_none(result.bus)["lost"] == not_none(result.bus)["late"] == 0
     ages = rows["age_ns"] * rate / 1e9
     if schedule == "pipelined":
         assert np.all((ages > 0.9) & (ages < 1.2)), "a period old, and counted"
@@ -179,9 +192,7 @@ def test_rates_and_schedules_on_a_bus_in_memory(rate, schedule) -> None:
 def test_a_stop_before_the_start_never_switches_the_torque_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from haptic_wall.hw.dynamixel.servo import DynamixelServo
-
-    def start(_) -> NoReturn:
+    def start(_: object) -> NoReturn:
         raise AssertionError("started")
 
     monkeypatch.setattr(DynamixelServo, "start", start)
@@ -195,7 +206,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
 def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     telemetry = Telemetry.create()
 
-    def stop(_) -> None:
+    def stop(_: object) -> None:
         telemetry.words[Word.STOP] = 1
 
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
@@ -207,20 +218,18 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
 
 
 @pytest.mark.parametrize("stalled", [499, 500, 1000, 2499])
-def test_every_period_is_a_tick_or_missed(stalled, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
-    from haptic_wall.controller.runtime import tick
-
-    plain = tick.Tick._follow_guard
+    plain = Tick._follow_guard
     seen = []
 
-    def stalling(self, *args, **kwargs):
+    def stalling(self: Tick, age_ns: int, interval_ns: int, may_raise: bool) -> int:
         seen.append(0)
         if len(seen) == stalled + 1:
             clock.wait_until(clock.now_ns() + 7_300_000)
-        return plain(self, *args, **kwargs)
+        return plain(self, age_ns, interval_ns, may_raise)
 
-    monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
+    monkeypatch.setattr(Tick, "_follow_guard", stalling)
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
     clock = SimulatedClock()
     result = run_session(config, clock, Telemetry.create(), 2.0)
@@ -240,9 +249,9 @@ def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
-    told = []
+    told: list[str] = []
 
-    def tell(text) -> None:
+    def tell(text: str) -> None:
         told.append(text)
         if "inside the wall" in text:
             telemetry.words[Word.STOP] = 1
@@ -262,8 +271,8 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("turns", [3, -3])
-def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns) -> None:
-    told = []
+def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
+    told: list[str] = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
     config = load_config(preset, [*sets, "servo.hand=none"]).config
     telemetry = Telemetry.create()
@@ -279,8 +288,8 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset, turns) -> No
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset) -> None:
-    told = []
+def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
+    told: list[str] = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
     config = load_config(preset, sets).config
     telemetry = Telemetry.create()
@@ -297,7 +306,7 @@ def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset) -> 
 
 
 @pytest.mark.parametrize("reference", ["absolute", "start"])
-def test_travel_trips(reference) -> None:
+def test_travel_trips(reference: str) -> None:
     position = 0.0 if reference == "absolute" else 0.1
     sets = ["loop.clock=simulated", f"wall.reference={reference}", f"wall.position={position}"]
     result, rows = session("simulated", *sets, "safety.travel=[-1.5, 0.2]", "servo.hand=none")
@@ -311,7 +320,7 @@ def test_travel_trips(reference) -> None:
     assert result.torque_off
 
 
-OSCILLATES = (
+OSCILLATES: tuple[str, ...] = (
     *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.kick=0.05"),
     *("wall.stiffness=1e6", "servo.coulomb=0", "servo.delay=0.006", "model.delay=0.002"),
 )
@@ -321,17 +330,17 @@ def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it
     _, rows = session("simulated", *OSCILLATES)
     (begins, *_) = np.flatnonzero(np.diff(rows["stiffness"]) < 0.0)
     result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
-    guard = result.guard
+    guard = not_none(result.guard)
     assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
     assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
-    assert result.oscillation["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
+    assert not_none(result.oscillation)["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert f"{rows['stiffness'][0]:.4g} is commanded" in guard["reasons"][0]
 
 
 def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -> None:
     result, rows = session("simulated", *OSCILLATES, duration=3.0)
-    guard = result.guard
-    left = result.oscillation["reduced_to"]["stiffness"]
+    guard = not_none(result.guard)
+    left = not_none(result.oscillation)["reduced_to"]["stiffness"]
     assert left < 1.0
     assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
     assert f"{rows['stiffness'][0]:.4g} is allowed" in guard["reasons"][0]
@@ -344,15 +353,20 @@ def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> N
         "emulated-xm430",
         *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
     )
-    assert result.guard["interval_s"] > 1.01e-3
-    (why,) = [reason for reason in result.guard["reasons"] if "counts as the period" in reason]
+    assert not_none(result.guard)["interval_s"] > 1.01e-3
+    (why,) = [
+        reason for reason in not_none(result.guard)["reasons"] if "counts as the period" in reason
+    ]
     assert why.startswith("a good reading came every ")
-    assert f"{result.bus['lost']} of {result.bus['cycles']} replies were lost" in why
+    assert (
+        f"{not_none(result.bus)['lost']} of {not_none(result.bus)['cycles']} replies were lost"
+        in why
+    )
     assert "ticks late" not in why
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset) -> None:
+def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
     assert result.wall_came_on
@@ -374,7 +388,7 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
 
 @pytest.mark.parametrize("friction", [0.0, 0.09])
 def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(
-    friction,
+    friction: float,
 ) -> None:
     """The push that proves the torque's sign moves it by some counts."""
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
@@ -386,11 +400,9 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
 def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from haptic_wall.hw.dynamixel.servo import DynamixelServo
-
     plain, seen = DynamixelServo.collect, []
 
-    def leaving(self, deadline_ns):
+    def leaving(self: DynamixelServo, deadline_ns: int) -> Reading:
         seen.append(0)
         reading = plain(self, deadline_ns)
         return reading._replace(position=0.4) if len(seen) > 500 else reading
@@ -406,13 +418,14 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
 @pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
-def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dead_man_let_go_inside_the_wall(
+    preset: str, more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Let go when the hand is deepest, held again at once: the wall waits until it is out."""
-    from haptic_wall.controller.runtime.tick import Tick
-
     plain, telemetry = Tick.run, Telemetry.create()
+    let_go: list[int] = []
 
-    def run(self, deadline_ns, woke_ns, missed) -> None:
+    def run(self: Tick, deadline_ns: int, woke_ns: int, missed: int) -> None:
         depth = self.position
         if self.ticks and telemetry.words[Word.MISSED] == 0 and depth > 0.08 and not let_go:
             let_go.append(self.ticks)
@@ -421,7 +434,6 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.Mon
             telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
         plain(self, deadline_ns, woke_ns, missed)
 
-    let_go = []
     monkeypatch.setattr(Tick, "run", run)
     sets = ("loop.clock=simulated", *more)
     result, rows = session(preset, *sets, duration=9.0, telemetry=telemetry)
@@ -436,7 +448,7 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.Mon
     assert np.all(rest["stiffness"] * rest["position"] <= 0.1), "for 50 ticks, that one counted"
     assert not np.any(off[back:])
     assert rows["torque"][back:].min() < -0.5, "and it pushes again"
-    assert result.oscillation["state"] == "quiet"
+    assert not_none(result.oscillation)["state"] == "quiet"
 
 
 @pytest.mark.parametrize(
@@ -444,9 +456,9 @@ def test_a_dead_man_let_go_inside_the_wall(preset, more, monkeypatch: pytest.Mon
     [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
 )
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
-    side,
-    kick,
-    where,
+    side: str,
+    kick: float,
+    where: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -465,21 +477,21 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
 def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
     settings = ("loop.clock=simulated", "delay.steps=2")
     result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.0015")
-    assert result.delay["measured"] == 0.0015
-    assert result.delay["total"] == pytest.approx(0.002 + 0.0015 + result.delay["device"])
+    assert not_none(result.delay)["measured"] == 0.0015
+    assert not_none(result.delay)["total"] == pytest.approx(
+        0.002 + 0.0015 + not_none(result.delay)["device"]
+    )
     result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.00001")
-    assert result.delay["measured"] > 0.00001
+    assert not_none(result.delay)["measured"] > 0.00001
 
 
 def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from haptic_wall.controller.runtime import tick
-
-    def broken(*_, **__) -> NoReturn:
+    def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(tick.Tick, "_follow_guard", broken)
+    monkeypatch.setattr(Tick, "_follow_guard", broken)
     result, _ = session("emulated-xm430", "loop.clock=simulated")
     assert result.stop_reason == "trip:internal_error"
     assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
@@ -487,12 +499,10 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
 
 
 def test_a_position_that_is_not_a_number_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    from haptic_wall.hw.dynamixel.servo import DynamixelServo
-
     plain = DynamixelServo.collect
     seen = []
 
-    def broken(self, deadline_ns):
+    def broken(self: DynamixelServo, deadline_ns: int) -> Reading:
         seen.append(0)
         reading = plain(self, deadline_ns)
         return reading._replace(position=math.nan) if len(seen) == 700 else reading
@@ -511,13 +521,13 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
     result, rows = session("emulated-xm430", *FIRST, "wall.torque_clip=0.2", duration=4.0)
     assert result.stop_reason == "duration"
-    assert result.guard["commanded"]["stiffness"] == 7.0
+    assert not_none(result.guard)["commanded"]["stiffness"] == 7.0
     assert np.abs(rows["wall_torque"]).max() == 0.2
     assert np.abs(rows["torque"]).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
     assert np.any(rows["flags"] & FLAG_SATURATED)
     result, _ = session("emulated-xm430", *FIRST, "servo.torque_limit=0.2", duration=0.1)
-    assert result.guard["commanded"]["stiffness"] == 0.0
-    assert result.guard["binding"] == "quantisation"
+    assert not_none(result.guard)["commanded"]["stiffness"] == 0.0
+    assert not_none(result.guard)["binding"] == "quantisation"
 
 
 def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
@@ -528,7 +538,12 @@ def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
     """Damping below zero, and friction believed so large that the detector sees nothing."""
-    sets = ("loop.clock=simulated", "wall.side=both", "guard.mode=off", "servo.hand=none")
+    sets: tuple[str, ...] = (
+        "loop.clock=simulated",
+        "wall.side=both",
+        "guard.mode=off",
+        "servo.hand=none",
+    )
     sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
     sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
     sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)

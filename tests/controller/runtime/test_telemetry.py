@@ -59,7 +59,9 @@ def test_an_overtaken_reader_gets_the_newest_rows_and_sees_the_gap() -> None:
     np.testing.assert_array_equal(rows["deadline_ns"], rows["seq"])
 
 
-def test_rows_that_are_overwritten_while_they_are_read_are_left_out() -> None:
+def test_rows_that_are_overwritten_while_they_are_read_are_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     telemetry = Telemetry.create()
     for k in range(CAPACITY):
         telemetry.write(Row(k, *VALUES[1:]))
@@ -76,7 +78,7 @@ def test_rows_that_are_overwritten_while_they_are_read_are_left_out() -> None:
                 telemetry.write(Row(k, *VALUES[1:]))
             return copy
 
-    telemetry._rows = Overtaken()
+    monkeypatch.setattr(telemetry, "_rows", Overtaken())
     rows, tail = telemetry.read(0)
     assert tail == CAPACITY
     assert not np.any(rows["position"] == -1.0)

@@ -5,6 +5,7 @@ import gc
 import json
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,11 +14,13 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.commission import plan, steps
+from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.sequence import run_steps
 from haptic_wall.controller.experiments.commission.steps import StepContext, StepResult
 from haptic_wall.controller.experiments.commission.store import CommissionStore, settings_of
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
+from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -51,8 +54,7 @@ def commission(folder: Path) -> None:
     """Take all steps on the simulated servo, with fewer points, in this process alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
-        whole = steps.sweep
-        patch.setattr(steps, "sweep", lambda *a, **k: whole(*a, **k, workers=1))
+        patch.setattr(steps, "sweep", partial(sweep, workers=1))
         patch.setattr(steps, "BURSTS", 3)
         assert call("commission", *SIMULATED, "--out", folder) == 0
 
@@ -96,9 +98,13 @@ def report_of(
     return status, json.loads(out, parse_constant=pytest.fail)
 
 
+def called(name: str, _bench: StepContext) -> NoReturn:
+    pytest.fail(name)
+
+
 def nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in steps_taken(monkeypatch, {}):
-        monkeypatch.setitem(steps.RUN, name, lambda _bench, name=name: pytest.fail(name))
+        monkeypatch.setitem(steps.RUN, name, partial(called, name))
 
 
 def test_a_rerun_measures_nothing_again_and_says_the_same(
@@ -238,7 +244,7 @@ def rendered_data(_bench: object) -> dict[str, Any]:
     return {"commanded": wall, "rows": [], "notes": []}
 
 
-DATA = {
+DATA: dict[Step, Callable[[StepContext], dict[str, Any]]] = {
     "doctor": lambda _bench: {"checks": [], "fatal": [], "reached": True},
     "identify": identify_data,
     "delay": delay_data,
@@ -249,15 +255,15 @@ DATA = {
 
 def steps_taken(
     monkeypatch: pytest.MonkeyPatch, ends: Mapping[str, BaseException | None]
-) -> list[str]:
+) -> list[Step]:
     """Steps that find something without moving, or end as asked; the names of those called."""
-    called = []
+    called: list[Step] = []
 
-    def step(name: str) -> Callable[[StepContext], StepResult]:
+    def step(name: Step) -> Callable[[StepContext], StepResult]:
         def run(bench: StepContext) -> StepResult:
             called.append(name)
-            if name in ends:
-                raise ends[name]
+            if (error := ends.get(name)) is not None:
+                raise error
             return StepResult(DATA[name](bench))
 
         return run

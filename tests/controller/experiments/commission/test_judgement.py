@@ -61,9 +61,9 @@ def test_the_measured_age_makes_it_softer() -> None:
 def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb: float, kick: float) -> None:
     device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
     for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
-        columns = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
+        m, b, c = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
         loop = (np.array([damping]), device.period, np.array([delay]), 1)
-        found = agreement.with_friction(*columns, loop, np.array([kick]))
+        found = agreement.with_friction(m, b, c, loop, np.array([kick]))
         if coulomb == 0.0:
             assert found[0] == pytest.approx(device.exact(damping, delay), rel=1e-9)
         else:

@@ -36,10 +36,12 @@ def late(
     bus: int = 0,
     steal_ms: int | None = None,
     beyond: Counters | None = None,
-    **more: int,
+    *,
+    lost: bool = False,
+    stopped: bool = False,
+    collections_ns: int = 0,
 ) -> Late:
     """A late tick, times in microseconds."""
-    facts = {"lost": False, "stopped": False, "collections_ns": 0} | more
     return Late(
         asleep * 1000,
         held * 1000,
@@ -48,7 +50,9 @@ def late(
         bus > 700,
         beyond=beyond or counted(),
         steal_ns=None if steal_ms is None else steal_ms * MS,
-        **facts,
+        lost=lost,
+        stopped=stopped,
+        collections_ns=collections_ns,
     )
 
 

@@ -174,7 +174,7 @@ def test_ticks_whose_replies_are_lost_count_as_late() -> None:
     """They wait for 0.8 of a period, less what they took to ask."""
     sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
     config = load_config("emulated-xm430", sets).config
-    with LateTicks(PLAIN, Readings(), config.period_ns) as late:
+    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
         result = run_session(
             config,
             SimulatedClock(),
@@ -247,7 +247,7 @@ def test_a_run_tells_when_and_how_long(
     clock = SimulatedClock()
     Stall(monkeypatch, clock, 700, error)
     config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
-    with LateTicks(PLAIN, Readings(), config.period_ns) as late:
+    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
         result = run_session(
             config,
             clock,
