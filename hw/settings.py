@@ -36,6 +36,26 @@ class TrueServo:
     """Between the shaft and the encoder [rad], full width, >= 0"""
     torque_constant: float = 0.0
     """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
+    current_bandwidth: float = 0.0
+    """Of the loop that controls the motor's current [Hz], first order; 0: the torque follows at
+    once"""
+    current_period: float = 0.0
+    """Goals are taken over at multiples of it [s]; 0: at once"""
+    dead_band: float = 0.0
+    """The motor makes so much less than what is commanded, and nothing below [N·m]"""
+    back_emf: bool = False
+    """In current mode too the back-EMF counts: the supply limits the torque at the present speed,
+    and the current loop has to make up for the speed"""
+    current_droop: float = 0.0
+    """Fraction of the back-EMF that the current loop leaves at the no-load speed, and less in
+    proportion below; with ``back_emf``"""
+    no_load_speed: float = 4.82
+    """Of a simulated servo with back-EMF [rad/s]; its stall torque is ``torque_limit``. An emulated
+    one has its model's"""
+    current_filter: float = 0.0
+    """Of the measured current [Hz], first order; 0: none"""
+    current_offset: float = 0.0
+    """Added to the measured current of an emulated servo [A]"""
     supply: float | None = None
     """Voltage of an emulated servo's supply [V]; None: its model's nominal one"""
     ambient: float = 32.0

@@ -1,10 +1,10 @@
 """A servo simulated in the controller's own process, behind the servo interface.
 
 It models the same as ``haptic_wall.hw.plant.mechanism``: inertia, viscous and Coulomb friction, a
-scripted operator, the encoder's rounding and backlash, saturation, torque steps, and a lag between
-sending a torque and its action. It does *not* model a bus (no reply is ever late or lost, and
-reading and writing take no time), a current sensor, the motor's electrical side, temperature,
-gravity, or a loop of current control.
+scripted operator, the encoder's rounding and backlash, saturation, torque steps, a lag between
+sending a torque and its action, a loop of current control, and back-EMF. It does *not* model a bus
+(no reply is ever late or lost, and reading and writing take no time), a current sensor,
+temperature, or gravity.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class SimulatedServo:
         """Switch torque off; the servo moves on by itself. Always succeeds."""
         if self._running:
             self._pass_until(self._instant())
-            self._mechanism.command(0.0, self._mechanism.time_ns)
+            self._mechanism.release(self._mechanism.time_ns)
             self._running = False
         return True
 

@@ -11,7 +11,7 @@ from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
-from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
+from haptic_wall.hw.emulated.values import flag, number, one_of, suggestion, whole
 from haptic_wall.hw.settings import HandName, TrueServo
 
 # An MX-64: no identification of an XM430 is published.
@@ -33,6 +33,14 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "torque_limit": number(0, 1e6, open_low=True),
     "torque_step": number(0, 1e6),
     "backlash": number(0, 1),
+    "current_bandwidth": number(0, 1e4),
+    "current_period": number(0, 0.01),
+    "dead_band": number(0, 1e6),
+    "back_emf": flag,
+    "current_droop": number(0, 1),
+    "no_load_speed": number(0, 1e6, open_low=True),
+    "current_filter": number(0, 1e4),
+    "current_offset": number(-10, 10),
     "torque_constant": number(0, 1e6),
     "supply": SUPPLY,
     "ambient": AMBIENT,

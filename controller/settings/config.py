@@ -169,6 +169,14 @@ class Config(Sections):
             torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
             torque_step=servo.torque_step,
             backlash=servo.backlash,
+            current_bandwidth=servo.current_bandwidth,
+            current_period=servo.current_period,
+            dead_band=servo.dead_band,
+            back_emf=servo.back_emf,
+            current_droop=servo.current_droop,
+            no_load_speed=servo.no_load_speed,
+            current_filter=servo.current_filter,
+            current_offset=servo.current_offset,
             torque_constant=servo.torque_constant or 0.0,
             supply=servo.supply,
             ambient=servo.ambient,
@@ -199,13 +207,16 @@ class Config(Sections):
         )
 
     def belief(self) -> Belief:
-        """Return the belief about the servo: ``model.*``, else the simulated truth."""
+        """Return the belief about the servo: ``model.*``, else the simulated truth.
+
+        A belief knows no current loop: its lag and its period count as delay.
+        """
         servo, model = self.servo, self.model
         return Belief(
             inertia=_bounded(model.inertia, servo.inertia or 0.0),
             damping=_bounded(model.damping, servo.damping),
             coulomb=_bounded(model.coulomb, servo.coulomb),
-            delay=_bounded(model.delay, servo.delay),
+            delay=_bounded(model.delay, servo.delay + servo.current_lag),
             torque_gain=_bounded(model.torque_gain, 1.0),
         )
 

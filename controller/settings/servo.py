@@ -118,6 +118,62 @@ class Servo(Section):
         le=1,
         used_by=_TRUTH,
     )
+    current_bandwidth: float = setting(
+        0.0,
+        "True bandwidth of the loop that controls the motor's current, first order; 0: the torque "
+        "follows at once",
+        "Hz",
+        ge=0,
+        le=1e4,
+        used_by=_TRUTH,
+    )
+    current_period: float = setting(
+        0.0,
+        "The loop that controls the current takes over a goal at multiples of this time; 0: at "
+        "once",
+        "s",
+        ge=0,
+        le=0.01,
+        used_by=_TRUTH,
+    )
+    dead_band: NotNegative = setting(
+        0.0,
+        "True dead band: the motor makes this much less than commanded, and nothing below it",
+        "N·m",
+        used_by=_TRUTH,
+    )
+    back_emf: bool = setting(
+        False,
+        "Whether the true torque in current mode fades with the speed: the supply limits it, and "
+        "servo.current_droop stays",
+        used_by=_TRUTH,
+    )
+    current_droop: float = setting(
+        0.0,
+        "Fraction of the back-EMF that the true current loop leaves uncorrected at the no-load "
+        "speed, less in proportion below; with servo.back_emf",
+        ge=0,
+        le=1,
+        used_by=_TRUTH,
+    )
+    no_load_speed: Positive = setting(
+        4.82,
+        "True no-load speed of a simulated servo with servo.back_emf, whose stall torque is "
+        "servo.torque_limit; an emulated one has its model's",
+        "rad/s",
+        used_by=("simulated",),
+    )
+    current_filter: float = setting(
+        0.0,
+        "True bandwidth of the measured current's filter, first order; 0: not filtered",
+        "Hz",
+        ge=0,
+        le=1e4,
+        used_by=_EMULATED,
+    )
+    current_offset: float = setting(
+        0.0, "True offset of the measured current", "A", ge=-10, le=10, used_by=_EMULATED
+    )
     supply: float | None = setting(
         None,
         "True voltage of the supply; null: the one its model's figures hold for",
@@ -222,6 +278,13 @@ class Servo(Section):
         Of a real servo nobody configures it: that of a Dynamixel.
         """
         return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
+
+    @property
+    def current_lag(self) -> float:
+        """Return the true delay that the loop of current control adds at most [s]."""
+        bandwidth = self.current_bandwidth
+        lag = 1.0 / (math.tau * bandwidth) if bandwidth else 0.0
+        return self.current_period + lag
 
     def asked(self) -> ServoSettings:
         """This section as a backend takes it.

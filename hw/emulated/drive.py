@@ -1,10 +1,10 @@
 """The drive of an emulated servo: controllers and motor, acting on its mechanism, in time.
 
 In current mode the motor's torque is Goal Current times the torque constant, held between
-instructions. Every other mode runs once a millisecond, and so does current mode where the supply's
-current is sensed or the supply or Goal PWM limits it; the motion in between is exact. The
-computation catches up on every access, so that the result does not depend on how often that
-happens.
+instructions; ``haptic_wall.hw.plant.current_loop`` computes what a loop of current control makes of
+it. Every other mode runs once a millisecond, and so does current mode where the supply's current is
+sensed or Goal PWM limits it; the motion in between is exact. The computation catches up on every
+access, so that the result does not depend on how often that happens.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ class Drive:
         current_unit: [A] per unit of current; 0 where there is none.
         stall_current: Of the motor, at its nominal voltage [A].
         now_ns: The time [ns].
-        back_emf: In current mode too, limit the current to the one the supply can drive at the
-            present speed. Off by default: a torque is then held as commanded.
+        current_offset: Of the current sensor [A].
     """
 
     __slots__ = (
@@ -57,7 +56,8 @@ class Drive:
         "_goal",
         "_lost",
         "_memory",
-        "_stepped_current",
+        "_offset",
+        "_on",
         "controllers",
         "current_unit",
         "encoder",
@@ -78,13 +78,15 @@ class Drive:
         current_unit: float,
         stall_current: float,
         now_ns: int,
-        back_emf: bool,
+        current_offset: float,
     ) -> None:
         self.table = table
         self._memory = table.memory
         self.encoder = encoder
         self.current_unit = current_unit
-        self._stepped_current = motor.senses_supply or back_emf
+        self._offset = current_offset
+        self._on = False
+        """Whether a current is held in current mode, be it 0; otherwise the motor is limp there"""
         self._active: int | None = None
         self._goal = 0
         self._duty = 0.0
@@ -107,20 +109,23 @@ class Drive:
         memory = self._memory
         mode = memory["operating_mode"]
         unlimited = abs(memory["goal_pwm"]) >= PWM_FULL
-        if mode == CURRENT_MODE and unlimited and not self._stepped_current:
-            self.release(now_ns)
-            current = self.table.current
-            if current != self._goal:
-                self._hold(current, now_ns)
-            return
         if not memory["torque_enable"] or (self.table.tripped and mode == CURRENT_MODE):
             self.release(now_ns)
-            if self._goal:
-                self._hold(0, now_ns)
+            if self._on:
+                self._on = False
+                self._goal = 0
+                self._limp(now_ns)
+            return
+        if mode == CURRENT_MODE and unlimited and not self.motor.senses_supply:
+            self.release(now_ns)
+            current = self.table.current
+            if current != self._goal or not self._on:
+                self._hold(current, now_ns)
             return
         if self._active != mode:
             self._active = mode
             self._goal = 0  # the controllers run in steps from now on
+            self._on = False
             if mode == POSITION_MODE:
                 self.forget_turns()
             if mode != CURRENT_MODE:
@@ -165,19 +170,22 @@ class Drive:
     def electrical(self) -> tuple[float, float]:
         """Return the measured current [A], and the duty (fraction of the supply on the motor).
 
-        Both in the motor's direction, both 0 while it is limp.
+        Both in the motor's direction. The duty is 0 while the motor is limp, and so is the current
+        but for its sensor's filter and offset.
         """
         mechanism, motor = self.mechanism, self.motor
-        torque = mechanism.torque
+        torque, seen = mechanism.torque, mechanism.sensed_torque
         active = self._active is not None
-        if torque == 0.0 and not active:
-            return 0.0, 0.0
+        if torque == 0.0 and seen == 0.0 and not active:
+            return self._offset, 0.0
         speed, volts = mechanism.velocity, self.table.supply
-        current = torque / motor.torque_constant
-        duty = self._duty if active else motor.duty(current, volts, speed)
+        duty = self._duty
+        if not active and (self._on or torque != 0.0):
+            duty = motor.duty(torque / motor.torque_constant, volts, speed)
+        current = seen / motor.torque_constant
         if motor.senses_supply:
             current = motor.sensed(current, volts, speed)
-        return current, min(max(duty, -1.0), 1.0)
+        return current + self._offset, min(max(duty, -1.0), 1.0)
 
     def release(self, now_ns: int) -> None:
         """End every control action; the motor is limp."""
@@ -185,15 +193,20 @@ class Drive:
             self._active = None
             self._duty = 0.0
             self.next_ns = _NEVER_NS
-            self._torque(0.0, now_ns)
+            self._limp(now_ns)
 
     def _hold(self, current: int, now_ns: int) -> None:
         """Hold this current [units] from now on, in current mode."""
         self._goal = current
+        self._on = True
         self._torque(current * self.current_unit * self.motor.torque_constant, now_ns)
         # The temperature is updated while current flows, and until its heat is accounted for.
         if self.next_ns == _NEVER_NS:
             self.next_ns = now_ns + HEALTH_NS
+
+    def _limp(self, now_ns: int) -> None:
+        self.mechanism.release(now_ns)
+        self.health.load(0.0, now_ns)
 
     def _torque(self, torque: float, now_ns: int) -> None:
         self.mechanism.command(torque, now_ns)

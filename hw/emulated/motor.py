@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.torque_law import motor_current, resistance, supply_current
+from haptic_wall.hw.plant.current_loop import Winding
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,11 @@ class Motor:
     def braking(self) -> float:
         """Return the loss of torque with speed under a held duty [N·m·s/rad]."""
         return self.torque_constant * self.back_emf / self.resistance
+
+    def winding(self, volts: float) -> Winding:
+        """Return what the mechanism's current loop must know of it, at this supply [V]."""
+        stall = self.torque_constant * volts / self.resistance
+        return Winding(stall, volts / self.back_emf)
 
     def current(self, duty: float, volts: float, speed: float) -> float:
         """Return the current through the motor [A].

@@ -56,7 +56,6 @@ class EmulatedServo:
         start_ns: Time of its power-up [ns].
         baud: Its baud rate; one of ``BAUD_RATES``.
         tick: Initial value of its millisecond counter.
-        back_emf: In current mode too the supply limits the current at the present speed.
 
     Raises:
         ValueError: The baud rate, id or firmware is not possible, the model needs a torque
@@ -73,7 +72,6 @@ class EmulatedServo:
         start_ns: int,
         baud: int,
         tick: int = 0,
-        back_emf: bool = False,
     ) -> None:
         constant = true.torque_constant or model.torque_constant
         if constant is None:
@@ -93,7 +91,11 @@ class EmulatedServo:
         """Its ambient temperature unless ``set_ambient`` changes it [°C]"""
         self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
         self.memory = self.table.memory
-        self.mechanism = Mechanism(true, start_ns, operator_waits=True)
+        motor = motor_of(model, constant)
+        self.mechanism = Mechanism(
+            true, start_ns, winding=motor.winding(model.voltage), operator_waits=True
+        )
+        self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
         self._held = False
         self.registered: tuple[int, bytes] | None = None
         """The write that a reg write has stored for the next action"""
@@ -103,7 +105,6 @@ class EmulatedServo:
         self.encoder = Encoder(self.mechanism, quantised=quantised)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
-        motor = motor_of(model, constant)
         self.drive = Drive(
             self.table,
             motor,
@@ -112,7 +113,7 @@ class EmulatedServo:
             current_unit=model.current_unit_ma * 1e-3,
             stall_current=model.voltage / motor.resistance,
             now_ns=start_ns,
-            back_emf=back_emf,
+            current_offset=true.current_offset,
         )
         self._preset("firmware_version", firmware)
         self._preset("id", id)
@@ -186,6 +187,7 @@ class EmulatedServo:
         """Set the supply voltage [V] from ``now_ns`` [ns] on; out of limits it is an error."""
         self.drive.advance(now_ns)
         self.table.feed(volts)
+        self.mechanism.feed(self.drive.motor.winding(volts).stall_torque)
         self.drive.update(now_ns)
 
     def set_ambient(self, celsius: float, now_ns: int) -> None:

@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import replace
 
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
+from haptic_wall.hw.plant.current_loop import Winding, current_loop
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.settings import TrueServo
 
@@ -32,6 +33,8 @@ class Mechanism:
         "_counts_per_radian",
         "_delay_ns",
         "_followed",
+        "_kept",
+        "_loop",
         "_operator",
         "_operator_ns",
         "_parameters",
@@ -45,12 +48,21 @@ class Mechanism:
         "time_ns",
     )
 
-    def __init__(self, true: TrueServo, start_ns: int, *, operator_waits: bool = False) -> None:
+    def __init__(
+        self,
+        true: TrueServo,
+        start_ns: int,
+        *,
+        winding: Winding | None = None,
+        operator_waits: bool = False,
+    ) -> None:
         """Create a servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
 
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
+            winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
+                with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
 
         Raises:
@@ -71,10 +83,14 @@ class Mechanism:
         self._torque_limit = true.torque_limit
         self._torque_step = true.torque_step
         self._torque = 0.0
-        self._pending: deque[tuple[int, float, float]] = deque()
+        self._pending: deque[tuple[int, float, float | None]] = deque()
         self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
         self._backlash = true.backlash
         self._followed = true.position
+        winding = winding or Winding(true.torque_limit, true.no_load_speed)
+        self._loop = current_loop(true, winding, start_ns)
+        self._kept = (self._state, self._followed)
+        """Shaft and encoder where the present step of the current loop began"""
         self.time_ns = start_ns
 
     @property
@@ -90,7 +106,14 @@ class Mechanism:
     @property
     def torque(self) -> float:
         """Return the motor's acting torque [N·m], from the present time on."""
+        if self._loop is not None:
+            return self._loop.torque(self._state.velocity)
         return self._torque - self._braking * self._state.velocity
+
+    @property
+    def sensed_torque(self) -> float:
+        """Return the torque that the motor's current is measured to make, filtered [N·m]."""
+        return self.torque if self._loop is None else self._loop.sensed
 
     def engage_operator(self, now_ns: int) -> None:
         """Let the scripted operator take the shaft, ``OPERATOR_WAIT_S`` after ``now_ns`` [ns].
@@ -115,11 +138,10 @@ class Mechanism:
         while pending and pending[0][0] <= now_ns:
             acts_ns, torque, braking = pending.popleft()
             if acts_ns > self.time_ns:
-                self._move(acts_ns)
-            self._torque = torque
-            self._brake(braking)
+                self._pass(acts_ns)
+            self._act(torque, braking)
         if now_ns > self.time_ns:
-            self._move(now_ns)
+            self._pass(now_ns)
 
     def command(self, torque: float, now_ns: int, braking: float = 0.0) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
@@ -129,22 +151,31 @@ class Mechanism:
                 zero where the nearest step would pass the limit).
             now_ns: Arrival of the command; time is advanced to it.
             braking: Loss of torque with the velocity, as of a motor under a held voltage
-                [N·m·s/rad]; it acts along with the torque and is not limited.
+                [N·m·s/rad]; it acts along with the torque and is not limited. With a current loop
+                it is that voltage: the loop then has no part in it.
 
         Returns:
-            The torque that will act [N·m].
+            The torque that will act, or that a current loop will lead to [N·m].
 
         Raises:
             ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
         """
         acting = self.limited(torque)
-        self.advance(now_ns)
-        if self._delay_ns == 0:
-            self._torque = acting
-            self._brake(braking)
-        else:
-            self._pending.append((now_ns + self._delay_ns, acting, braking))
+        self._command(acting, braking, now_ns)
         return acting
+
+    def release(self, now_ns: int) -> None:
+        """Switch the motor off at ``now_ns`` [ns]: after the servo's delay no current flows.
+
+        Raises:
+            ValueError: ``now_ns`` lies in the past.
+        """
+        self._command(0.0, None, now_ns)
+
+    def feed(self, stall_torque: float) -> None:
+        """Change the supply, by what the motor makes of it at a standstill [N·m]."""
+        if self._loop is not None:
+            self._loop.feed(stall_torque)
 
     def limited(self, torque: float) -> float:
         """Return the torque that a command for ``torque`` gives, limited and in whole steps [N·m].
@@ -184,6 +215,48 @@ class Mechanism:
             return self._followed, 0
         counts = round(self._followed * per_radian)
         return counts / per_radian, counts
+
+    def _command(self, torque: float, braking: float | None, now_ns: int) -> None:
+        self.advance(now_ns)
+        taken_ns = now_ns if self._loop is None else self._loop.taken_over_ns(now_ns)
+        acts_ns = taken_ns + self._delay_ns
+        if acts_ns == now_ns:
+            self._act(torque, braking)
+        else:
+            self._pending.append((acts_ns, torque, braking))
+
+    def _act(self, torque: float, braking: float | None) -> None:
+        """Let a commanded torque begin to act; braking None: the motor is limp."""
+        if self._loop is not None:
+            self._loop.take(torque, braking, self._state.velocity, self.time_ns)
+            self._kept = (self._state, self._followed)
+            return
+        self._torque = torque
+        self._brake(braking or 0.0)
+
+    def _pass(self, until_ns: int) -> None:
+        """Move to ``until_ns`` [ns], with the torque that the current loop makes meanwhile."""
+        loop = self._loop
+        if loop is None:
+            self._move(until_ns)
+            return
+        while self.time_ns < until_ns:
+            if self.time_ns > loop.begin_ns:  # somebody looked within this step: take it as a whole
+                self._state, self._followed = self._kept
+                self.time_ns = loop.begin_ns
+            end_ns = until_ns if loop.steady else loop.end_ns
+            if self._operator_ns is not None:
+                end_ns = min(end_ns, max(self._operator_ns, self.time_ns + 1))
+            stop_ns = min(end_ns, until_ns)
+            self._torque, braking = loop.hold(stop_ns)
+            self._brake(braking)
+            begin = self._state.position
+            self._move(stop_ns)
+            state = self._state
+            ended = stop_ns == end_ns
+            loop.moved(state.position - begin, state.velocity, stop_ns, ended=ended)
+            if ended:
+                self._kept = (state, self._followed)
 
     def _brake(self, braking: float) -> None:
         if braking != self._braking:

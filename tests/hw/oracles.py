@@ -143,3 +143,90 @@ def closed_loop_poles(
     for k in range(4, size):
         matrix[k, k - 1] = 1.0
     return np.linalg.eigvals(matrix)
+
+
+class Electric(NamedTuple):
+    """A current loop of first order, in units of torque."""
+
+    rate: float
+    """[1/s]"""
+    stall: float = math.inf
+    """[N·m]"""
+    back_emf: float = 0.0
+    """Loss of torque with speed under a held voltage [N·m·s/rad]"""
+    droop: float = 0.0
+    """Fraction of the back-EMF that stays at the no-load speed"""
+
+
+def integrate_current_loop(
+    body: Body,
+    electric: Electric,
+    position: float,
+    velocity: float,
+    goals: Sequence[tuple[float, float]],
+) -> list[tuple[float, float, float]]:
+    """Position, velocity and torque after each goal, which are (duration, torque).
+
+    The voltage u is a state: u' = rate (u* - u). Coulomb friction is divided at velocity zero.
+    """
+    inertia, damping, coulomb, _, _ = body
+    rate, stall, back_emf, droop = electric
+    no_load = stall / back_emf if back_emf else math.inf
+    u = back_emf * velocity
+    states = []
+    for duration, goal in goals:
+
+        def wanted(v: float, goal: float = goal) -> float:
+            left = 1.0 - droop * abs(v) / no_load
+            return min(max(goal + left * back_emf * v, -stall), stall)
+
+        time = 0.0
+        while time < duration:
+            free = u - back_emf * velocity
+            if velocity == 0.0 and abs(free) <= coulomb:
+                # Stuck: u tends to the goal, and may pass the friction on the way.
+                target = wanted(0.0)
+                limit = math.copysign(coulomb, target)
+                leaves = math.inf
+                if abs(target) > coulomb:
+                    leaves = time + math.log((u - target) / (limit - target)) / rate
+                until = min(leaves, duration)
+                u = target + (u - target) * math.exp(-rate * (until - time))
+                time = until
+                if until == duration:
+                    continue
+                free = limit
+            sign = math.copysign(1.0, velocity or free)
+
+            def flow(_t: float, y: NDArray[np.float64], sign: float = sign) -> list[float]:
+                _, v, voltage = y
+                torque = voltage - back_emf * v
+                return [
+                    v,
+                    (torque - damping * v - sign * coulomb) / inertia,
+                    rate * (wanted(v) - voltage),
+                ]
+
+            def rest(
+                t: float, y: NDArray[np.float64], start: float = time, sign: float = sign
+            ) -> float:
+                return float(y[1]) if t > start + 1e-9 else sign
+
+            rest.terminal = True  # type: ignore[attr-defined]
+            rest.direction = -sign  # type: ignore[attr-defined]
+            found = solve_ivp(
+                flow,
+                (time, duration),
+                [position, velocity, u],
+                method="DOP853",
+                rtol=1e-9,
+                atol=1e-11,
+                events=rest,
+                max_step=5e-3,
+            )
+            position, velocity, u = (float(value) for value in found.y[:, -1])
+            time = float(found.t[-1])
+            if found.status == 1:
+                velocity = 0.0
+        states.append((position, velocity, u - back_emf * velocity))
+    return states

@@ -42,6 +42,16 @@ def test_simulated_belief_defaults_to_the_truth() -> None:
     assert belief.torque_gain == Bounded.exactly(1.0)
 
 
+def test_a_belief_counts_the_lag_of_the_current_loop_as_delay() -> None:
+    config = loaded(
+        "simulated",
+        "servo.delay=0.001",
+        "servo.current_bandwidth=100",
+        "servo.current_period=0.0005",
+    )
+    assert config.belief().delay.value == pytest.approx(0.0015 + 0.01 / math.tau)
+
+
 def test_belief_and_truth_can_differ() -> None:
     config = loaded(
         "simulated", "model.inertia={value: 0.02, low: 0.01, high: 0.03}", "model.delay=0.001"

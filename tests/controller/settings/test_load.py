@@ -265,6 +265,7 @@ def test_every_field_says_what_it_means(field: Field) -> None:
         "guard.quantisation_share",
         "servo.id",
         "servo.fault_seed",
+        "servo.current_droop",
         "model.torque_gain",
         "safety.max_loss",
         "safety.max_missed",

@@ -37,7 +37,6 @@ class Client:
         fast: bool = True,
         adapter: Adapter | None = None,
         faults: Faults | None = None,
-        back_emf: bool = False,
         recorded: bool = True,
     ) -> None:
         self.clock = SimulatedClock(5 * MS)
@@ -51,7 +50,6 @@ class Client:
                 start_ns=start,
                 baud=BAUD,
                 tick=tick,
-                back_emf=back_emf,
             )
             for model, i in servos or (("XM430-W350", 1),)
         }

@@ -161,7 +161,7 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
     """Held torque as commanded by default; what 12 V can drive where that is wanted."""
     speeds = []
     for back_emf in (False, True):
-        client = Client(true=FREE, back_emf=back_emf)
+        client = Client(true=replace(FREE, back_emf=back_emf))
         client.enable_current_mode()
         client.write(1, GOAL_CURRENT, 500, 2)
         client.pass_time(100 * MS)
@@ -171,7 +171,7 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
 
 
 def test_back_emf_changes_nothing_at_a_standstill() -> None:
-    client = Client(true=HELD, back_emf=True)
+    client = Client(true=replace(HELD, back_emf=True))
     client.enable_current_mode()
     client.write(1, GOAL_CURRENT, 500, 2)
     client.pass_time(10 * MS)
@@ -321,3 +321,46 @@ def test_holding_with_less_than_all_it_has_is_no_overload() -> None:
     client.pass_time(2 * OVERLOAD_NS)
     assert client.read(1, HARDWARE_ERROR, 1) == 0
     assert client.torque() != 0
+
+
+def test_the_measured_current_has_an_offset_and_a_filter() -> None:
+    true = replace(HELD, current_filter=20.0, current_offset=0.0538)
+    client = Client(true=true)
+    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 500, 2)
+    since = client.clock.now_ns()
+    for wait in (3 * MS, 10 * MS, 200 * MS):
+        client.pass_time(wait)
+        seen = client.read(1, PRESENT_CURRENT, 2, signed=True)
+        passed = (client.clock.now_ns() - since) * 1e-9
+        assert seen == pytest.approx(
+            20 - 500 * math.expm1(-math.tau * 20.0 * passed), abs=500 * 0.02
+        )
+        assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
+    client.write(1, TORQUE_ENABLE, 0, 1)
+    client.pass_time(500 * MS)
+    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
+
+
+def test_a_weaker_supply_limits_a_moving_servo() -> None:
+    client = Client(true=replace(FREE, back_emf=True, supply=14.0))
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 500, 2)
+    client.pass_time(500 * MS)
+    velocity = client.servos[1].state(client.clock.now_ns()).velocity
+    assert velocity == pytest.approx(46 * RPM * 14.0 / 12.0, rel=1e-3)
+    client.servos[1].set_supply(10.0, client.clock.now_ns())
+    client.pass_time(500 * MS)
+    velocity = client.servos[1].state(client.clock.now_ns()).velocity
+    assert velocity == pytest.approx(46 * RPM * 10.0 / 12.0, rel=1e-3)
+
+
+def test_goal_current_acts_through_the_current_loop() -> None:
+    client = Client(true=replace(HELD, current_bandwidth=80.0, dead_band=0.1))
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 500, 2)
+    goal = 500 * TORQUE_UNIT - 0.1
+    assert client.torque() < 0.5 * goal
+    client.pass_time(100 * MS)
+    assert client.torque() == pytest.approx(goal)

@@ -1,0 +1,250 @@
+"""The current loop: from a command to the torque that acts, held against an integrator."""
+
+import math
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_wall.hw.plant.current_loop import STEP_NS
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
+from tests.hw.oracles import Body, Electric, integrate_current_loop
+
+MS = 1_000_000
+STALL, NO_LOAD = 4.1, 4.82
+BRAKING = STALL / NO_LOAD
+
+
+def servo(**values: Any) -> TrueServo:
+    return TrueServo(**{"inertia": 0.012, "counts_per_rev": 0, "no_load_speed": NO_LOAD, **values})
+
+
+def played(true: TrueServo, goals: list[float], period_ns: int = MS) -> list[tuple[float, ...]]:
+    """Position, velocity and torque at the end of each goal's period."""
+    mechanism = Mechanism(true, 0)
+    states: list[tuple[float, ...]] = []
+    for k, goal in enumerate(goals):
+        mechanism.command(goal, k * period_ns)
+        mechanism.advance((k + 1) * period_ns)
+        states.append((mechanism.position, mechanism.velocity, mechanism.torque))
+    return states
+
+
+def test_the_torque_is_an_exponential() -> None:
+    mechanism = Mechanism(servo(inertia=1.0, current_bandwidth=100.0), 0)
+    mechanism.command(1.0, 0)
+    for time_ns in (30_000, 100_000, 1_234_567, 20 * MS):
+        mechanism.advance(time_ns)
+        expected = -math.expm1(-math.tau * 100.0 * time_ns * 1e-9)
+        assert mechanism.torque == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_command_while_the_last_one_still_rises_starts_from_there() -> None:
+    mechanism = Mechanism(servo(inertia=1.0, current_bandwidth=100.0), 0)
+    mechanism.command(1.0, 0)
+    mechanism.command(-1.0, 777_777)
+    risen = -math.expm1(-math.tau * 100.0 * 777_777e-9)
+    assert mechanism.torque == pytest.approx(risen, rel=1e-12)
+    mechanism.advance(1_000_000)
+    kept = math.exp(-math.tau * 100.0 * 222_223e-9)
+    assert mechanism.torque == pytest.approx(-1.0 + (risen + 1.0) * kept, rel=1e-12)
+
+
+def exponential(
+    inertia: float, rate: float, goals: list[float]
+) -> list[tuple[float, float, float]]:
+    """A free body under a torque that tends to each goal for a millisecond, in closed form."""
+    x = v = torque = 0.0
+    states = []
+    for goal in goals:
+        t, gap = 1e-3, torque - goal
+        once = -math.expm1(-rate * t) / rate
+        x += v * t + (goal * t * t / 2.0 + gap * (t - once) / rate) / inertia
+        v += (goal * t + gap * once) / inertia
+        torque = goal + gap * math.exp(-rate * t)
+        states.append((x, v, torque))
+    return states
+
+
+@given(
+    bandwidth=st.floats(5.0, 3000.0),
+    inertia=st.floats(0.001, 0.1),
+    goals=st.lists(st.floats(-4.0, 4.0), min_size=2, max_size=12),
+)
+def test_the_lag_stays_within_its_stated_error(
+    bandwidth: float, inertia: float, goals: list[float]
+) -> None:
+    true = servo(inertia=inertia, current_bandwidth=bandwidth)
+    exact = exponential(inertia, math.tau * bandwidth, goals)
+    bound = max(map(abs, goals)) * (STEP_NS * 1e-9) ** 2 / (12.0 * inertia)
+    for (position, velocity, torque), (x, v, wanted) in zip(
+        played(true, goals), exact, strict=True
+    ):
+        assert abs(position - x) <= 1.001 * bound + 1e-12
+        assert velocity == pytest.approx(v, rel=1e-9, abs=1e-9)
+        assert torque == pytest.approx(wanted, abs=1e-11)
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 200.0, 1500.0])
+@pytest.mark.parametrize("droop", [0.0, 0.02, 0.8])
+def test_back_emf_friction_and_lag_together(bandwidth: float, droop: float) -> None:
+    """Thrown to and fro, up to where the supply limits the current, and stuck in between."""
+    rng = random.Random(5)
+    goals = [rng.choice([-4.0, -1.5, 0.05, 0.0, 2.0, 4.0]) for _ in range(6)]
+    true = servo(
+        damping=0.012,
+        coulomb=0.09,
+        current_bandwidth=bandwidth,
+        back_emf=True,
+        current_droop=droop,
+    )
+    period_ns = 10 * MS
+    exact = integrate_current_loop(
+        Body(0.012, 0.012, 0.09),
+        Electric(math.tau * bandwidth, STALL, BRAKING, droop),
+        0.0,
+        0.0,
+        [(period_ns * 1e-9, goal) for goal in goals],
+    )
+    assert max(abs(velocity) for _, velocity, _ in exact) > 0.6 * NO_LOAD
+    for (position, velocity, torque), (x, v, wanted) in zip(
+        played(true, goals, period_ns), exact, strict=True
+    ):
+        assert position == pytest.approx(x, abs=3e-5)
+        assert velocity == pytest.approx(v, abs=1e-3)
+        assert torque == pytest.approx(wanted, abs=4e-3)
+
+
+@pytest.mark.parametrize("values", [{"current_bandwidth": 150.0}, {"back_emf": True}])
+def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, Any]) -> None:
+    true = servo(
+        damping=0.01,
+        coulomb=0.09,
+        delay=0.7e-3,
+        backlash=0.004,
+        hand="tap",
+        current_filter=40.0,
+        **values,
+    )
+    rng = random.Random(3)
+    often, seldom = (Mechanism(true, 0, operator_waits=True) for _ in range(2))
+    for mechanism in (often, seldom):
+        mechanism.engage_operator(0)
+    for k in range(1500):
+        now_ns = k * MS
+        for time_ns in sorted(rng.randrange(now_ns, now_ns + MS) for _ in range(3)):
+            often.advance(time_ns)
+        torque = rng.uniform(-0.6, 0.6)
+        often.command(torque, now_ns + MS)
+        seldom.command(torque, now_ns + MS)
+        assert often.measured_position() == seldom.measured_position()
+        assert often.velocity == seldom.velocity
+        assert often.sensed_torque == pytest.approx(seldom.sensed_torque, rel=1e-12)
+
+
+def test_goals_are_taken_over_at_the_ticks_of_the_loop() -> None:
+    mechanism = Mechanism(servo(current_period=0.5e-3, delay=0.1e-3), 3 * MS)
+    mechanism.command(1.0, 3 * MS + 200_000)
+    mechanism.command(2.0, 3 * MS + 300_000)
+    mechanism.advance(3 * MS + 599_999)
+    assert mechanism.torque == 0.0
+    mechanism.advance(3 * MS + 600_000)
+    assert mechanism.torque == 2.0
+
+
+def test_a_command_at_a_tick_is_taken_over_there() -> None:
+    mechanism = Mechanism(servo(current_period=0.5e-3), 3 * MS)
+    mechanism.command(1.0, 5 * MS)
+    assert mechanism.torque == 1.0
+
+
+@pytest.mark.parametrize(
+    ("goal", "acting"), [(0.1, 0.0), (-0.2, 0.0), (0.22, 0.0), (1.0, 0.78), (-1.0, -0.78)]
+)
+def test_the_dead_band_is_missing_from_the_torque(goal: float, acting: float) -> None:
+    mechanism = Mechanism(servo(dead_band=0.22), 0)
+    mechanism.command(goal, 0)
+    assert mechanism.torque == pytest.approx(acting)
+
+
+def test_a_servo_runs_no_faster_than_its_supply_allows() -> None:
+    mechanism = Mechanism(servo(back_emf=True), 0)
+    mechanism.command(4.0, 0)
+    mechanism.advance(2000 * MS)
+    assert mechanism.velocity == pytest.approx(NO_LOAD, rel=1e-6)
+    mechanism.feed(STALL / 2.0)
+    mechanism.advance(4000 * MS)
+    assert mechanism.velocity == pytest.approx(NO_LOAD / 2.0, rel=1e-6)
+
+
+def test_a_limp_motor_does_not_brake() -> None:
+    """Torque off is no current; a goal of 0 is a current of 0 that the loop has to keep."""
+    for released in (True, False):
+        mechanism = Mechanism(servo(back_emf=True, current_droop=0.5), 0)
+        mechanism.command(2.0, 0)
+        mechanism.advance(10 * MS)
+        if released:
+            mechanism.release(10 * MS)
+        else:
+            mechanism.command(0.0, 10 * MS)
+        begin = mechanism.velocity
+        mechanism.advance(200 * MS)
+        assert (mechanism.velocity == begin) is released
+        assert mechanism.velocity > 0.0
+
+
+def test_a_held_voltage_does_not_pass_through_the_loop() -> None:
+    mechanism = Mechanism(servo(current_bandwidth=10.0, dead_band=0.2, back_emf=True), 0)
+    mechanism.command(1.0, 0, BRAKING)
+    assert mechanism.torque == 1.0
+    mechanism.advance(100 * MS)
+    expected = math.exp(-BRAKING / 0.012 * 0.1)
+    assert mechanism.torque == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_measured_current_follows_its_filter() -> None:
+    mechanism = Mechanism(servo(inertia=1.0, current_filter=25.0), 0)
+    mechanism.command(2.0, 0)
+    for time_ns in (MS, 10 * MS, 3_333_333 + 20 * MS):
+        mechanism.advance(time_ns)
+        assert mechanism.torque == 2.0
+        expected = -2.0 * math.expm1(-math.tau * 25.0 * time_ns * 1e-9)
+        assert mechanism.sensed_torque == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name", ["current_bandwidth", "current_period", "current_droop", "dead_band", "current_filter"]
+)
+@pytest.mark.parametrize("value", [-1.0, math.inf, math.nan])
+def test_impossible_values_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is .*give a finite value from 0 up"):
+        Mechanism(servo(back_emf=True, **{name: value}), 0)
+
+
+MX106 = servo(
+    inertia=0.026609,
+    damping=0.035202,
+    coulomb=0.10352,
+    torque_limit=8.4,
+    no_load_speed=45 * math.tau / 60,
+    back_emf=True,
+    current_droop=0.02,
+)
+"""Mechanism: Rhoban "bam". Motor: ROBOTIS e-Manual, 12 V."""
+
+
+@pytest.mark.parametrize(("speed", "low", "high"), [(2.0, 0.85, 0.92), (3.0, 0.73, 0.76)])
+def test_an_mx106_makes_less_than_its_goal_when_it_turns(
+    speed: float, low: float, high: float
+) -> None:
+    """Running freely at this speed, the measured current is this fraction of the goal."""
+    friction = MX106.coulomb + MX106.damping * speed
+    left = MX106.current_droop * MX106.torque_limit * (speed / MX106.no_load_speed) ** 2
+    mechanism = Mechanism(MX106, 0)
+    mechanism.command(friction + left, 0)
+    mechanism.advance(5000 * MS)
+    assert mechanism.velocity == pytest.approx(speed, rel=1e-3)
+    assert low <= mechanism.sensed_torque / (friction + left) <= high
