@@ -21,8 +21,8 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
         )
     if not model.current_mode:
         raise UnfitServoError(
-            f"The {model.name} has no current mode, so it cannot be commanded in torque: use an "
-            "XM430, XH430, XM540, XH540, XL330 or XC330."
+            f"The {model.name} has no current mode, so it cannot be commanded in torque: use one "
+            f"of {', '.join(_drivable_kinds())}."
         )
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
@@ -31,3 +31,8 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
             "servo.torque_constant [N·m/A]."
         )
     return model, constant
+
+
+def _drivable_kinds() -> list[str]:
+    """Return what the names of models with a current mode begin with, such as XM430."""
+    return list(dict.fromkeys(m.name.partition("-")[0] for m in MODELS.values() if m.current_mode))

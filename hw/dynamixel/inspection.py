@@ -22,8 +22,10 @@ _SLAVE: Final = 0x02
 _TORQUE_ON_BY_GOAL: Final = 0x08
 
 
-def identify(table: Table, model: Model, number: int, checklist: Checklist) -> None:
-    """Check model and firmware; raise at once: without them no other register has a meaning.
+def identify(table: Table, model: Model, number: int, checklist: Checklist) -> Table:
+    """Check model and firmware; return the servo with the registers that this firmware has.
+
+    It raises at once: without model and firmware no other register has a meaning.
 
     Args:
         table: The servo.
@@ -62,6 +64,7 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> N
         "update it with Dynamixel Wizard.",
     )
     checklist.refuse_if_unfit()
+    return Table(table.sdk, model.registers_at(firmware))
 
 
 def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
@@ -134,6 +137,8 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "Any goal, a late one too, would switch its torque back on: clear bit 3 of Drive Mode "
         "(10) with Dynamixel Wizard.",
     )
+    if "startup_configuration" not in table.registers:
+        return  # it always starts with its torque off
     startup = table.read("startup_configuration")
     dangers = [
         danger

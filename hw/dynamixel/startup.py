@@ -113,7 +113,7 @@ class Startup:
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self.report_adapter()
-        identify(self.table, self._model, number, self.list)
+        self.table = identify(self.table, self._model, number, self.list)
         torque_off(self.table, self.list)
         judge_what_only_a_person_changes(self.table, self.list)
         bounds = judge_supply_and_heat(self.table, self.list, watchdog_units(self._settings))

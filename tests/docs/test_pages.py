@@ -13,7 +13,7 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
 from scripts import readme_output
-from tests.docs.pages import PAGES, anchors, name_of, text_of, without_code
+from tests.docs.pages import PAGES, ROOT, anchors, name_of, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
 
@@ -27,6 +27,16 @@ def test_links_lead_somewhere(page: Path) -> None:
         there = (page.parent / path).resolve() if path else page
         assert there.exists(), target
         assert not anchor or anchor in anchors(there), target
+
+
+def test_every_page_is_in_the_list_of_pages() -> None:
+    """Or in a folder that is, as the decisions are."""
+    text = text_of("docs/README.md")
+    listed = {
+        ROOT / "docs" / path for path in re.findall(r"^\| \[.*?\]\(([^)#]+)\) \|", text, re.M)
+    }
+    missing = {page for page in PAGES[1:] if not listed & {page, *page.parents}}
+    assert missing == {ROOT / "docs" / "README.md"}
 
 
 @pytest.mark.usefixtures("folder")

@@ -189,6 +189,15 @@ def test_a_model_without_current_mode_is_refused_with_that_reason() -> None:
     refused(Bench(model="XL430-W250"), match="XL430-W250 .*no current mode")
 
 
+def test_whichever_model_has_current_mode_is_advised() -> None:
+    bench = Bench()
+    with pytest.raises(UnfitServoError) as refusal:
+        type(bench.servo)(replace(bench.settings, model="XL430-W250"), bench.line)
+    advised = set(str(refusal.value).removesuffix(".").partition("use one of ")[2].split(", "))
+    assert advised == {name.partition("-")[0] for name, m in MODELS.items() if m.current_mode}
+    assert {"XL330", "XM430", "XD540", "XW540"} <= advised
+
+
 def test_an_unknown_model_is_refused_with_the_known_ones() -> None:
     bench = Bench()
     with pytest.raises(UnfitServoError, match=r"XM430-W999 is not known.*XM430-W350"):
@@ -241,6 +250,21 @@ def test_a_dangerous_servo_is_not_written_to_and_never_gets_a_goal() -> None:
         if frame.instruction in (Instruction.WRITE, Instruction.SYNC_WRITE)
     ]
     assert set(written) == {64}  # torque off, by the refusal
+
+
+def test_an_older_firmware_is_not_asked_for_a_register_that_it_does_not_have() -> None:
+    bench = Bench(firmware=44)
+    checks = bench.servo.start()
+    assert all(check.ok for check in checks)
+    assert "start-up configuration" not in {check.name for check in checks}
+    frames = [frame for data in bench.line.frames for frame in Parser().feed(data)]
+    asked = {
+        int.from_bytes(frame.params[:2], "little")
+        for frame in frames
+        if frame.instruction == Instruction.READ
+    }
+    assert 6 in asked, "the firmware"
+    assert 60 not in asked, "where Startup Configuration would be"
 
 
 def test_all_that_is_wrong_is_said_at_once() -> None:
