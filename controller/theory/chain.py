@@ -1,0 +1,181 @@
+"""A servo as a chain of masses behind its motor: state matrices, and its response over one period.
+
+The motor turns the first mass; transmissions with stiffness and damping turn the next ones. With a
+finite bandwidth of the current loop the torque follows what was commanded with a first-order lag.
+The chain's states are speeds, twists of the transmissions and the lagging torque; the position of
+the encoder's mass is the integral of its speed, which the response keeps apart: the pole at zero
+is then exact, however slow the next one is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptic_wall.controller.theory.checks import (
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    broadcast,
+    not_negative,
+    positive,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Parameters of chains with the same number of masses; arrays of one length each."""
+
+    inertias: FloatArray
+    """Of the masses from the motor on, chains × masses [kg·m²]"""
+    dampings: FloatArray
+    """Viscous friction of each mass against the ground, chains × masses [N·m·s/rad]"""
+    stiffnesses: FloatArray
+    """Of the transmissions, chains × (masses - 1) [N·m/rad]"""
+    transmission_dampings: FloatArray
+    """Of the transmissions, chains × (masses - 1) [N·m·s/rad]"""
+    bandwidth: FloatArray | None = None
+    """Of the current loop [Hz]; None: the torque follows at once"""
+    encoder: int = -1
+    """Index of the mass that the encoder measures"""
+
+    def take(self, index: IntArray) -> Chain:
+        """Return the chains at ``index``."""
+        bandwidth = None if self.bandwidth is None else self.bandwidth[index]
+        columns = (
+            getattr(self, name)[index]
+            for name in ("inertias", "dampings", "stiffnesses", "transmission_dampings")
+        )
+        return Chain(*columns, bandwidth, self.encoder)
+
+    def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return A, b and c of ``x' = A x + b u``, where ``c x`` is the encoder's speed.
+
+        States: the speeds [rad/s], the twists [rad], and with a bandwidth the acting torque [N·m].
+        """
+        count, masses = self.inertias.shape
+        twists = masses - 1
+        size = masses + twists + (self.bandwidth is not None)
+        a, b, c = np.zeros((count, size, size)), np.zeros((count, size)), np.zeros(size)
+        c[self.encoder % masses] = 1.0
+        for i in range(masses):
+            a[:, i, i] -= self.dampings[:, i] / self.inertias[:, i]
+        for i in range(twists):
+            twist = masses + i
+            a[:, twist, i], a[:, twist, i + 1] = 1.0, -1.0
+            for mass, other, sign in ((i, i + 1, -1.0), (i + 1, i, 1.0)):
+                per = 1.0 / self.inertias[:, mass]
+                a[:, mass, twist] += sign * self.stiffnesses[:, i] * per
+                a[:, mass, mass] -= self.transmission_dampings[:, i] * per
+                a[:, mass, other] += self.transmission_dampings[:, i] * per
+        if self.bandwidth is None:
+            b[:, 0] = 1.0 / self.inertias[:, 0]
+        else:
+            rate = 2.0 * math.pi * self.bandwidth
+            a[:, 0, -1] = 1.0 / self.inertias[:, 0]
+            a[:, -1, -1], b[:, -1] = -rate, rate
+        return a, b, c
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """Chains over one period under a held, delayed torque, in terms of delta = z - 1.
+
+    The transfer from the commanded torque to the sampled position is
+    ``z^-(whole + 1) numerator(delta) / (delta prod(delta - moved_poles))``.
+    """
+
+    moved_poles: ComplexArray
+    """z - 1 of each pole but that of the position, chains × states"""
+    numerator: FloatArray
+    """Coefficients of rising powers of delta, chains × (states + 2)"""
+    step: FloatArray
+    """Transition of the states and the position over a period, less the identity; chains × n × n"""
+    new: FloatArray
+    """Change of states and position per torque of ``whole`` periods ago, chains × n"""
+    old: FloatArray
+    """Change per torque of the period before, which acts during the fraction; chains × n"""
+
+
+def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
+    """Return chains over one period.
+
+    Args:
+        chain: The chains.
+        period: T of each [s].
+        fraction: Of a period by which the torque comes later than the whole periods of the delay,
+            0 <= fraction < 1; of each chain.
+    """
+    from scipy.linalg import expm
+
+    a, b, c = chain.matrices()
+    count, size, _ = a.shape
+    # states, position, held torque
+    whole = np.zeros((count, size + 2, size + 2))
+    whole[:, :size, :size], whole[:, :size, -1], whole[:, size, :size] = a, b, c
+    full = expm(whole * period[:, None, None])
+    late = expm(whole * (period * (1.0 - fraction))[:, None, None])
+    new = late[:, :-1, -1]
+    old = full[:, :-1, -1] - new
+    poles = np.linalg.eigvals(a * period[:, None, None]).astype(np.complex128)
+    step = full[:, :-1, :-1] - np.eye(size + 1)
+    newer, older = _numerator(step, new), _numerator(step, old)
+    numerator = np.zeros((count, size + 2))
+    numerator[:, :-1] = older + newer
+    numerator[:, 1:] += newer  # old + z new, with z = 1 + delta
+    return Sampled(np.expm1(poles), numerator, step, new, old)
+
+
+def _numerator(step: FloatArray, held: FloatArray) -> FloatArray:
+    """Return the last row of adj(delta I - step) times ``held``, rising powers of delta.
+
+    Source: Faddeev and LeVerrier's recursion.
+    """
+    size = step.shape[1]
+    found = np.zeros((len(step), size))
+    matrix = np.broadcast_to(np.eye(size), step.shape).copy()
+    found[:, size - 1] = held[:, -1]
+    for k in range(1, size):
+        product = step @ matrix
+        coefficient = -np.trace(product, axis1=1, axis2=2) / k
+        matrix = product + coefficient[:, None, None] * np.eye(size)
+        found[:, size - 1 - k] = np.einsum("ij,ij->i", matrix[:, -1], held)
+    return found
+
+
+def two_masses(
+    inertia: ArrayLike,
+    damping: ArrayLike,
+    load_inertia: ArrayLike,
+    transmission_stiffness: ArrayLike,
+    transmission_damping: ArrayLike,
+    *,
+    encoder: str = "output",
+    bandwidth: ArrayLike | None = None,
+) -> tuple[Chain, tuple[int, ...]]:
+    """Return chains of a motor and a load, and the shape that their parameters broadcast to."""
+    given = {
+        "inertia": positive("inertia", inertia),
+        "damping": not_negative("damping", damping),
+        "load_inertia": positive("load_inertia", load_inertia),
+        "transmission_stiffness": positive("transmission_stiffness", transmission_stiffness),
+        "transmission_damping": not_negative("transmission_damping", transmission_damping),
+    }
+    if bandwidth is not None:
+        given["bandwidth"] = positive("bandwidth", bandwidth)
+    if encoder not in ("output", "motor"):
+        raise ValueError(f"encoder must be 'output' or 'motor', got {encoder!r}")
+    arrays = broadcast(**given)
+    m, b, load, k, c, *rest = (np.ravel(array) for array in arrays)
+    chain = Chain(
+        np.stack([m, load], axis=1),
+        np.stack([b, np.zeros_like(b)], axis=1),
+        k[:, None],
+        c[:, None],
+        rest[0] if rest else None,
+        encoder=1 if encoder == "output" else 0,
+    )
+    return chain, arrays[0].shape

@@ -1,0 +1,304 @@
+"""Stable stiffnesses of a wall on any chain of masses, by D-decomposition with all its crossings.
+
+On the unit circle, ``z = (1 + s)/(1 - s)`` with ``s = j tan(w/2)``, the characteristic equation is
+linear in the stiffness K and the damping B (see ``boundary``)::
+
+    K + B D(z) = F(z),    F = -1 / G(z),    D = (1 - z^-N) / (N T)
+
+Im F = B Im D is a polynomial in ``tan²(w/2)``: its positive roots are all crossings at this B, and
+``K = Re F - B Re D`` at each. Where Im F - B Im D rises through zero, a pair of poles leaves the
+circle as K grows; where it falls, a pair comes back. The stable stiffnesses can therefore be
+several intervals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from haptic_wall.controller.theory.chain import Sampled
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+
+_Rows = TypeVar("_Rows", FloatArray, ComplexArray)
+
+_REAL = 1e-3
+"""Largest ratio of imaginary to real part of a root that may be a real one before it is refined"""
+_ROUNDS = 8
+_CLOSE = 1e-9
+"""Relative distance of two roots that are one"""
+
+
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """Chains with a wall's delay and velocity difference; whole delay and samples are common."""
+
+    chains: Sampled
+    period: FloatArray
+    """T [s]"""
+    whole: int
+    """Whole periods of the delay"""
+    samples: int
+    """N of the velocity difference"""
+
+    def inverse(self, w: FloatArray) -> ComplexArray:
+        """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
+        moved = 2j * np.sin(w / 2) * np.exp(0.5j * w)  # z - 1, without cancellation
+        poles = self.chains.moved_poles
+        top = moved * np.exp(1j * w * (self.whole + 1))
+        for i in range(poles.shape[1]):
+            top = top * (moved - poles[:, i, None])
+        numerator = self.chains.numerator
+        below = np.zeros_like(moved) + numerator[:, -1, None]
+        for i in range(numerator.shape[1] - 2, -1, -1):
+            below = below * moved + numerator[:, i, None]
+        found: ComplexArray = -top / below
+        return found
+
+    def difference(self, w: FloatArray) -> ComplexArray:
+        """Return D = (1 - z^-N)/(N T) at the frequencies ``w``, loops × frequencies."""
+        half = self.samples * w / 2
+        return 2j * np.sin(half) * np.exp(-1j * half) / (self.samples * self.period[:, None])
+
+
+@dataclass(frozen=True, slots=True)
+class Crossings:
+    """Stiffnesses at which poles cross the unit circle, in rising order; loops × crossings."""
+
+    stiffness: FloatArray
+    """[N·m/rad]; infinite where there are fewer crossings than columns"""
+    w: FloatArray
+    """[rad/sample]"""
+    poles: IntArray
+    """Poles that leave the circle as the stiffness rises through the crossing: 1 or 2, or -1, -2"""
+
+
+def crossings(loops: Loops, virtual_damping: FloatArray) -> Crossings:
+    """Return the crossings at each loop's virtual damping B [N·m·s/rad], for stiffnesses above 0."""
+    w = _frequencies(loops, virtual_damping)
+    w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
+    kept = np.isfinite(w)
+    at = np.where(kept, w, 1.0)
+    big_b = virtual_damping[:, None]
+
+    def of(frequency: FloatArray) -> ComplexArray:
+        found: ComplexArray = loops.inverse(frequency) - big_b * loops.difference(frequency)
+        return found
+
+    step = 1e-6 * np.minimum(at, 1.0)
+    rises = (of(at + step) - of(at - step)).imag > 0
+    stiffness = np.where(kept, of(at).real, np.inf)
+    stiffness = np.where(stiffness > 0, stiffness, np.inf)
+    count = np.where(at == np.pi, 1, 2) * np.where(rises, 1, -1)
+    count = np.where(np.isfinite(stiffness), count, 0)
+    order = np.argsort(stiffness, axis=1)
+    return Crossings(*(np.take_along_axis(x, order, axis=1) for x in (stiffness, at, count)))
+
+
+def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> IntArray:
+    """Return how many closed-loop poles of each loop lie outside of the unit circle.
+
+    Args:
+        loops: The loops.
+        stiffness: K of each [N·m/rad].
+        virtual_damping: B of each [N·m·s/rad].
+    """
+    return np.sum(np.abs(poles(loops, stiffness, virtual_damping)) > 1.0, axis=1)
+
+
+def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> ComplexArray:
+    """Return the closed-loop poles, loops × poles; arguments as of ``unstable_poles``."""
+    chains, samples = loops.chains, loops.samples
+    count, order = chains.old.shape
+    torques = loops.whole + 1
+    size = order + torques + samples
+    a = np.zeros((count, size, size))
+    per_sample = virtual_damping / (samples * loops.period)
+    command = np.zeros((count, size))
+    command[:, order - 1] = -stiffness - per_sample
+    command[:, -1] = per_sample
+    a[:, :order, :order] = chains.step + np.eye(order)
+    a[:, :order, order + torques - 1] += chains.old
+    if loops.whole:
+        a[:, :order, order + torques - 2] += chains.new
+    else:
+        a[:, :order] += chains.new[:, :, None] * command[:, None]
+    a[:, order] = command
+    shifted = np.arange(order + 1, order + torques)
+    a[:, shifted, shifted - 1] = 1.0
+    a[:, order + torques, order - 1] = 1.0
+    shifted = np.arange(order + torques + 1, size)
+    a[:, shifted, shifted - 1] = 1.0
+    return np.linalg.eigvals(a).astype(np.complex128)
+
+
+def _frequencies(loops: Loops, virtual_damping: FloatArray) -> FloatArray:
+    """Return the frequencies of all crossings below pi; NaN where there are fewer than columns."""
+    parts = _Polynomials.of(loops)
+    torque, wall = parts.torque_odd, parts.wall_odd
+    more = parts.late - loops.samples
+    if more >= 0:
+        wall = _times(wall, _circle(more))
+    else:
+        torque = _times(torque, _circle(-more))
+    scale = (loops.samples * loops.period)[:, None]
+    whole = _sum(-scale * torque, -virtual_damping[:, None] * _times(wall, parts.size))
+
+    def imaginary(w: FloatArray) -> FloatArray:
+        found = loops.inverse(w) - virtual_damping[:, None] * loops.difference(w)
+        return found.imag
+
+    return _refined(_positive_roots(whole), imaginary)
+
+
+def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
+    """Return the virtual dampings above 0 at which poles cross the circle without any stiffness.
+
+    Returns:
+        (damping, poles): loops × crossings in rising order, the dampings infinite where there are
+        fewer [N·m·s/rad]; the poles that leave as the damping rises, negative: that come back.
+    """
+    parts = _Polynomials.of(loops)
+    # F / D is real: Im(F conj D) = 0, with conj D ~ (1 - s)^N - (1 + s)^N over (1 - s)^N
+    n = loops.samples
+    back = (_power(-1, n) - _power(1, n))[1:]  # without its factor s
+    both = _times(parts.torque, _times(back[None], _power(1, n)[None]))
+    w = _refined(_positive_roots(_even(both)), lambda w: _ratio(loops, w).imag)
+    w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
+    kept = np.isfinite(w)
+    at = np.where(kept, w, 1.0)
+    step = 1e-6 * np.minimum(at, np.pi - 1e-3)
+    rises = (_ratio(loops, at + step) - _ratio(loops, at - step)).imag > 0
+    damping = np.where(kept, _ratio(loops, at).real, np.inf)
+    damping = np.where(damping > 0, damping, np.inf)
+    count = np.where(at == np.pi, 1, 2) * np.where(rises, 1, -1)
+    count = np.where(np.isfinite(damping), count, 0)
+    order = np.argsort(damping, axis=1)
+    return np.take_along_axis(damping, order, 1), np.take_along_axis(count, order, 1)
+
+
+def _ratio(loops: Loops, w: FloatArray) -> ComplexArray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: ComplexArray = loops.inverse(w) / loops.difference(w)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Polynomials:
+    """F = -torque / ((1 + v)^late size) and Im D = wall_odd / ..., v = tan²(w/2) = -s²."""
+
+    torque: FloatArray
+    """Coefficients of rising powers of s, loops × powers"""
+    torque_odd: FloatArray
+    """Its imaginary part over tan(w/2), rising powers of v"""
+    wall_odd: FloatArray
+    """Rising powers of v"""
+    size: FloatArray
+    """Square of the numerator's modulus, rising powers of v"""
+    late: int
+
+    @classmethod
+    def of(cls, loops: Loops) -> _Polynomials:
+        chains, late = loops.chains, loops.whole + 1
+        numerator = _in_s(chains.numerator)
+        mirrored = numerator * (-1.0) ** np.arange(numerator.shape[1])
+        pole = np.zeros((len(numerator), 2), dtype=np.complex128)
+        pole[:, 1] = 2.0  # the position's
+        for i in range(chains.moved_poles.shape[1]):
+            mu = chains.moved_poles[:, i]
+            pole = _times(pole, np.stack([-mu, 2.0 + mu], axis=1))
+        torque = _times(_times(pole.real, mirrored), _power(1, 2 * late)[None])
+        return cls(
+            torque=torque,
+            torque_odd=_odd(torque),
+            wall_odd=_odd(_power(1, 2 * loops.samples)[None]),
+            size=_even(_times(numerator, mirrored)),
+            late=late,
+        )
+
+
+def _in_s(rising: FloatArray) -> FloatArray:
+    """Return p(delta) (1 - s)^n in powers of s, for delta = 2 s / (1 - s) and p of degree n."""
+    n = rising.shape[1] - 1
+    found = np.zeros_like(rising)
+    for k in range(n + 1):
+        found[:, k:] += rising[:, k, None] * 2.0**k * _power(-1, n - k)
+    return found
+
+
+def _power(sign: int, n: int) -> FloatArray:
+    """Return the coefficients of (1 + sign s)^n, rising."""
+    return np.array([math.comb(n, k) * float(sign) ** k for k in range(n + 1)])
+
+
+def _circle(n: int) -> FloatArray:
+    """Return the coefficients of (1 + v)^n, rising."""
+    return _power(1, n)[None]
+
+
+def _even(rising: FloatArray) -> FloatArray:
+    """Return the real part of p(j t) in powers of v = t²."""
+    part = rising[:, ::2]
+    return part * (-1.0) ** np.arange(part.shape[1])
+
+
+def _odd(rising: FloatArray) -> FloatArray:
+    """Return the imaginary part of p(j t), over t, in powers of v = t²."""
+    part = rising[:, 1::2]
+    return part * (-1.0) ** np.arange(part.shape[1])
+
+
+def _times(a: _Rows, b: _Rows) -> _Rows:
+    """Return the products of polynomials, row by row; one row stands for all."""
+    rows = max(len(a), len(b))
+    found = np.zeros((rows, a.shape[1] + b.shape[1] - 1), dtype=a.dtype)
+    for i in range(a.shape[1]):
+        found[:, i : i + b.shape[1]] += a[:, i, None] * b
+    return found
+
+
+def _sum(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the sums of polynomials of unlike degree."""
+    a, b = np.atleast_2d(a), np.atleast_2d(b)
+    found = np.zeros((max(len(a), len(b)), max(a.shape[1], b.shape[1])))
+    found[:, : a.shape[1]] += a
+    found[:, : b.shape[1]] += b
+    return found
+
+
+def _positive_roots(rising: FloatArray) -> FloatArray:
+    """Return w = 2 atan(sqrt(v)) of each root v that may be real and positive, else NaN."""
+    # the variable is scaled so that first and last coefficient are alike
+    degree = rising.shape[1] - 1
+    first, last = np.abs(rising[:, 0]), np.abs(rising[:, -1])
+    usable = (first > 0) & (last > 0)
+    scale = np.where(usable, (first / np.where(usable, last, 1.0)), 1.0) ** (1.0 / degree)
+    scaled = rising * scale[:, None] ** np.arange(degree + 1)
+    matrix = np.zeros((len(rising), degree, degree))
+    matrix[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
+    leading = np.where(scaled[:, -1] == 0, np.finfo(np.float64).tiny, scaled[:, -1])
+    matrix[:, :, -1] = -scaled[:, :-1] / leading[:, None]
+    root = np.linalg.eigvals(matrix).astype(np.complex128) * scale[:, None]
+    likely = (root.real > 0) & (np.abs(root.imag) <= _REAL * np.abs(root.real))
+    return np.where(likely, 2 * np.arctan(np.sqrt(np.abs(root.real))), np.nan)
+
+
+def _refined(w: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return roots refined by Newton's method on ``function``; NaN where it finds none."""
+    at = np.where(np.isfinite(w), w, 1.0)
+    step = np.zeros_like(at)
+    for _ in range(_ROUNDS):
+        h = 1e-5 * at
+        slope = (function(at + h) - function(at - h)) / (2 * h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.nan_to_num(-function(at) / slope, posinf=0.0, neginf=0.0)
+        step = np.clip(step, -0.05 * at, 0.05 * at)
+        at = np.clip(at + step, 1e-12, np.pi)
+    found = np.isfinite(w) & (np.abs(step) <= 1e-6 * at) & (np.abs(at - w) <= 0.2 * w)
+    result = np.sort(np.where(found, at, np.nan), axis=1)
+    twice = np.zeros(result.shape, dtype=np.bool_)
+    twice[:, 1:] = np.diff(result, axis=1) <= _CLOSE * result[:, 1:]
+    return np.where(twice, np.nan, result)
