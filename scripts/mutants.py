@@ -48,7 +48,7 @@ IDLE_S = 60.0
 """Longest time that the tests of a mutant may sleep [s]"""
 FILE_S = 100.0
 """Processor time that a test file may take [s]; longer ones are left out"""
-_LEFT_OUT = (".git", ".venv", "runs", "*cache*", "*.egg-info", "*.png")
+_LEFT_OUT = (".git", ".venv", "runs", "__pycache__", ".*_cache", "*.egg-info", "*.png")
 Result = dict[str, Any]
 """A mutant's fields, ``outcome``, ``becomes`` (its line), ``killer`` (a test), ``tests`` (their
 number), ``seconds`` and ``cpu_s`` (what it took)"""
