@@ -45,11 +45,14 @@ class Chain:
     def take(self, index: IntArray) -> Chain:
         """Return the chains at ``index``."""
         bandwidth = None if self.bandwidth is None else self.bandwidth[index]
-        columns = (
-            getattr(self, name)[index]
-            for name in ("inertias", "dampings", "stiffnesses", "transmission_dampings")
+        return Chain(
+            self.inertias[index],
+            self.dampings[index],
+            self.stiffnesses[index],
+            self.transmission_dampings[index],
+            bandwidth,
+            self.encoder,
         )
-        return Chain(*columns, bandwidth, self.encoder)
 
     def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, b and c of ``x' = A x + b u``, where ``c x`` is the encoder's speed.

@@ -61,7 +61,8 @@ class Loops:
     def difference(self, w: FloatArray) -> ComplexArray:
         """Return D = (1 - z^-N)/(N T) at the frequencies ``w``, loops × frequencies."""
         half = self.samples * w / 2
-        return 2j * np.sin(half) * np.exp(-1j * half) / (self.samples * self.period[:, None])
+        moved: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half)
+        return moved / (self.samples * self.period[:, None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ class Crossings:
 
 
 def crossings(loops: Loops, virtual_damping: FloatArray) -> Crossings:
-    """Return the crossings at each loop's virtual damping B [N·m·s/rad], for stiffnesses above 0."""
+    """Return the crossings of stiffnesses above 0, at each loop's virtual damping [N·m·s/rad]."""
     w = _frequencies(loops, virtual_damping)
     w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
     kept = np.isfinite(w)
@@ -106,7 +107,9 @@ def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatAr
         stiffness: K of each [N·m/rad].
         virtual_damping: B of each [N·m·s/rad].
     """
-    return np.sum(np.abs(poles(loops, stiffness, virtual_damping)) > 1.0, axis=1)
+    outside = np.abs(poles(loops, stiffness, virtual_damping)) > 1.0
+    count: IntArray = outside.sum(axis=1)
+    return count
 
 
 def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> ComplexArray:

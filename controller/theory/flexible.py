@@ -1,4 +1,4 @@
-"""The exact limits of a wall on a flexible servo: masses behind the motor, a current loop that lags.
+"""The exact limits of a wall on a flexible servo: masses behind the motor, a lagging current loop.
 
 The stable stiffnesses at a virtual damping are in general several intervals. A limit is the end of
 the one that begins at 0, and 0 where none begins there: to raise the stiffness from 0 to a limit
@@ -8,7 +8,6 @@ never crosses what is unstable.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -193,7 +192,9 @@ def _groups(
     if np.any(late > MOST_PERIODS):
         raise ValueError(f"delay must be at most {MOST_PERIODS} periods, got {late.max():g}")
     if np.any(velocity_samples > MOST_PERIODS):
-        raise ValueError(f"velocity_samples must be at most {MOST_PERIODS}")
+        raise ValueError(
+            f"velocity_samples must be at most {MOST_PERIODS}, got {velocity_samples.max():g}"
+        )
     rows = np.broadcast_to(np.arange(chain.inertias.shape[0]).reshape(shape), given).ravel()
     whole = np.floor(late)
     for d, n in sorted(set(zip(whole.tolist(), velocity_samples.tolist(), strict=True))):

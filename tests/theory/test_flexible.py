@@ -1,0 +1,202 @@
+"""Two masses, a current loop that lags: closed-loop poles as oracle; rigid and published limits."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    flexible_boundary,
+    flexible_ceiling,
+    max_virtual_damping,
+)
+from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
+
+
+class Loop(NamedTuple):
+    """One wall on two masses; ``bandwidth`` 0: the torque follows at once."""
+
+    inertia: float
+    damping: float
+    load: float
+    spring: float
+    damper: float
+    period: float
+    late: float
+    samples: int
+    encoder: str
+    bandwidth: float = 0.0
+
+
+def radius(loop: Loop, stiffness: float, virtual_damping: float) -> float:
+    """Largest modulus of the poles; states: positions, speeds, torques on their way."""
+    m, b, j, k, c, period, late, n, encoder, bandwidth = loop
+    lag = 2 * np.pi * bandwidth
+    rates = np.zeros((6, 6))  # positions and speeds, acting torque, commanded torque
+    rates[0, 1] = rates[2, 3] = 1.0
+    rates[1, :5] = np.array([-k, -(b + c), k, c, 1.0]) / m
+    rates[3, :4] = np.array([k, c, -k, -c]) / j
+    if bandwidth:
+        rates[4, 4], rates[4, 5] = -lag, lag
+    else:
+        rates[1, 4], rates[1, 5] = 0.0, 1.0 / m
+    whole = int(np.floor(late))
+    first, rest = (expm(rates * period * part) for part in (late - whole, 1 - late + whole))
+    size = 5 + whole + 1 + n
+    command = np.zeros(size)
+    position = 2 if encoder == "output" else 0
+    command[position] = -stiffness - virtual_damping / (n * period)
+    command[-1] = virtual_damping / (n * period)
+    torques = [command, *np.eye(size)[5 : 6 + whole]]
+    a = np.eye(size, k=-1)
+    a[:5] = 0.0
+    a[:5, :5] = rest[:5, :5] @ first[:5, :5]
+    a[:5] += np.outer(rest[:5, :5] @ first[:5, 5], torques[whole + 1])
+    a[:5] += np.outer(rest[:5, 5], torques[whole])
+    a[5] = command
+    a[6 + whole] = np.eye(size)[position]
+    if not bandwidth:
+        a = np.delete(np.delete(a, 4, 0), 4, 1)
+    return float(np.max(np.abs(np.linalg.eigvals(a))))
+
+
+def drawn(count: int, encoder: str, *, lag: bool) -> list[Loop]:
+    random = np.random.default_rng(7 + 2 * lag + (encoder == "motor"))
+    loops = []
+    for _ in range(count):
+        m = 10 ** random.uniform(-4, -1)
+        load = m * 10 ** random.uniform(-2, 1)
+        mode = 2 * np.pi * 10 ** random.uniform(0.7, 2.7)
+        moved = m * load / (m + load)
+        loops.append(
+            Loop(
+                inertia=m,
+                damping=m * 10 ** random.uniform(-3, 1.5),
+                load=load,
+                spring=moved * mode**2,
+                damper=2 * 10 ** random.uniform(-3, -0.7) * mode * moved,
+                period=10 ** random.uniform(-3.5, -2),
+                late=random.choice([float(random.integers(0, 9)), random.uniform(0, 12)]),
+                samples=int(random.choice([1, 1, 2, 3, 8])),
+                encoder=encoder,
+                bandwidth=10 ** random.uniform(1, 3) if lag else 0.0,
+            )
+        )
+    return loops
+
+
+def answers(loops: list[Loop], shares: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Ceilings, dampings at these shares of them, and the boundary's stiffnesses."""
+    columns = (np.array(column) for column in zip(*(loop[:8] for loop in loops), strict=True))
+    m, b, load, k, c, period, late, n = columns
+    lag = np.array([loop.bandwidth for loop in loops])
+    encoder, bandwidth = loops[0].encoder, lag if lag.all() else None
+    servo = (m, b, load, k, c)
+    ceiling = flexible_ceiling(
+        *servo, period, late * period, n, encoder=encoder, bandwidth=bandwidth
+    )
+    dampings = shares * ceiling
+    found = flexible_boundary(
+        *servo, dampings, period, late * period, n, encoder=encoder, bandwidth=bandwidth
+    )
+    return ceiling, dampings, found.stiffness
+
+
+@pytest.mark.parametrize("lag", [False, True])
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_poles_leave_the_circle_exactly_at_the_boundary(
+    encoder: str, lag: bool, thorough: bool
+) -> None:
+    loops = drawn(2_500 if thorough else 60, encoder, lag=lag)
+    ceiling, dampings, stiffness = answers(
+        loops, np.random.default_rng(3).uniform(0.0, 0.999, len(loops))
+    )
+    assert np.all(stiffness > 0)
+    for loop, big_b, top, limit in zip(loops, dampings, ceiling, stiffness, strict=True):
+        for share in (0.03, 0.3, 0.8, 1 - 1e-6):
+            assert radius(loop, share * limit, big_b) < 1.0
+        assert radius(loop, (1 + 1e-6) * limit, big_b) > 1.0
+        assert radius(loop, 0.0, 1.00001 * top) > 1.0
+
+
+def test_no_stiffness_above_the_ceiling() -> None:
+    loops = drawn(40, "output", lag=False)
+    _, _, stiffness = answers(loops, np.full(len(loops), 1.001))
+    assert np.all(stiffness == 0.0)
+
+
+def test_a_stiff_transmission_is_none() -> None:
+    m, load, b, period, delay = 0.012, 0.003, 0.0117, 1e-3, 1.4e-3
+    big_b = np.array([0.0, 0.02, 0.5])
+    rigid = critical_stiffness(m + load, b, big_b, period, delay)
+    damper = 2 * 0.05 * np.sqrt(1e8 * m * load / (m + load))
+    found = flexible_boundary(m, b, load, 1e8, damper, big_b, period, delay).stiffness
+    np.testing.assert_allclose(found, rigid, rtol=1e-5)
+
+
+def test_one_mass_without_lag_is_the_rigid_servo() -> None:
+    one = Chain(np.array([[0.012]]), np.array([[0.0117]]), np.empty((1, 0)), np.empty((1, 0)))
+    big_b = np.linspace(0.0, 1.5, 20)
+    found = chain_boundary(one, (1,), big_b, 1e-3, 3.3e-3)
+    rigid = critical_stiffness(0.012, 0.0117, big_b, 1e-3, 3.3e-3)
+    np.testing.assert_allclose(found.stiffness, rigid, rtol=1e-8)
+    ceiling = max_virtual_damping(0.012, 0.0117, 1e-3, 3.3e-3)
+    assert chain_ceiling(one, (1,), 1e-3, 3.3e-3)[0] == pytest.approx(float(ceiling), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "load", "ratio"), [(200, 0.003, 0.02), (200, 0.003, 0.05), (100, 0.012, 0.02)]
+)
+def test_the_ceiling_is_where_the_mode_is_no_longer_damped(
+    stiffness: float, load: float, ratio: float
+) -> None:
+    """The first-order estimate from the mode's own damping is 1 to 13 % off."""
+    m, b, period, delay = 0.011951, 0.011692, 1e-3, 1e-3
+    mode = np.sqrt(stiffness * (1 / m + 1 / load))
+    damper = 2 * ratio * mode * m * load / (m + load)
+    ceiling = flexible_ceiling(m, b, load, stiffness, damper, period, delay)
+    estimate = (2 * ratio * mode * (m + load) + b * load / m) / np.cos(mode * (delay + period))
+    assert float(ceiling) == pytest.approx(float(estimate), rel=0.13)
+    assert float(ceiling) < 0.1 * float(max_virtual_damping(m + load, b, period, delay))
+
+
+def test_three_masses_with_one_stiff_transmission_are_two() -> None:
+    m, load, k, c = 0.012, 0.004, 150.0, 0.02
+    three = Chain(
+        np.array([[0.5 * m, 0.5 * m, load]]),
+        np.array([[0.0117, 0.0, 0.0]]),
+        np.array([[1e7, k]]),
+        np.array([[20.0, c]]),
+    )
+    big_b = np.array([0.0, 0.05, 0.1])
+    two = flexible_boundary(m, 0.0117, load, k, c, big_b, 1e-3, 2e-3).stiffness
+    found = chain_boundary(three, (1,), big_b, 1e-3, 2e-3).stiffness
+    np.testing.assert_allclose(found, two, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"load_inertia": 0.0}, "load_inertia must be > 0, got 0"),
+        ({"delay": 0.031}, "delay must be at most 30 periods, got 31"),
+        ({"encoder": "gear"}, "encoder must be 'output' or 'motor', got 'gear'"),
+        ({"bandwidth": -1.0}, "bandwidth must be > 0, got -1"),
+        ({"velocity_samples": 40}, "velocity_samples must be at most 30, got 40"),
+    ],
+)
+def test_what_is_outside_of_the_domain_is_named(
+    change: dict[str, float | str], message: str
+) -> None:
+    given: dict[str, float | str] = {
+        **{"inertia": 0.01, "damping": 0.01, "load_inertia": 0.01, "virtual_damping": 0.0},
+        **{"transmission_stiffness": 100.0, "transmission_damping": 0.0},
+        **{"period": 1e-3, "delay": 1e-3},
+    }
+    with pytest.raises(ValueError, match=message):
+        flexible_boundary(**(given | change))  # type: ignore[arg-type]
