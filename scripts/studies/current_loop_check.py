@@ -115,7 +115,8 @@ def wall_rows(case: tuple[int, int]) -> list[list[float]]:
     servos = Servos.of(np.random.default_rng(seed).random((count, 4)))
     servos = servos._replace(share=0.999 * servos.share)
     ceiling, stiffness = ratios(servos)
-    return np.stack([servos.share, ceiling, stiffness, servos.lag], axis=1).tolist()
+    found: list[list[float]] = np.stack([servos.share, ceiling, stiffness], axis=1).tolist()
+    return found
 
 
 def wall_lines(found: Found[tuple[int, int], list[list[float]]]) -> list[str]:
@@ -144,7 +145,8 @@ def contact_rows(case: tuple[int, int]) -> list[float]:
     """Greatest return of each servo."""
     seed, count = case
     unit = np.random.default_rng(seed).random((count, 4)) * (1.0, 1.0, 1.0, 0.7)
-    return greatest_return(Servos.of(unit)).tolist()
+    found: list[float] = greatest_return(Servos.of(unit)).tolist()
+    return found
 
 
 def contact_lines(found: Found[tuple[int, int], list[float]]) -> list[str]:
