@@ -57,7 +57,7 @@ def half_parted(whole: Any, period: float, notes: Any) -> list[Any]:
     ("kind", "place", "wrong", "fault"),
     [
         ("logs", "haptic_wall.controller.logs.reader.in_order", iter, "traceback"),
-        ("logs", "haptic_wall.controller.logs.blocks.zlib.crc32", lambda _data: 0, "wrong"),
+        ("logs", "haptic_wall.controller.logs.blocks.zlib.crc32", lambda *_: 0, "wrong"),
         ("crafted", "haptic_wall.controller.logs.content.fault", lambda _rows: None, "traceback"),
         ("logs", "haptic_wall.controller.logs.replayed.replayed", lambda *_: 1 / 0, "traceback"),
         ("crafted", "haptic_wall.controller.cli.options.printable", "\x07{}".format, "terminal"),
