@@ -104,6 +104,19 @@ def test_the_report_of_a_simulated_run(tmp_path: Path) -> None:
     assert (tmp_path / report["plot"]).exists()
 
 
+def test_rows_are_taken_between_ticks_before_there_is_no_room_for_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("haptic_wall.controller.runtime.loop.BLOCK", 16)
+    config = load_config("simulated", ["loop.clock=simulated"]).config
+    telemetry = Telemetry.create()
+    taken: list[int] = []
+    around = Surroundings(on_block=lambda: taken.append(int(telemetry.words[Word.HEAD])))
+    run_session(config, SimulatedClock(), telemetry, 0.1, surroundings=around)
+    assert len(taken) >= 6
+    assert max(np.diff(taken)) <= 16
+
+
 def test_the_hand_feels_the_wall() -> None:
     result, rows = session("simulated", "loop.clock=simulated", duration=5.0)
     assert result.stop_reason == "duration"
