@@ -13,6 +13,10 @@ HandName = Literal["none", "push", "tap", "lean"]
 Schedule = Literal["immediate", "pipelined"]
 
 
+MOST_LOAD_FRICTION: Final = 0.9
+"""Largest ``TrueServo.load_friction``: from 1 on no torque would ever move the servo"""
+
+
 @dataclass(frozen=True, slots=True)
 class TrueServo:
     """True parameters of a simulated or emulated servo (never the controller's belief)."""
@@ -34,6 +38,34 @@ class TrueServo:
     one rounds to its current unit)"""
     backlash: float = 0.0
     """Between the shaft and the encoder [rad], full width, >= 0"""
+    static_friction: float = 0.0
+    """Torque up to which it stays at rest [N·m], at least ``coulomb``; 0: as much as that"""
+    stribeck_speed: float = 0.0
+    """Speed over which the excess of the static friction falls by a factor e [rad/s], >= 0; 0: it
+    is gone as soon as the shaft moves"""
+    damping_back: float | None = None
+    """Viscous friction at negative velocities [N·m·s/rad], >= 0; None: ``damping``"""
+    load_friction: float = 0.0
+    """Share of the load, the difference of motor's and external torque, that the gear adds to the
+    friction; below 1"""
+    gravity: float = 0.0
+    """Torque of a weight on a horizontal link [N·m], >= 0"""
+    gravity_angle: float = 0.0
+    """Position at which the weight hangs [rad]"""
+    cogging: float = 0.0
+    """Amplitude of a torque that alternates with the position [N·m], >= 0"""
+    cogging_periods: float = 24.0
+    """Its periods a turn, > 0"""
+    cogging_phase: float = 0.0
+    """Its phase at position 0 [rad]"""
+    encoder_eccentricity: float = 0.0
+    """Amplitude of the encoder's error once a turn [rad], >= 0, below 1"""
+    encoder_phase: float = 0.0
+    """Phase of that error at position 0 [rad]"""
+    encoder_noise: float = 0.0
+    """Standard deviation of the encoder's noise [counts], >= 0"""
+    noise_seed: int = 0
+    """Decides what the noise is"""
     torque_constant: float = 0.0
     """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
     current_bandwidth: float = 0.0

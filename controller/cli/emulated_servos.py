@@ -12,7 +12,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
 from haptic_wall.hw.emulated.values import flag, number, one_of, suggestion, whole
-from haptic_wall.hw.settings import HandName, TrueServo
+from haptic_wall.hw.settings import MOST_LOAD_FRICTION, HandName, TrueServo
 
 # An MX-64: no identification of an XM430 is published.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
@@ -41,6 +41,19 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "no_load_speed": number(0, 1e6, open_low=True),
     "current_filter": number(0, 1e4),
     "current_offset": number(-10, 10),
+    "static_friction": number(0, 1e6),
+    "stribeck_speed": number(0, 100),
+    "damping_back": number(0, 1e6),
+    "load_friction": number(0, MOST_LOAD_FRICTION),
+    "gravity": number(0, 1e6),
+    "gravity_angle": number(-1e6, 1e6),
+    "cogging": number(0, 1e6),
+    "cogging_periods": number(0.1, 10_000),
+    "cogging_phase": number(-1e6, 1e6),
+    "encoder_eccentricity": number(0, 0.5),
+    "encoder_phase": number(-1e6, 1e6),
+    "encoder_noise": number(0, 1000),
+    "noise_seed": whole(0, 2**32),
     "torque_constant": number(0, 1e6),
     "supply": SUPPLY,
     "ambient": AMBIENT,

@@ -177,6 +177,19 @@ class Config(Sections):
             no_load_speed=servo.no_load_speed,
             current_filter=servo.current_filter,
             current_offset=servo.current_offset,
+            static_friction=servo.static_friction,
+            stribeck_speed=servo.stribeck_speed,
+            damping_back=servo.damping_back,
+            load_friction=servo.load_friction,
+            gravity=servo.gravity,
+            gravity_angle=servo.gravity_angle,
+            cogging=servo.cogging,
+            cogging_periods=servo.cogging_periods,
+            cogging_phase=servo.cogging_phase,
+            encoder_eccentricity=servo.encoder_eccentricity,
+            encoder_phase=servo.encoder_phase,
+            encoder_noise=servo.encoder_noise,
+            noise_seed=servo.noise_seed,
             torque_constant=servo.torque_constant or 0.0,
             supply=servo.supply,
             ambient=servo.ambient,
@@ -209,12 +222,17 @@ class Config(Sections):
     def belief(self) -> Belief:
         """Return the belief about the servo: ``model.*``, else the simulated truth.
 
-        A belief knows no current loop: its lag and its period count as delay.
+        Of two viscous frictions, one each way, both are believed. A belief knows no current
+        loop: its lag and its period count as delay.
         """
         servo, model = self.servo, self.model
+        damping = _bounded(model.damping, servo.damping)
+        if model.damping is None and servo.damping_back is not None:
+            ends = sorted((servo.damping, servo.damping_back))
+            damping = Bounded(servo.damping, *ends)
         return Belief(
             inertia=_bounded(model.inertia, servo.inertia or 0.0),
-            damping=_bounded(model.damping, servo.damping),
+            damping=damping,
             coulomb=_bounded(model.coulomb, servo.coulomb),
             delay=_bounded(model.delay, servo.delay + servo.current_lag),
             torque_gain=_bounded(model.torque_gain, 1.0),

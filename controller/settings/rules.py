@@ -211,6 +211,28 @@ def _emulated_counts(config: Sections) -> Iterator[Problem]:
         )
 
 
+@_reads(*_KIND, "servo.coulomb", "servo.static_friction")
+def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
+    static, coulomb = config.servo.static_friction, config.servo.coulomb
+    if config.servo.kind != "hardware" and 0.0 < static < coulomb:
+        yield Problem(
+            "servo.static_friction",
+            f"found {static:g} N·m, wanted at least servo.coulomb, {coulomb:g} N·m, or 0 for as "
+            "much",
+        )
+
+
+@_reads(*_KIND, "servo.encoder_noise", "servo.counts_per_rev")
+def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
+    servo = config.servo
+    if servo.kind != "hardware" and servo.encoder_noise > 0.0 and servo.counts_per_rev == 0:
+        yield Problem(
+            "servo.encoder_noise",
+            f"found {servo.encoder_noise:g} counts, wanted 0: servo.counts_per_rev is 0, so "
+            "nothing is counted",
+        )
+
+
 @_reads(*_KIND, "servo.torque_constant")
 def _emulated_gain(config: Sections) -> Iterator[Problem]:
     if (

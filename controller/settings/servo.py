@@ -18,6 +18,7 @@ from pydantic_core import PydanticCustomError
 from haptic_wall.controller.settings.model import (
     Lag,
     NotNegative,
+    Place,
     Positive,
     Section,
     Whole,
@@ -27,7 +28,14 @@ from haptic_wall.controller.settings.model import (
 from haptic_wall.hw.errors import BackendError
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
-from haptic_wall.hw.settings import EMULATED, HandName, Kind, Schedule, ServoSettings
+from haptic_wall.hw.settings import (
+    EMULATED,
+    MOST_LOAD_FRICTION,
+    HandName,
+    Kind,
+    Schedule,
+    ServoSettings,
+)
 
 IN_WORDS = "in_words"
 """Kind of an error whose message is already written for people."""
@@ -174,6 +182,69 @@ class Servo(Section):
     current_offset: float = setting(
         0.0, "True offset of the measured current", "A", ge=-10, le=10, used_by=_EMULATED
     )
+    static_friction: NotNegative = setting(
+        0.0,
+        "True torque up to which it stays at rest, at least servo.coulomb; 0: as much as that. "
+        "Published fits: 1 to 2.5 times the friction in motion",
+        "N·m",
+        used_by=_TRUTH,
+    )
+    stribeck_speed: float = setting(
+        0.0,
+        "True speed over which the excess of the static friction falls by a factor e; 0: it is "
+        "gone as soon as the shaft moves. Published fits: 1.1 to 2.6",
+        "rad/s",
+        ge=0,
+        le=100,
+        used_by=_TRUTH,
+    )
+    damping_back: NotNegative | None = setting(
+        None,
+        "True viscous friction at negative velocities; null: servo.damping",
+        "N·m·s/rad",
+        used_by=_TRUTH,
+    )
+    load_friction: float = setting(
+        0.0,
+        "True share of the load on the gear (motor's less external torque) that adds to the "
+        "friction. Published fits: 0.07 to 0.13",
+        ge=0,
+        le=MOST_LOAD_FRICTION,
+        used_by=_TRUTH,
+    )
+    gravity: NotNegative = setting(
+        0.0, "True torque of a weight on a horizontal link", "N·m", used_by=_TRUTH
+    )
+    gravity_angle: Place = setting(
+        0.0, "Position at which that weight hangs", "rad", used_by=_TRUTH
+    )
+    cogging: NotNegative = setting(
+        0.0, "True amplitude of a torque that alternates with the position", "N·m", used_by=_TRUTH
+    )
+    cogging_periods: float = setting(
+        24.0, "Periods of the cogging a turn", ge=0.1, le=10_000, used_by=_TRUTH
+    )
+    cogging_phase: Place = setting(0.0, "Phase of the cogging at position 0", "rad", used_by=_TRUTH)
+    encoder_eccentricity: float = setting(
+        0.0,
+        "True amplitude of the encoder's error once a turn",
+        "rad",
+        ge=0,
+        le=0.5,
+        used_by=_TRUTH,
+    )
+    encoder_phase: Place = setting(
+        0.0, "Phase of the encoder's error at position 0", "rad", used_by=_TRUTH
+    )
+    encoder_noise: float = setting(
+        0.0,
+        "True noise of the encoder before it rounds, standard deviation",
+        "counts",
+        ge=0,
+        le=1000,
+        used_by=_TRUTH,
+    )
+    noise_seed: Whole = setting(0, "Decides what the noise is", ge=0, le=2**32, used_by=_TRUTH)
     supply: float | None = setting(
         None,
         "True voltage of the supply; null: the one its model's figures hold for",

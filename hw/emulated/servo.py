@@ -5,6 +5,7 @@ Every instruction acts at its instant, and a read returns the state of that inst
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
@@ -92,8 +93,10 @@ class EmulatedServo:
         self.table = ControlTable(model, firmware, supply=self.true_supply, ambient=true.ambient)
         self.memory = self.table.memory
         motor = motor_of(model, constant)
+        # Servos of one bus share their truth, but not their noise.
+        own = replace(true, noise_seed=(true.noise_seed << 8) + id)
         self.mechanism = Mechanism(
-            true, start_ns, winding=motor.winding(model.voltage), operator_waits=True
+            own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
         self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
         self._held = False

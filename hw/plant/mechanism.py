@@ -1,7 +1,8 @@
 """The moving servo in time: delayed torques, an operator, and an encoder with backlash.
 
-It moves ``haptic_wall.hw.plant.body`` from event to event: a torque begins to act, or the
-operator's reference changes its slope. Times are integer nanoseconds of the caller's clock.
+It moves ``haptic_wall.hw.plant.body``, or ``haptic_wall.hw.plant.substeps`` for a servo with
+effects that the ideal body lacks, from event to event: a torque begins to act, or the operator's
+reference changes its slope. Times are integer nanoseconds of the caller's clock.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ from dataclasses import replace
 
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.plant.current_loop import Winding, current_loop
+from haptic_wall.hw.plant.effects import Effects
+from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
+from haptic_wall.hw.plant.substeps import Substeps
 from haptic_wall.hw.settings import TrueServo
 
 OPERATOR_WAIT_S = 1.0
@@ -24,7 +28,7 @@ class Mechanism:
 
     The encoder rounds to the nearest count and counts over turns. With backlash it follows the
     shaft like a backlash of that full width, starting in the middle; turning points of the shaft
-    within a step count.
+    within a step count. Eccentricity and noise come on top of that.
     """
 
     __slots__ = (
@@ -32,15 +36,18 @@ class Mechanism:
         "_braking",
         "_counts_per_radian",
         "_delay_ns",
+        "_errors",
         "_followed",
         "_kept",
         "_loop",
         "_operator",
         "_operator_ns",
+        "_origin_ns",
         "_parameters",
         "_pending",
         "_start_ns",
         "_state",
+        "_step",
         "_torque",
         "_torque_limit",
         "_torque_step",
@@ -69,6 +76,9 @@ class Mechanism:
             ValueError: A value is out of range.
         """
         self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
+        effects = Effects.of(true)
+        ideal = effects.none(true.damping, true.coulomb)
+        self._step = step if ideal else Substeps(self._parameters, effects).step
         self._braking = 0.0
         self._state = State(true.position, 0.0)
         self._true = true
@@ -91,6 +101,16 @@ class Mechanism:
         self._loop = current_loop(true, winding, start_ns)
         self._kept = (self._state, self._followed)
         """Shaft and encoder where the present step of the current loop began"""
+        errors = EncoderErrors(
+            true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
+        )
+        if true.encoder_noise > 0.0 and true.counts_per_rev == 0:
+            raise ValueError(
+                f"encoder_noise is {true.encoder_noise} counts, but counts_per_rev is 0; give"
+                " counts to an encoder with noise"
+            )
+        self._errors = None if errors.none else errors
+        self._origin_ns = start_ns
         self.time_ns = start_ns
 
     @property
@@ -202,7 +222,7 @@ class Mechanism:
         """
         if self._counts_per_radian == 0.0:
             raise ValueError("counts_per_rev is 0, so nothing is counted; read measured_position")
-        return round(self._followed * self._counts_per_radian)
+        return self.measured()[1]
 
     def measured_position(self) -> float:
         """Return the encoder's position [rad]: behind the backlash, and quantised if it counts."""
@@ -210,7 +230,13 @@ class Mechanism:
 
     def measured(self) -> tuple[float, int]:
         """Return the encoder's position [rad] and its counts; 0 if it does not count."""
-        per_radian = self._counts_per_radian
+        per_radian, errors = self._counts_per_radian, self._errors
+        if errors is not None:
+            seen = errors.position(self._followed)
+            if per_radian == 0.0:
+                return seen, 0
+            counts = round(seen * per_radian + errors.noise(self.time_ns - self._origin_ns))
+            return counts / per_radian, counts
         if per_radian == 0.0:
             return self._followed, 0
         counts = round(self._followed * per_radian)
@@ -283,13 +309,14 @@ class Mechanism:
         )
         now_ns, start_ns = self.time_ns, self._start_ns
         if operator is None:
-            state = step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
+            state = self._step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
         else:
             while now_ns < until_ns:
                 reference, slope, turn_ns = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
                 pull = Pull(STIFFNESS, DAMPING, reference, slope)
-                state = step(state, parameters, torque, (cut_ns - now_ns) * 1e-9, pull, turns=turns)
+                duration = (cut_ns - now_ns) * 1e-9
+                state = self._step(state, parameters, torque, duration, pull, turns=turns)
                 now_ns = cut_ns
         self._state = state
         self.time_ns = until_ns

@@ -104,6 +104,113 @@ def _integrate_stretch(
     return position, velocity
 
 
+class Uneven(NamedTuple):
+    """A servo with friction that depends on speed, direction and load, a weight and cogging."""
+
+    inertia: float
+    forth: float
+    back: float
+    coulomb: float
+    static: float
+    stribeck: float
+    load: float
+    gravity: float
+    angle: float
+    cogging: float
+    periods: float
+    phase: float
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
+    braking: float = 0.0
+
+    def torques(self, stretch: Stretch, time: float, x: float, v: float) -> tuple[float, float]:
+        """What pushes the shaft, without friction, and the load on the gear [N·m]."""
+        motor = stretch.torque - self.braking * v
+        reference = stretch.reference + stretch.slope * time
+        outside = (
+            self.hand_stiffness * (reference - x)
+            + self.hand_damping * (stretch.slope - v)
+            - self.gravity * math.sin(x - self.angle)
+        )
+        cogs = -self.cogging * math.sin(self.periods * x + self.phase)
+        return motor + outside + cogs, abs(motor - outside)
+
+    def friction(self, speed: float, load: float) -> float:
+        """Coulomb, Stribeck and load-dependent friction in motion [N·m]."""
+        excess = 0.0
+        if self.stribeck > 0.0:
+            excess = (self.static - self.coulomb) * math.exp(-abs(speed) / self.stribeck)
+        return self.coulomb + excess + self.load * load
+
+
+def integrate_uneven(
+    body: Uneven,
+    position: float,
+    velocity: float,
+    stretches: Sequence[Stretch],
+    tolerance: float = 1e-12,
+) -> list[tuple[float, float]]:
+    """Position and velocity at the end of every stretch, by Runge-Kutta 8(5,3) with events."""
+    states = []
+    for stretch in stretches:
+        position, velocity = _integrate_uneven(body, position, velocity, stretch, tolerance)
+        states.append((position, velocity))
+    return states
+
+
+def _integrate_uneven(
+    body: Uneven, position: float, velocity: float, stretch: Stretch, tolerance: float
+) -> tuple[float, float]:
+    time = 0.0
+    while time < stretch.duration:
+        edge = False
+        if velocity == 0.0:
+            push, load = body.torques(stretch, time, position, 0.0)
+            sign = math.copysign(1.0, push)
+            if abs(push) <= body.static + body.load * load:
+                if body.hand_stiffness * stretch.slope == 0.0:
+                    return position, 0.0
+                sign = math.copysign(1.0, stretch.slope)
+
+                def excess(t: float, here: float = position, sign: float = sign) -> float:
+                    push, load = body.torques(stretch, t, here, 0.0)
+                    return sign * push - body.static - body.load * load
+
+                if excess(stretch.duration) <= 0.0:
+                    return position, 0.0
+                time = float(brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16))
+                edge = body.stribeck > 0.0 or body.static == body.coulomb
+        else:
+            sign = math.copysign(1.0, velocity)
+
+        def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
+            x, v = state.tolist()
+            push, load = body.torques(stretch, t, x, v)
+            push -= (body.forth if sign > 0.0 else body.back) * v
+            push -= sign * body.friction(v, load)
+            return [v, push / body.inertia]
+
+        def rest(_: float, state: NDArray[np.float64], sign: float = sign) -> float:
+            return sign * float(state[1])
+
+        rest.terminal = not edge  # type: ignore[attr-defined]
+        rest.direction = -1.0  # type: ignore[attr-defined]
+        solution = solve_ivp(
+            slope,
+            (time, stretch.duration),
+            [position, velocity],
+            method="DOP853",
+            rtol=tolerance,
+            atol=1e-14,
+            events=rest,
+        )
+        assert solution.success, solution.message
+        time = float(solution.t[-1])
+        position = float(solution.y[0, -1])
+        velocity = 0.0 if solution.status == 1 else float(solution.y[1, -1])
+    return position, velocity
+
+
 def closed_loop_poles(
     *,
     inertia: float,

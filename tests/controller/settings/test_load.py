@@ -251,6 +251,24 @@ def test_losses_that_are_no_number_above_0_are_refused_by_name(value: str) -> No
     assert "safety.max_losses_in_row" in only("simulated", f"safety.max_losses_in_row={value}")
 
 
+def test_static_friction_below_the_kinetic_one_and_noise_without_counts_are_refused() -> None:
+    assert only("simulated", "servo.static_friction=0.05", "servo.coulomb=0.09") == (
+        "servo.static_friction (from --set): found 0.05 N·m, wanted at least servo.coulomb, "
+        "0.09 N·m, or 0 for as much"
+    )
+    assert "servo.counts_per_rev is 0" in only(
+        "simulated", "servo.encoder_noise=1", "servo.counts_per_rev=0"
+    )
+    assert "from 0 to 0.9" in only("simulated", "servo.load_friction=1")
+
+
+def test_both_viscous_frictions_of_a_simulated_servo_are_believed() -> None:
+    config = load_config("simulated", ["servo.damping=0.01", "servo.damping_back=0.004"]).config
+    believed = config.belief().damping
+    assert (believed.value, believed.low, believed.high) == (0.01, 0.004, 0.01)
+    assert config.true_servo().damping_back == 0.004
+
+
 @pytest.mark.parametrize("field", fields().values(), ids=lambda field: field.path)
 def test_every_field_says_what_it_means(field: Field) -> None:
     assert field.meaning
@@ -266,6 +284,9 @@ def test_every_field_says_what_it_means(field: Field) -> None:
         "servo.id",
         "servo.fault_seed",
         "servo.current_droop",
+        "servo.load_friction",
+        "servo.cogging_periods",
+        "servo.noise_seed",
         "model.torque_gain",
         "safety.max_loss",
         "safety.max_missed",

@@ -2,6 +2,7 @@
 
 import math
 import random
+import statistics
 from typing import Any
 
 import pytest
@@ -10,7 +11,10 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.body import PlantParameters, State, step
 from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.settings import TrueServo
+from tests.hw.oracles import Stretch, Uneven, integrate_uneven
+from tests.typed import not_none
 
 MS = 1_000_000
 FREE = TrueServo(inertia=0.01, damping=0.0, counts_per_rev=0)
@@ -196,8 +200,110 @@ def test_a_hand_moves_it_and_friction_stops_it_again() -> None:
     assert mechanism.position == pytest.approx(0.5, abs=0.025)
 
 
+EVERYTHING = {
+    "damping": 0.01,
+    "coulomb": 0.05,
+    "static_friction": 0.08,
+    "stribeck_speed": 0.5,
+    "damping_back": 0.02,
+    "load_friction": 0.1,
+    "gravity": 0.1,
+    "gravity_angle": 0.4,
+    "cogging": 0.02,
+}
+
+
+def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking() -> None:
+    true = servo(**EVERYTHING, hand="tap", position=0.05)
+    mechanism = Mechanism(true, 0)
+    operator = not_none(operator_of(true))
+    body = Uneven(
+        *(0.01, 0.01, 0.02, 0.05, 0.08, 0.5, 0.1, 0.1, 0.4, 0.02, 24.0, 0.0),
+        *(STIFFNESS, DAMPING, 0.03),
+    )
+    mechanism.command(0.0, 0, braking=0.03)
+    state = 0.05, 0.0
+    for k in range(150):
+        torque = 0.5 * math.sin(0.05 * k)
+        mechanism.command(torque, k * MS, braking=0.03)
+        mechanism.advance((k + 1) * MS)
+        reference, slope, _ = operator.pull(k * MS)
+        [state] = integrate_uneven(body, *state, [Stretch(1e-3, torque, reference, slope)])
+    assert mechanism.position == pytest.approx(state[0], abs=1e-6)
+    assert mechanism.velocity == pytest.approx(state[1], abs=1e-4)
+    assert abs(mechanism.position - 0.05) > 0.01
+
+
+def test_the_instants_at_which_it_is_looked_at_matter_no_more_than_the_error() -> None:
+    true = servo(**EVERYTHING, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05)
+    rng = random.Random(3)
+    often, seldom = Mechanism(true, 0), Mechanism(true, 0)
+    for k in range(500):
+        torque = rng.gauss(0.0, 0.3)
+        often.command(torque, k * MS)
+        seldom.command(torque, k * MS)
+        for cut in sorted(rng.sample(range(1, MS), 3)):
+            often.advance(k * MS + cut)
+    often.advance(500 * MS)
+    seldom.advance(500 * MS)
+    assert often.position == pytest.approx(seldom.position, abs=1e-5)
+    assert often.measured_position() == pytest.approx(seldom.measured_position(), abs=1e-5)
+
+
+def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> None:
+    for turns in (0, 3, -100):
+        for angle in (0.0, 0.7, 2.0, 4.0):
+            position = turns * math.tau + angle
+            mechanism = Mechanism(
+                servo(encoder_eccentricity=0.01, encoder_phase=0.3, position=position), 0
+            )
+            assert mechanism.position == position
+            error = mechanism.measured_position() - position
+            assert error == pytest.approx(0.01 * math.sin(angle + 0.3), abs=1e-11)
+            counting = Mechanism(
+                servo(
+                    counts_per_rev=4096,
+                    encoder_eccentricity=0.01,
+                    encoder_phase=0.3,
+                    position=position,
+                ),
+                0,
+            )
+            assert counting.encoder() == round((position + error) * 4096 / math.tau)
+
+
+def test_noise_has_its_size_and_belongs_to_the_time_and_the_seed() -> None:
+    def readings(seed: int, *, twice: bool = False) -> list[int]:
+        mechanism = Mechanism(servo(counts_per_rev=4096, encoder_noise=2.0, noise_seed=seed), 7)
+        found = []
+        for k in range(4000):
+            mechanism.advance(7 + k * MS)
+            if twice:
+                mechanism.encoder()
+            found.append(mechanism.encoder())
+        return found
+
+    found = readings(1)
+    # Rounding adds a twelfth of a count squared; the standard error of 4000 is 1.1 %.
+    assert statistics.pstdev(found) == pytest.approx(math.sqrt(4.0 + 1 / 12), rel=0.05)
+    assert statistics.mean(found) == pytest.approx(0.0, abs=0.15)
+    neighbours = statistics.correlation(found[:-1], found[1:])
+    assert abs(neighbours) < 0.06
+    assert readings(1, twice=True) == found
+    assert abs(statistics.correlation(found, readings(2))) < 0.06
+
+
 @pytest.mark.parametrize(
-    ("field", "value"), [("inertia", -1.0), ("delay", -1e-3), ("torque_limit", 0.0)]
+    ("field", "value"),
+    [
+        ("inertia", -1.0),
+        ("delay", -1e-3),
+        ("torque_limit", 0.0),
+        ("gravity", -0.1),
+        ("encoder_eccentricity", 1.0),
+        ("encoder_noise", -1.0),
+        ("encoder_noise", 1.0),  # without counts
+    ],
 )
 def test_an_impossible_servo_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):

@@ -1,0 +1,72 @@
+"""Errors of an encoder: eccentricity of its magnet, once a turn, and noise."""
+
+from __future__ import annotations
+
+import math
+
+NOISE_NS = 100_000
+"""The noise has a new value this often [ns]. A value belongs to its time, not to a reading: further
+readings do not change it."""
+_MASK = (1 << 64) - 1
+_UNIT = 2.0**-53
+
+
+class EncoderErrors:
+    """What an encoder reads of a true position.
+
+    Source of the eccentric error: a magnet off the axis turns the field that the sensor sees by an
+    angle that goes once around with the shaft (ams AG, AS5600 data sheet, "misalignment").
+    """
+
+    __slots__ = ("_amplitude", "_noise", "_phase", "_seed")
+
+    def __init__(self, amplitude: float, phase: float, noise: float, seed: int) -> None:
+        """Create the errors of one encoder.
+
+        Args:
+            amplitude: Of the error once a turn [rad], from 0 to below 1: it then never runs back.
+            phase: Of that error at position 0 [rad].
+            noise: Standard deviation [counts], >= 0.
+            seed: Decides what the noise is.
+
+        Raises:
+            ValueError: A value is out of range.
+        """
+        if not 0.0 <= amplitude < 1.0:
+            raise ValueError(
+                f"encoder_eccentricity is {amplitude} rad; give a value from 0 to below 1"
+            )
+        if not math.isfinite(phase):
+            raise ValueError(f"encoder_phase is {phase}; give a finite angle")
+        if not 0.0 <= noise < math.inf:
+            raise ValueError(f"encoder_noise is {noise} counts; give a finite value from 0 up")
+        self._amplitude, self._phase = amplitude, phase
+        self._noise, self._seed = noise, seed
+
+    @property
+    def none(self) -> bool:
+        """Whether it reads the true position."""
+        return self._amplitude == 0.0 and self._noise == 0.0
+
+    def position(self, position: float) -> float:
+        """Return the position that the encoder sees [rad], without noise."""
+        return position + self._amplitude * math.sin(position + self._phase)
+
+    def noise(self, elapsed_ns: int) -> float:
+        """Return the noise at a time [counts]: normally distributed, and always the same there."""
+        if self._noise == 0.0:
+            return 0.0
+        index = elapsed_ns // NOISE_NS
+        radius = math.sqrt(-2.0 * math.log(_uniform(self._seed, 2 * index)))
+        return self._noise * radius * math.cos(math.tau * _uniform(self._seed, 2 * index + 1))
+
+
+def _uniform(seed: int, index: int) -> float:
+    """Return a number above 0 up to 1 that depends on both arguments as if it were random.
+
+    Source: SplitMix64, Steele et al., "Fast splittable pseudorandom number generators" (2014).
+    """
+    word = (seed * 0xD1342543DE82EF95 + (index + 1) * 0x9E3779B97F4A7C15) & _MASK
+    word = ((word ^ word >> 30) * 0xBF58476D1CE4E5B9) & _MASK
+    word = ((word ^ word >> 27) * 0x94D049BB133111EB) & _MASK
+    return float(((word ^ word >> 31) >> 11) + 1) * _UNIT
