@@ -62,6 +62,7 @@ class Drive:
         "current_unit",
         "encoder",
         "health",
+        "held_pose",
         "mechanism",
         "motor",
         "next_ns",
@@ -84,6 +85,8 @@ class Drive:
         self._memory = table.memory
         self.encoder = encoder
         self.current_unit = current_unit
+        self.held_pose = False
+        """The measured current and velocity are those of ``measured.HELD_POSE``"""
         self._offset = current_offset
         self._on = False
         """Whether a current is held in current mode, be it 0; otherwise the motor is limp there"""

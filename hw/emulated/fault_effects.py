@@ -1,4 +1,4 @@
-"""Applies a fault to a servo: its encoder, errors, supply, ambient, power or cable."""
+"""Applies a fault to a servo: its measurements, errors, supply, ambient, power or cable."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
             servo.encoder.stop(now_ns)
         case "stuck":
             servo.encoder.free()
+        case "stuffing":
+            servo.drive.held_pose = begins
         case "jump":
             counts: int = fault.values["counts"]
             servo.encoder.shift(counts if begins else -counts)

@@ -83,6 +83,13 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
         "wrong-id": _Kind(("to",), (), True, "wrong-id:p=0.01", "another id, with a right CRC"),
         "noise": _Kind(("bytes",), (), True, "noise:p=0.01", "garbage in front of it"),
         "stuck": _Kind(("for", "id"), (), False, "stuck:at=2,for=0.5", "the encoder stands still"),
+        "stuffing": _Kind(
+            ("for", "id"),
+            (),
+            False,
+            "stuffing:at=2,for=0.5",
+            "current -1 and velocity -3 are measured, so that replies need byte stuffing",
+        ),
         "jump": _Kind(
             ("counts", "for", "id"),
             ("counts",),

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from haptic_wall.hw.emulated.damage import Passage, id_of, strike
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 
-_HELD = ("stuck", "supply", "ambient", "unplug", "unplug-adapter")
+_HELD = ("stuck", "stuffing", "supply", "ambient", "unplug", "unplug-adapter")
 """Faults with a duration; a jump only if one is given"""
 
 

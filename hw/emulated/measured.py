@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import struct
+from typing import Final
 
 from haptic_wall.hw.dynamixel.tables import VELOCITY_UNIT
 from haptic_wall.hw.emulated.control_modes import PWM_FULL
 from haptic_wall.hw.emulated.drive import Drive
 
+HELD_POSE: Final = (-1, -3)
+"""Current and velocity [units] that a servo now and then measures while it holds a pose: side by
+side their bytes begin as a frame does, so that the sender has to stuff them"""
 _PRESENT = struct.Struct("<HBBhhiiiiHB")
 """Realtime Tick to Present Temperature, in the order of their addresses"""
 _LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
@@ -40,6 +44,8 @@ def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
     pwm = round(duty * PWM_FULL)
     if table.inverts_current:
         velocity, current, pwm = -velocity, -current, -pwm
+    if drive.held_pose:
+        current, velocity = HELD_POSE
     status, ongoing, lead_velocity, lead_position = drive.motion(position, now_ns)
     return _PRESENT.pack(
         tick,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+import pytest
+
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.line import Line
@@ -121,3 +123,16 @@ class TroubledLine:
 def unharmed(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
     """Nothing happens to it."""
     return [(0, reply)]
+
+
+def tapped(line: Line, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
+    """What is read from a line from now on, piece by piece."""
+    received: list[bytes] = []
+    read = line.read
+
+    def noted() -> bytes:
+        received.append(read())
+        return received[-1]
+
+    monkeypatch.setattr(line, "read", noted)
+    return received

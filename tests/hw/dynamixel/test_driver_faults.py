@@ -20,6 +20,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Outcome, Reading
 from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.hw.dynamixel.lines import tapped
 
 FREE = replace(TRUE, coulomb=0.0, damping=0.0)
 MAX_SPEED = 15.0
@@ -406,3 +407,21 @@ def test_what_is_watched_is_what_fits_and_is_said(baud: int, period_s: float, wa
         assert reading.outcome is Outcome.OK
         bench.servo.write(0.0)
         bench.clock.wait_until(begun + round(period_s * 1e9))
+
+
+def test_a_held_pose_whose_replies_need_stuffing_costs_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Current -1 and velocity -3 are FF FF FD side by side: the reply is a byte longer."""
+    bench = Bench(replace(TRUE, coulomb=5.0), probe_torque=0.0)
+    bench.servo.start()
+    received = tapped(bench.line, monkeypatch)
+    fresh(bench)
+    bench.bus.inject("stuffing:for=0.1", bench.clock.now_ns())
+    readings = [cycle(bench, 0.5) for _ in range(100)]
+    assert b"".join(received).count(b"\xff\xff\xfd\xfd") == 100
+    assert {reading.outcome for reading in readings} == {Outcome.OK}
+    assert {reading.counts for reading in readings} == {round(bench.state.position / POSITION_UNIT)}
+    assert {reading.torque for reading in readings} == {-bench.servo.facts.torque_step}
+    assert counts(bench) == {}
+    assert cycle(bench, 0.5).torque == pytest.approx(0.5, abs=bench.servo.facts.torque_step)

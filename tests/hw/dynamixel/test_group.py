@@ -18,9 +18,9 @@ from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
-from haptic_wall.hw.servo import Outcome, Reading
+from haptic_wall.hw.servo import BusCounts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings, TrueServo
-from tests.hw.dynamixel.lines import US, Fate, TroubledLine
+from tests.hw.dynamixel.lines import US, Fate, TroubledLine, tapped
 
 MODEL = "XM430-W350"
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
@@ -399,3 +399,28 @@ def test_a_zero_that_cannot_be_sent_keeps_nobody_from_being_switched_off(
     monkeypatch.setattr(bench.line, "write", failing_once)
     assert bench.group.stop() is True
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("way", list(Way))
+def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
+    way: Way, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Current -1 and velocity -3 are FF FF FD side by side, which a joint reply does not stuff."""
+    bench = started(48, 48, 48, 48)
+    together = Together(bench.line, [1, 2, 3, 4], way)
+    received = tapped(bench.line, monkeypatch)
+    for id_ in (1, 3, 4):
+        bench.bus.inject(f"stuffing:id={id_}", bench.clock.now_ns())
+    for _ in range(50):
+        begun = bench.clock.now_ns()
+        together.request()
+        samples = together.collect(begun + 800_000)
+        together.send_currents([0, 0, 0, 0])
+        bench.clock.wait_until(begun + PERIOD_NS)
+        for truth, sample in zip(bench.truths, samples, strict=True):
+            assert sample.outcome is Outcome.OK
+            assert sample.counts == truth.drive.position()  # at rest since the start
+        assert [sample.current for sample in samples] == [-1, 0, -1, -1]
+    assert together.counts == [BusCounts(cycles=50)] * 4
+    stuffed = b"".join(received).count(b"\xff\xff\xfd\xfd")
+    assert stuffed == (0 if way is Way.FAST else 150)
