@@ -8,13 +8,16 @@ blocks of walls that fit into the processor's cache.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
+from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
 
 BLOCK = 4096
 """Walls simulated together: their arrays fit into the processor's second-level cache."""
@@ -60,6 +63,8 @@ class Walls:
     """N of the velocity difference"""
     one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
     """Whether the wall never pulls"""
+    current_loop: CurrentLoopParameters | None = None
+    """Of the servos; None: their torque follows at once"""
 
     @property
     def size(self) -> int:
@@ -68,7 +73,10 @@ class Walls:
 
     def take(self, index: IntArray | slice) -> Walls:
         """Return the walls at ``index``."""
-        return Walls(*(getattr(self, field.name)[index] for field in fields(self)))
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        loop = values.pop("current_loop")
+        arrays = {name: array[index] for name, array in values.items()}
+        return Walls(**arrays, current_loop=None if loop is None else loop.take(index))
 
     def with_stiffness(self, stiffness: FloatArray) -> Walls:
         """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
@@ -147,8 +155,10 @@ class Loops:
         self._stepped = bool(walls.torque_step[0] > 0.0)
         self._play = bool(walls.backlash[0] > 0.0)
         lagging = bool(walls.lag[0] > 0.0)
-        self._late: Held | None = self.bodies.held(walls.lag) if lagging else None
-        self._held = self.bodies.held(walls.rest)
+        loop = walls.current_loop
+        self._current = None if loop is None else CurrentLoops(loop, velocity)
+        self._late: Held | None = self._over(walls.lag) if lagging else None
+        self._held = self._over(walls.rest)
         self._half = 0.5 * walls.backlash
         self._followed = position.copy()
         # Measured positions and commanded torques: ring buffers with a row per period.
@@ -208,12 +218,16 @@ class Loops:
         self._command(measured, torques[k % torques.shape[0]])
         out = None if self._separate else self._measured[(k + 1) % rows]
         if self._late is not None:
-            self._move(self._delayed(1), self._late, out)
+            self._move(self._delayed(1), self._late, self._walls.lag, out)
             out = None
             if at_switch is not None:
                 at_switch()
-        self._move(self._delayed(0), self._held, out)
+        self._move(self._delayed(0), self._held, self._walls.rest, out)
         self.k = k + 1
+
+    def _over(self, duration: FloatArray) -> Held:
+        """Return the responses over this time; with current loops over a step of it."""
+        return self.bodies.held(duration if self._current is None else duration / _steps(duration))
 
     def _delayed(self, more: int) -> FloatArray:
         """Return the torques commanded each wall's whole periods of delay, and ``more``, ago."""
@@ -253,7 +267,19 @@ class Loops:
             torque[beyond] -= np.copysign(1.0, torque[beyond])
             np.multiply(torque, walls.torque_step, torque)
 
-    def _move(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
+    def _move(
+        self, torque: FloatArray, over: Held, duration: FloatArray, out: FloatArray | None
+    ) -> None:
+        """Move for ``duration`` [s] under commanded torques."""
+        if self._current is None:
+            self._step(torque, over, out)
+            return
+        for _ in range(_steps(duration)):
+            acting = self._current.held(torque, self.bodies.velocity, over.duration)
+            self._step(acting, over, out)
+            out = None
+
+    def _step(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
         bodies, followed = self.bodies, self._followed
         if self.hand is not None:
             torque = torque + self.hand
@@ -270,3 +296,8 @@ class Loops:
         np.maximum(followed, self._estimate, out=followed)
         np.add(bodies.position, self._half, self._estimate)
         np.minimum(followed, self._estimate, out=followed)
+
+
+def _steps(duration: FloatArray) -> int:
+    """Return the number of steps into which all divide their time [s]."""
+    return max(1, math.ceil(float(duration.max()) / STEP_S - _SNAP))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,12 +22,24 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
 """Default relative accuracy of a map."""
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
+
+_NOT_HERE = (
+    "static_friction",
+    "damping_back",
+    "load_friction",
+    "gravity",
+    "cogging",
+    "encoder_eccentricity",
+    "encoder_noise",
+)
+"""Effects of a servo that an array of walls does not have"""
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished points, and the total."""
@@ -45,13 +57,15 @@ class MapSettings:
     """Whether the wall never pulls"""
     velocity_samples: int = 1
     """N of the velocity difference"""
+    torque_clip: float = math.inf
+    """Largest torque of the wall [N·m]"""
 
     @classmethod
     def of(cls, config: Config) -> MapSettings:
         """Return the setting of a configuration, whose simulated or emulated servo is the truth.
 
         Raises:
-            UserError: The servo is real.
+            UserError: The servo is real, or has an effect that a map leaves out.
         """
         if config.servo.kind == "hardware":
             raise UserError(
@@ -61,10 +75,20 @@ class MapSettings:
             )
         one_sided = config.wall.side != "both"
         servo = config.true_servo()
+        _refuse_more(servo, config.period_ns)
+        if servo.back_emf and config.servo.kind != "simulated":
+            raise UserError(
+                "servo.back_emf: found true on an emulated servo, whose motor a map does not know; "
+                "set servo.backend=simulated, servo.torque_limit and servo.no_load_speed"
+            )
         clip = config.wall.torque_clip
-        if clip is not None:  # for a wall it acts like the servo's own limit
-            servo = replace(servo, torque_limit=min(clip, servo.torque_limit))
-        return cls(servo, config.period_ns, one_sided, config.wall.velocity_samples)
+        return cls(
+            servo,
+            config.period_ns,
+            one_sided,
+            config.wall.velocity_samples,
+            math.inf if clip is None else clip,
+        )
 
     @property
     def period(self) -> float:
@@ -93,7 +117,7 @@ class MapSettings:
             coulomb=servo.coulomb * one,
             counts_per_radian=servo.counts_per_rev / (2.0 * math.pi) * one,
             backlash=servo.backlash * one,
-            torque_limit=servo.torque_limit * one,
+            torque_limit=min(servo.torque_limit, self.torque_clip) * one,
             torque_step=servo.torque_step * one,
             stiffness=0.0 * one,
             virtual_damping=virtual_damping,
@@ -103,7 +127,45 @@ class MapSettings:
             rest=(self.period_ns - lag_ns) * 1e-9 * one,
             velocity_samples=np.full(one.size, self.velocity_samples),
             one_sided=np.full(one.size, self.one_sided),
+            current_loop=_current_loop(servo, one.size),
         )
+
+
+def _refuse_more(servo: TrueServo, period_ns: int) -> None:
+    """Refuse a servo with effects that would be left out.
+
+    Raises:
+        UserError: It has such an effect.
+    """
+    for name in _NOT_HERE:
+        value = getattr(servo, name)
+        if value not in (None, 0.0):
+            raise UserError(
+                f"servo.{name}: found {value:g}, but a map simulates servos without it; leave it "
+                "out, or use haptic-wall sweep"
+            )
+    tick_ns = round(servo.current_period * 1e9)
+    if tick_ns and period_ns % tick_ns:
+        raise UserError(
+            f"servo.current_period: found {servo.current_period:g} s, wanted a whole fraction of "
+            f"the loop's period, {period_ns * 1e-9:g} s: a map has no other; or use haptic-wall "
+            "sweep"
+        )
+
+
+def _current_loop(servo: TrueServo, count: int) -> CurrentLoopParameters | None:
+    """Return the loops of so many servos alike; None: their torque follows at once."""
+    if not (servo.current_bandwidth or servo.dead_band or servo.back_emf):
+        return None
+    one = np.ones(count)
+    braking = servo.torque_limit / servo.no_load_speed if servo.back_emf else 0.0
+    return CurrentLoopParameters(
+        bandwidth=servo.current_bandwidth * one,
+        dead_band=servo.dead_band * one,
+        back_emf=braking * one,
+        stall_torque=servo.torque_limit * one,
+        droop=servo.current_droop * one,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.hw.plant.body import PlantParameters, State, step
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 PERIOD = 1e-3
 
@@ -38,7 +42,9 @@ def make(n: int, **given: object) -> Walls:
         "delay": 0.0,
     }
     values.update(given)
-    arrays = {name: np.broadcast_to(np.asarray(value), (n,)) for name, value in values.items()}
+    arrays: dict[str, Any] = {
+        name: np.broadcast_to(np.asarray(value), (n,)) for name, value in values.items()
+    }
     delay = arrays.pop("delay")
     whole, lag, rest = split_delay(delay, arrays["period"])
     return Walls(**arrays, whole=whole, lag=lag, rest=rest)
@@ -46,7 +52,9 @@ def make(n: int, **given: object) -> Walls:
 
 def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:
     """The measured positions of one wall, from the program's own scalar parts."""
-    w = {name: getattr(walls, name)[i].item() for name in Walls.__dataclass_fields__}
+    assert walls.current_loop is None
+    names = Walls.__dataclass_fields__.keys() - {"current_loop"}
+    w = {name: getattr(walls, name)[i].item() for name in names}
     body = PlantParameters(w["inertia"], w["damping"], w["coulomb"])
     state, followed, half = State(start, velocity), start, 0.5 * w["backlash"]
     wall = Wall(w["stiffness"], w["virtual_damping"], 0.0, "above" if w["one_sided"] else "both")
@@ -179,3 +187,62 @@ def test_delays_near_whole_periods_are_whole() -> None:
     assert lag.tolist()[:3] == [0.0, 0.0, 0.0]
     assert lag[3] == pytest.approx(0.0005)
     np.testing.assert_allclose(lag + rest, 1e-3)
+
+
+def currents(n: int, **given: float) -> CurrentLoopParameters:
+    values = {
+        "bandwidth": 0.0,
+        "dead_band": 0.0,
+        "back_emf": 0.0,
+        "stall_torque": 4.1,
+        "droop": 0.0,
+        **given,
+    }
+    return CurrentLoopParameters(**{name: np.full(n, value) for name, value in values.items()})
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.3e-3])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"bandwidth": 120.0},
+        {"dead_band": 0.05},
+        {"back_emf": 4.1 / 4.82, "droop": 0.3},
+        {"bandwidth": 300.0, "back_emf": 4.1 / 4.82, "droop": 0.02, "dead_band": 0.01},
+    ],
+    ids=" ".join,
+)
+def test_servos_with_a_current_loop_move_as_each_alone(
+    given: dict[str, float], delay: float
+) -> None:
+    """Within the error of the steps, which begin at other instants where there is a lag."""
+    walls = replace(
+        make(3, delay=delay, coulomb=0.01, torque_limit=4.1), current_loop=currents(3, **given)
+    )
+    start = np.array([0.02, -0.1, 0.3])
+    loops = Loops(walls, start)
+    loops.run(300)
+    for i, position in enumerate(loops.bodies.position):
+        true = TrueServo(
+            inertia=0.012,
+            damping=0.0117,
+            coulomb=0.01,
+            counts_per_rev=0,
+            delay=delay,
+            torque_limit=4.1,
+            no_load_speed=4.82,
+            position=float(start[i]),
+            current_bandwidth=given.get("bandwidth", 0.0),
+            dead_band=given.get("dead_band", 0.0),
+            back_emf="back_emf" in given,
+            current_droop=given.get("droop", 0.0),
+        )
+        mechanism = Mechanism(true, 0)
+        wall = Wall(float(walls.stiffness[i]), 0.02, 0.0, "both")
+        estimator = velocity_estimator(PERIOD, 1)
+        for k in range(300):
+            mechanism.advance(k * 1_000_000)
+            seen = mechanism.measured_position()
+            mechanism.command(wall.torque(seen, estimator.update(seen, 1)), k * 1_000_000)
+        mechanism.advance(300 * 1_000_000)
+        assert position == pytest.approx(mechanism.position, abs=2e-5)

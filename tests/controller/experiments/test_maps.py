@@ -195,3 +195,33 @@ def test_what_cannot_be_mapped_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=name):
         critical_map(setting, dampings, steps, kicks, executor=AtOnce())
+
+
+def test_the_drive_of_the_servo_takes_part() -> None:
+    sets = ("servo.current_bandwidth=100", "servo.back_emf=true", "wall.torque_clip=0.5")
+    walls = MapSettings.of(load_config("simulated", sets).config).walls(np.array([0.0, 0.1]), 1)
+    loop = walls.current_loop
+    assert loop is not None
+    np.testing.assert_array_equal(loop.bandwidth, 100.0)
+    np.testing.assert_array_equal(loop.stall_torque, 4.1)
+    np.testing.assert_allclose(loop.back_emf, 4.1 / 4.82)
+    np.testing.assert_array_equal(walls.torque_limit, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("servo.gravity=0.2", ["servo.gravity", "0.2", "sweep"]),
+        ("servo.damping_back=0.02", ["servo.damping_back", "sweep"]),
+        ("servo.current_period=0.0007", ["servo.current_period", "0.001 s"]),
+    ],
+)
+def test_what_a_map_would_leave_out_is_refused(setting: str, words: list[str]) -> None:
+    with pytest.raises(UserError) as caught:
+        MapSettings.of(load_config("simulated", (setting,)).config)
+    assert all(word in str(caught.value) for word in words)
+
+
+def test_an_emulated_servo_with_back_emf_is_refused() -> None:
+    with pytest.raises(UserError, match=r"set servo\.backend=simulated"):
+        MapSettings.of(load_config("emulated-xm430", ("servo.back_emf=true",)).config)

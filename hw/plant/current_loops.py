@@ -1,0 +1,84 @@
+"""Many current loops at once: the array form of ``haptic_wall.hw.plant.current_loop``.
+
+The same formulas, with one difference: all of the back-EMF is taken at the speed predicted for the
+middle of the step, where a loop alone has part of it act continuously. Both are of second order.
+Steps have one length for all bodies. ``STEP_S`` at the most keeps the errors that are stated there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.hw.plant.current_loop import STEP_NS
+
+Floats = NDArray[np.float64]
+
+STEP_S = STEP_NS * 1e-9
+"""Longest step [s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentLoopParameters:
+    """Of many loops; arrays of shape (n,)."""
+
+    bandwidth: Floats
+    """[Hz]; 0: at once"""
+    dead_band: Floats
+    """[N·m]"""
+    back_emf: Floats
+    """Stall torque over no-load speed [N·m·s/rad]; 0: none"""
+    stall_torque: Floats
+    """[N·m]; used with back-EMF"""
+    droop: Floats
+    """Fraction of the back-EMF that stays at the no-load speed"""
+
+    def take(self, index: NDArray[np.intp] | slice) -> CurrentLoopParameters:
+        """Return the loops at ``index``."""
+        return CurrentLoopParameters(*(getattr(self, one.name)[index] for one in fields(self)))
+
+
+class CurrentLoops:
+    """The loops of many bodies that somebody else moves."""
+
+    __slots__ = ("_lost", "_parameters", "_rate", "_speed", "_u")
+
+    def __init__(self, parameters: CurrentLoopParameters, velocity: Floats) -> None:
+        """Create loops without torque, on bodies that move.
+
+        Args:
+            parameters: Of each.
+            velocity: Of the bodies [rad/s].
+        """
+        self._parameters = parameters
+        self._rate = 2.0 * np.pi * parameters.bandwidth
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lost = parameters.droop * parameters.back_emf**2 / parameters.stall_torque
+        self._lost = np.where(parameters.back_emf > 0.0, lost, 0.0)
+        self._u = parameters.back_emf * velocity
+        self._speed = velocity.copy()
+
+    def held(self, goal: Floats, velocity: Floats, duration: Floats) -> Floats:
+        """Return the torques to hold over the next step [N·m].
+
+        Args:
+            goal: [N·m].
+            velocity: Of the bodies at its start [rad/s].
+            duration: Its length [s], > 0; for the prediction, also that of the last one.
+        """
+        p = self._parameters
+        middle = velocity + 0.5 * (velocity - self._speed)
+        self._speed = velocity.copy()
+        back_emf = p.back_emf * middle
+        wanted = np.copysign(np.maximum(np.abs(goal) - p.dead_band, 0.0), goal)
+        wanted += back_emf - self._lost * np.abs(middle) * middle
+        limited = np.clip(wanted, -p.stall_torque, p.stall_torque)
+        target = np.where(p.back_emf > 0.0, limited, wanted)
+        y = self._rate * duration
+        fraction = np.ones_like(y)
+        np.divide(-np.expm1(-y), y, out=fraction, where=y > 0.0)
+        gap = np.where(y > 0.0, self._u - target, 0.0)
+        self._u = target + gap * np.exp(-y)
+        return target + gap * fraction - back_emf
