@@ -149,17 +149,21 @@ class EmulatedBus:
         self._gone.clear()
         return data
 
-    def next_event_ns(self) -> int | None:
-        """Return the time of the next event if the host sends nothing [ns]; None: no event."""
-        time_ns, _ = self._next()
+    def next_event_ns(self, until_ns: int = _NEVER_NS) -> int | None:
+        """Return the time of the next event if the host sends nothing [ns]; None: no event.
+
+        Args:
+            until_ns: An event after this time may be left out [ns].
+        """
+        time_ns, _ = self._next(until_ns)
         if self._adapter is not None:
             handed_ns = self._adapter.next_ns()
             if handed_ns is not None and handed_ns < time_ns:
                 return handed_ns
         return None if time_ns == _NEVER_NS else time_ns
 
-    def _next(self) -> tuple[int, int]:
-        """Return time and kind of the next event."""
+    def _next(self, until_ns: int) -> tuple[int, int]:
+        """Return time and kind of the next event; one after ``until_ns`` [ns] may be left out."""
         time_ns, kind = _NEVER_NS, _STATE
         adapter = self._adapter
         if adapter is not None:  # without an adapter there are no faults either
@@ -167,6 +171,8 @@ class EmulatedBus:
             if fault_ns is not None:
                 time_ns, kind = fault_ns, _FAULT
         for servo in self.servos:
+            if servo.watchdog_from_ns > until_ns:  # most often; asking more takes longer
+                continue
             watchdog_ns = servo.watchdog_ns
             if watchdog_ns is not None and watchdog_ns < time_ns:
                 time_ns, kind = watchdog_ns, _WATCHDOG
@@ -189,7 +195,7 @@ class EmulatedBus:
     def _run(self, now_ns: int) -> None:
         """Process every event up to ``now_ns``, in order of time."""
         while True:
-            time_ns, kind = self._next()
+            time_ns, kind = self._next(now_ns)
             if time_ns > now_ns:
                 return
             if kind == _INSTRUCTION:

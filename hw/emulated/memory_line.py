@@ -57,7 +57,7 @@ class MemoryLine:
             self._check()
             if self._arrived or now_ns >= deadline_ns:
                 return bool(self._arrived)
-            event_ns = self.bus.next_event_ns()
+            event_ns = self.bus.next_event_ns(deadline_ns)
             self.clock.wait_until(deadline_ns if event_ns is None else min(event_ns, deadline_ns))
 
     def close(self) -> None:

@@ -155,6 +155,11 @@ class EmulatedServo:
         return self.model.knows_fast_reads(self.firmware)
 
     @property
+    def watchdog_from_ns(self) -> int:
+        """Return a time before which the Bus Watchdog does not trip, whatever it is set to [ns]."""
+        return self._heard_ns + WATCHDOG_UNIT_NS
+
+    @property
     def watchdog_ns(self) -> int | None:
         """Return when the Bus Watchdog will trip without instructions [ns]; None: never."""
         value = self.memory.get("bus_watchdog")

@@ -258,7 +258,7 @@ def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(tmp_path: 
     for package in ("controller", "hw"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text("raise SystemExit('not this one')\n")
-    done = called(tmp_path, "run", "simulated", "--duration=0.1", "--json")
+    done = called(tmp_path, "run", "simulated", "--duration=0.1", "--no-plot", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["log"] is not None
     computed = ["--virtual-damping=0", "--delay-steps=0,1", "--kick=0.03", "--workers=2"]

@@ -51,7 +51,7 @@ def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: b
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
     command = [str(Path(sys.executable).with_name("haptic-wall")), "run", "simulated"]
-    command += ["--set", "realtime.profile=off", "--duration", "60"]
+    command += ["--set", "realtime.profile=off", "--duration", "60", "--no-plot"]
     run = subprocess.Popen(
         command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path, start_new_session=True,
         preexec_fn=lambda: os.close(os.open(os.ttyname(theirs), os.O_RDWR)),  # noqa: PLW1509 - it takes the terminal

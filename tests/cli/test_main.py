@@ -206,6 +206,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 @pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
+    brief.append("--no-plot")
     done = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *brief],
         capture_output=True,

@@ -85,7 +85,7 @@ def run(folder: Path, *sets: str) -> tuple[int, Any, str]:
     """A run as a process of its own."""
     changes = [word for text in sets for word in ("--set", text)]
     done = subprocess.run(
-        [*PROGRAM, "run", EMULATED, "--json", "--duration", "1", *changes],
+        [*PROGRAM, "run", EMULATED, "--json", "--no-plot", "--duration", "1", *changes],
         capture_output=True,
         text=True,
         cwd=folder,

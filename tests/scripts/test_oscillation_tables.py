@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from scripts.studies import detector_table, reaction_table
-from scripts.study import ROOT, Study, run
+from scripts.study import ROOT, Given, Part, Study, run
 from scripts.trials.cases import Case
 from scripts.trials.run import WallAsked
 from scripts.trials.truth import Truth
 
 CASE = {"Case": Case, "Truth": Truth, "WallAsked": WallAsked, "__builtins__": {}}
+
+
+def _shortened(study: Study) -> Study:
+    """The study in this process, on the first of its servos."""
+
+    def some(part: Part[Any, Any], given: Given) -> list[Any]:
+        cases = list(part.cases(given))
+        return [case for case in cases if case[0] == cases[0][0]]
+
+    parts = [replace(part, cases=partial(some, part), in_turn=True) for part in study.parts]
+    return replace(study, parts=tuple(parts))
 
 
 @pytest.mark.parametrize(
@@ -24,7 +38,7 @@ def test_the_sections_of_a_page_are_made(tmp_path: Path, study: Study, name: str
     page.write_text((ROOT / "docs" / study.page).read_text())
     sections = [part.name for part in study.parts if part.name != "belief"]
     words = ["--quick", "--seed", "2", "--only", *sections, "--out", str(page)]
-    run(study, name, "Tables.", [*words, "--examples", str(examples)])
+    run(_shortened(study), name, "Tables.", [*words, "--examples", str(examples)])
     for section in sections:
         made = f"<!-- computed: {section} -->\nBy `scripts/study {name} --quick --seed 2`"
         assert made in page.read_text()

@@ -140,8 +140,11 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         fading = np.broadcast_to(np.maximum(parameters.fading, _NO_SPEED), speeds.shape)
     decay = parameters.damping / inertia
     response = held_response(decay[:, :, None, None], lengths)
-    phi, psi, kept = (np.moveaxis(r, (2, 3), (0, 1)) for r in response)
-    held, lengths = np.moveaxis(torques, (2, 3), (0, 1)), np.moveaxis(lengths, (2, 3), (0, 1))
+    # Time first: a step reads whole rows of memory.
+    phi, psi, kept, held, lengths = (
+        np.ascontiguousarray(np.moveaxis(each, (2, 3), (0, 1)))
+        for each in (*response, torques, lengths)
+    )
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
     half = np.broadcast_to(0.5 * parameters.backlash, speeds.shape)
     loose = bool(np.any(half))

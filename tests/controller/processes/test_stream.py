@@ -186,7 +186,7 @@ def test_what_run_refuses(
 @pytest.mark.realtime
 def test_a_run_is_watched_live(listener: socket.socket, tmp_path: Path) -> None:
     words = ["run", "simulated", "--duration", "0.5", "--json", "--log", "a.hwlog"]
-    words += ["--set", "realtime.profile=off", "--plot", "a.png"]
+    words += ["--set", "realtime.profile=off", "--no-plot"]
     words += ["--stream", f"127.0.0.1:{listener.getsockname()[1]}", "--stream-rate", "50"]
     done = subprocess.run(
         [sys.executable, "-m", "haptic_wall.controller.cli.main", *words],

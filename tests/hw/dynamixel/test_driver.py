@@ -25,7 +25,7 @@ FREE = replace(TRUE, coulomb=0.0, damping=0.0)
 
 
 def started(**settings: object) -> Bench:
-    bench = Bench(**settings)  # type: ignore[arg-type]
+    bench = Bench(probe_torque=0.0, **settings)  # type: ignore[arg-type]
     bench.servo.start()
     return bench
 

@@ -34,7 +34,7 @@ EVERYTHING_NS = 5 * WATCHED_NS
 
 def moving(*, max_speed: float | None = MAX_SPEED, **settings: object) -> Bench:
     """A started servo that has been brought to ``SPEED`` and is left alone."""
-    bench = Bench(FREE, max_speed=max_speed, **settings)  # type: ignore[arg-type]
+    bench = Bench(FREE, max_speed=max_speed, probe_torque=0.0, **settings)  # type: ignore[arg-type]
     bench.servo.start()
     while bench.state.velocity < SPEED:
         bench.cycle(1.0)
@@ -177,7 +177,7 @@ def until_it_ends(bench: Bench, torque: float = 0.2, seconds: float = 1.0) -> in
 
 
 def started(**settings: object) -> Bench:
-    bench = Bench(TRUE, max_speed=MAX_SPEED, **settings)  # type: ignore[arg-type]
+    bench = Bench(TRUE, max_speed=MAX_SPEED, probe_torque=0.0, **settings)  # type: ignore[arg-type]
     bench.servo.start()
     for _ in range(10):
         cycle(bench)
@@ -308,7 +308,7 @@ class LineOf:
 @pytest.mark.parametrize("seconds", [0.3, 5.0, 100.0])
 def test_a_suspended_computer_is_no_weak_supply(seconds: float, torque: float) -> None:
     """The servo's clock went on, and its Bus Watchdog dropped the torque."""
-    bench = Bench()
+    bench = Bench(probe_torque=0.0)
     clock = Suspended(bench.clock)
     bench.servo = DynamixelServo(bench.settings, LineOf(bench.memory_line, clock))
     bench.servo.start()

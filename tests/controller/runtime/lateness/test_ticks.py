@@ -386,7 +386,7 @@ def test_another_process_on_the_core_is_called_so() -> None:
 @pytest.mark.realtime
 def test_a_run_that_was_stopped_and_continued_says_so(tmp_path: Path) -> None:
     """The whole program: the loop's process is stopped for longer than a period, and resumed."""
-    words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--plot=run.png"]
+    words = ["run", "simulated", "--duration=60", "--json", "--log=run.hwlog", "--no-plot"]
     words += ["--set=safety.heartbeat_s=5", "--set=loop.warm_up_s=0.5"]
     command = [sys.executable, "-m", "haptic_wall.controller.cli.main", *words]
     with subprocess.Popen(
