@@ -60,14 +60,16 @@ class Mechanism:
         true: TrueServo,
         start_ns: int,
         *,
+        velocity: float = 0.0,
         winding: Winding | None = None,
         operator_waits: bool = False,
     ) -> None:
-        """Create a servo at rest at ``true.position``, with no torque, at ``start_ns`` [ns].
+        """Create a servo at ``true.position``, with no torque, at ``start_ns`` [ns].
 
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
+            velocity: Of the shaft at that time [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
@@ -80,7 +82,7 @@ class Mechanism:
         ideal = effects.none(true.damping, true.coulomb)
         self._step = step if ideal else Substeps(self._parameters, effects).step
         self._braking = 0.0
-        self._state = State(true.position, 0.0)
+        self._state = State(true.position, velocity)
         self._true = true
         self._operator = None if operator_waits else operator_of(true)
         self._operator_ns: int | None = None

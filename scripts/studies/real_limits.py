@@ -11,7 +11,7 @@ alone, without its margin. Takes some minutes.
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ KICKS = (0.004, 0.03, 0.3)
 """Displacements from the wall at which a two-sided wall begins [rad]"""
 SPEEDS = (0.3, 1.0, 3.0)
 """Of entry into a one-sided wall [rad/s]"""
-PHASES = (0.0, 0.33, 0.67, 0.99)
+PHASES = (0.0, 0.33, 0.67, 0.999)
 """Of the entry within a period"""
 CYCLES = 20
 """Of a two-sided wall, over which a motion has to die"""
@@ -60,68 +60,54 @@ BASES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Effect:
+class Effect(NamedTuple):
     """One effect at one size: what it changes of a servo, of which the guard knows nothing."""
 
     name: str
     size: str
-    changes: Callable[[Base], dict[str, Any]]
+    changes: dict[str, Any]
 
 
-def effects() -> Iterator[Effect]:
+def effects(base: Base) -> Iterator[Effect]:
     """Every effect at realistic sizes and beyond, and all together."""
-
-    def of(name: str, size: str, **changes: Any) -> Effect:  # noqa: ANN401 - a servo's fields
-        return Effect(name, size, lambda _: changes)
-
-    yield of("none", "")
+    yield Effect("none", "", {})
+    friction = base.coulomb
     for share in (0.5, 1.0, 2.0):
-        yield Effect("Coulomb friction", f"{share:g} of the fit's", lambda base, share=share: {
-            "coulomb": share * base.coulomb
-        })  # fmt: skip
+        yield Effect("Coulomb friction", f"{share:g} of the fit's", {"coulomb": share * friction})
     for static, speed in ((1.5, 1.1), (2.5, 1.1), (2.5, 0.05)):
-        yield Effect(
-            "static friction",
-            f"{static:g} of Coulomb's, over {speed:g} rad/s",
-            lambda base, static=static, speed=speed: {
-                "coulomb": base.coulomb,
-                "static_friction": static * base.coulomb,
-                "stribeck_speed": speed,
-            },
-        )
+        falling = {"static_friction": static * friction, "stribeck_speed": speed}
+        size = f"{static:g} of Coulomb's, over {speed:g} rad/s"
+        yield Effect("static friction", size, {"coulomb": friction, **falling})
     for share in (0.5, 0.8, 1.25, 2.0):
-        yield Effect("viscous friction backward", f"{share:g} of forward", lambda base, share=share: {
-            "damping_back": share * base.damping
-        })  # fmt: skip
+        back = {"damping_back": share * base.damping}
+        yield Effect("viscous friction backward", f"{share:g} of forward", back)
     for share in (0.1, 0.3):
-        yield of("load friction", f"{share:g} of the load", load_friction=share)
+        yield Effect("load friction", f"{share:g} of the load", {"load_friction": share})
     for share in (0.02, 0.1, 0.25):
         for angle, where in ((0.0, "hangs at the wall"), (math.pi, "stands on end there")):
-            yield Effect("weight", f"{share:g} of the stall torque, {where}", lambda base, share=share, angle=angle: {
-                "gravity": share * base.torque_limit, "gravity_angle": angle
-            })  # fmt: skip
+            weight = {"gravity": share * base.torque_limit, "gravity_angle": angle}
+            yield Effect("weight", f"{share:g} of the stall torque, {where}", weight)
     for share, periods in ((0.005, 24.0), (0.01, 24.0), (0.01, 96.0)):
         for phase, where in ((0.0, "stiffest at the wall"), (math.pi, "softest there")):
-            yield Effect("cogging", f"{share:g} of the stall torque, {periods:g} a turn, {where}", lambda base, share=share, periods=periods, phase=phase: {
-                "cogging": share * base.torque_limit, "cogging_periods": periods, "cogging_phase": phase
-            })  # fmt: skip
-    for size in (0.003, 0.01, 0.05):
-        yield of("encoder's eccentricity", f"{size:g} rad", encoder_eccentricity=size)
-    for size in (0.3, 1.0):
-        yield of("encoder's noise", f"{size:g} counts", encoder_noise=size, counts_per_rev=4096)
-    yield of("encoder's counts", "4096 a turn", counts_per_rev=4096)
-    yield of("backlash", "0.25°", backlash=math.radians(0.25), counts_per_rev=4096)
-    for bandwidth in (50.0, 160.0, 500.0):
-        yield of("current loop", f"{bandwidth:g} Hz, counted as a delay", current_bandwidth=bandwidth)
+            teeth = {"cogging": share * base.torque_limit, "cogging_periods": periods}
+            size = f"{share:g} of the stall torque, {periods:g} a turn, {where}"
+            yield Effect("cogging", size, {**teeth, "cogging_phase": phase})
+    for error in (0.003, 0.01, 0.05):
+        yield Effect("eccentric encoder", f"{error:g} rad", {"encoder_eccentricity": error})
+    counts = {"counts_per_rev": 4096}
+    yield Effect("encoder's counts", "4096 a turn", counts)
+    for noise in (0.3, 1.0):
+        yield Effect("encoder's noise", f"{noise:g} counts", {"encoder_noise": noise, **counts})
+    yield Effect("backlash", "0.25°", {"backlash": math.radians(0.25), **counts})
+    for hertz in (50.0, 160.0, 500.0):
+        size = f"{hertz:g} Hz, counted as a delay"
+        yield Effect("current loop", size, {"current_bandwidth": hertz})
     for droop in (0.0, 0.5):
-        yield Effect("back-EMF", f"droop {droop:g}", lambda base, droop=droop: {
-            "back_emf": True, "current_droop": droop, "no_load_speed": base.no_load_speed
-        })  # fmt: skip
-    yield Effect("dead band", "3 % of the stall torque", lambda base: {
-        "dead_band": 0.03 * base.torque_limit
-    })  # fmt: skip
-    yield Effect("all", "at usual sizes", everything)
+        motor = {"back_emf": True, "no_load_speed": base.no_load_speed}
+        yield Effect("back-EMF", f"droop {droop:g}", {**motor, "current_droop": droop})
+    band = {"dead_band": 0.03 * base.torque_limit}
+    yield Effect("dead band", "3 % of the stall torque", band)
+    yield Effect("all", "at usual sizes", everything(base))
 
 
 def everything(base: Base) -> dict[str, Any]:
@@ -163,11 +149,11 @@ class Limits(NamedTuple):
 def servo_of(case: Case) -> TrueServo:
     """The true servo of a case, with room for any torque."""
     base = BASES[case.servo]
-    (effect,) = (each for each in effects() if (each.name, each.size) == (case.name, case.size))
+    same = (each for each in effects(base) if (each.name, each.size) == (case.name, case.size))
     plain = TrueServo(
         inertia=base.inertia, damping=base.damping, counts_per_rev=0, delay=DELAY, torque_limit=1e3
     )
-    changed = effect.changes(base)
+    changed = next(same).changes
     if changed.get("back_emf"):
         changed = {**changed, "torque_limit": base.torque_limit}
     return replace(plain, **changed)
@@ -209,7 +195,7 @@ def throws(
     period = PERIOD_NS * 1e-9
     start = -speed * period * (1 + phase)
     servo = Mechanism(replace(true, position=start), 0, velocity=speed)
-    before, outside, came = start - speed * period, 0, energy(true, start, speed)
+    before, outside, came, went = start - speed * period, 0, energy(true, start, speed), -math.inf
     for k in range(LONGEST):
         servo.advance(k * PERIOD_NS)
         x = servo.measured_position()
@@ -217,8 +203,9 @@ def throws(
         servo.command(min(torque, 0.0) if x > 0 else 0.0, k * PERIOD_NS)
         before = x
         outside = outside + 1 if k > 2 and x <= 0 else 0
+        went = max(went, energy(true, servo.position, servo.velocity)) if outside else -math.inf
         if outside > AFTER:
-            return energy(true, servo.position, servo.velocity) > came
+            return went > came
     return False  # it stays in the wall
 
 
@@ -250,7 +237,7 @@ def cases(given: Given) -> list[Case]:
     return [
         Case(servo, effect.name, effect.size, damping)
         for servo in given.servos
-        for effect in effects()
+        for effect in effects(BASES[servo])
         for damping in BASES[servo].virtual_dampings[:: 2 if given.quick else 1]
     ]
 
@@ -278,7 +265,7 @@ def lines(found: Found[Case, Limits]) -> list[str]:
     draw(found)
     servos = list(dict.fromkeys(case.servo for case, _ in found))
     rows = []
-    for effect in effects():
+    for effect in effects(next(iter(BASES.values()))):
         cells: list[str] = []
         for servo in servos:
             own = [
@@ -301,7 +288,7 @@ def lines(found: Found[Case, Limits]) -> list[str]:
 
 def draw(found: Found[Case, Limits]) -> None:
     """Draw the least shares of each effect."""
-    names = [f"{each.name} {each.size}".strip() for each in effects()]
+    names = [f"{each.name} {each.size}".strip() for each in effects(next(iter(BASES.values())))]
     with picture(Path(__file__).parents[2] / "docs" / PICTURE, PAGE, 8.0) as figure:
         ax = figure.subplots()
         for side, colour, word in ((0, BLUE, "two-sided"), (1, ORANGE, "one-sided")):
