@@ -26,7 +26,7 @@ _RANGES: Final = {
     "outcome": (0, max(Outcome)),
     "oscillation": (0, max(State)),
     "flags": (0, (1 << 16) - 1),
-    "phase": (0, 1 << 20),
+    "phase": (-1, 1 << 20),
     "missed": (0, 1 << 40),
 }
 """Least and largest values of the columns that hold no time within a tick"""

@@ -154,7 +154,8 @@ class LogSummary:
             if known.size:
                 extremes[0] = min(extremes[0], float(known.min()))
                 extremes[1] = max(extremes[1], float(known.max()))
-        self._phases.update(np.unique(rows["phase"]).tolist())
+        phases = rows["phase"]
+        self._phases.update(np.unique(phases[phases >= 0]).tolist())
         late = np.where(on, rows["lateness_ns"], -1)
         at = int(np.argmax(late))
         self._latest = max(self._latest, (int(late[at]), int(rows["deadline_ns"][at])))

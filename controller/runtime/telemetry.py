@@ -46,8 +46,8 @@ ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name 
 """One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
 [N·m/rad] and damping [N·m·s/rad], the total delay that the guard uses [s], the torque that the
 servo measured (NaN: it gives none). ``work_ns`` and ``bus_ns`` are those of the tick before, so
-that they include the writing of its row. ``phase`` is that of a program (0 without one),
-``oscillation`` the detector's state."""
+that they include the writing of its row. ``phase`` is that of a program (-1 before it begins; 0
+without one), ``oscillation`` the detector's state."""
 
 FLAG_SATURATED = 1
 """The wall's torque was limited."""

@@ -17,7 +17,8 @@ from haptic_wall.controller.experiments.testbed import (
     Testbed,
 )
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import append_end
+from haptic_wall.controller.logs.file import append_end, read_log
+from haptic_wall.controller.logs.summary import LogSummary
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
@@ -51,6 +52,18 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     assert swing[0] - origin == pytest.approx(0.05, abs=1e-3)
     assert played.ended.stop_reason == "duration"
     assert played.log.exists()
+
+
+def test_its_log_is_read_whole(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    config = load_config("emulated-xm430", ("loop.clock=simulated",)).config
+    played = Testbed(config, tmp_path).play("two", [Phase(0.3, torque=0.01), Phase(0.2)])
+    _, rows = read_log(played.log)
+    assert not caplog.messages
+    assert rows["seq"].tolist() == list(range(len(rows)))
+    assert rows["phase"][0] == -1, "the loop warms up before the program begins"
+    phases = LogSummary(begins=True, metadata={}, watched=True)
+    phases.add(rows)
+    assert phases.report(0)["phases"] == 2
 
 
 @pytest.mark.parametrize(
