@@ -71,6 +71,22 @@ class Effect(NamedTuple):
 def effects(base: Base) -> Iterator[Effect]:
     """Every effect at realistic sizes and beyond, and all together."""
     yield Effect("none", "", {})
+    yield from frictions(base)
+    yield from loads(base)
+    yield from encoders(base)
+    for hertz in (50.0, 160.0, 500.0):
+        size = f"{hertz:g} Hz, counted as a delay"
+        yield Effect("current loop", size, {"current_bandwidth": hertz})
+    for droop in (0.0, 0.5):
+        motor = {"back_emf": True, "no_load_speed": base.no_load_speed}
+        yield Effect("back-EMF", f"droop {droop:g}", {**motor, "current_droop": droop})
+    band = {"dead_band": 0.03 * base.torque_limit}
+    yield Effect("dead band", "3 % of the stall torque", band)
+    yield Effect("all", "at usual sizes", everything(base))
+
+
+def frictions(base: Base) -> Iterator[Effect]:
+    """Friction that is larger at rest, not the same each way, or grows with the load."""
     friction = base.coulomb
     for share in (0.5, 1.0, 2.0):
         yield Effect("Coulomb friction", f"{share:g} of the fit's", {"coulomb": share * friction})
@@ -83,6 +99,10 @@ def effects(base: Base) -> Iterator[Effect]:
         yield Effect("viscous friction backward", f"{share:g} of forward", back)
     for share in (0.1, 0.3):
         yield Effect("load friction", f"{share:g} of the load", {"load_friction": share})
+
+
+def loads(base: Base) -> Iterator[Effect]:
+    """Torques that depend on the position."""
     for share in (0.02, 0.1, 0.25):
         for angle, where in ((0.0, "hangs at the wall"), (math.pi, "stands on end there")):
             weight = {"gravity": share * base.torque_limit, "gravity_angle": angle}
@@ -92,22 +112,20 @@ def effects(base: Base) -> Iterator[Effect]:
             teeth = {"cogging": share * base.torque_limit, "cogging_periods": periods}
             size = f"{share:g} of the stall torque, {periods:g} a turn, {where}"
             yield Effect("cogging", size, {**teeth, "cogging_phase": phase})
+
+
+def encoders(base: Base) -> Iterator[Effect]:
+    """What lies between the shaft and its reading."""
     for error in (0.003, 0.01, 0.05):
         yield Effect("eccentric encoder", f"{error:g} rad", {"encoder_eccentricity": error})
-    counts = {"counts_per_rev": 4096}
-    yield Effect("encoder's counts", "4096 a turn", counts)
+    counts = {"counts_per_rev": 4096, "coulomb": base.coulomb}
+    yield Effect("encoder's counts", "4096 a turn, with friction", counts)
     for noise in (0.3, 1.0):
-        yield Effect("encoder's noise", f"{noise:g} counts", {"encoder_noise": noise, **counts})
-    yield Effect("backlash", "0.25°", {"backlash": math.radians(0.25), **counts})
-    for hertz in (50.0, 160.0, 500.0):
-        size = f"{hertz:g} Hz, counted as a delay"
-        yield Effect("current loop", size, {"current_bandwidth": hertz})
-    for droop in (0.0, 0.5):
-        motor = {"back_emf": True, "no_load_speed": base.no_load_speed}
-        yield Effect("back-EMF", f"droop {droop:g}", {**motor, "current_droop": droop})
-    band = {"dead_band": 0.03 * base.torque_limit}
-    yield Effect("dead band", "3 % of the stall torque", band)
-    yield Effect("all", "at usual sizes", everything(base))
+        size = f"{noise:g} counts, with friction"
+        yield Effect("encoder's noise", size, {"encoder_noise": noise, **counts})
+    for degrees in (0.1, 0.25):
+        slack = {"backlash": math.radians(degrees), **counts}
+        yield Effect("backlash", f"{degrees:g}°, with friction", slack)
 
 
 def everything(base: Base) -> dict[str, Any]:
