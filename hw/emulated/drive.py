@@ -265,7 +265,8 @@ class Drive:
                 cap = abs(memory["goal_current"]) * self.current_unit
         duty = self._sloped(_clamp(asked, limit), volts)
         current = motor.current(duty, volts, speed)
-        regulated = mode == CURRENT_MODE and duty == asked
+        # A current loop leads to what a limited duty makes, too: it is not passed by.
+        regulated = mode == CURRENT_MODE and (duty == asked or self.mechanism.has_current_loop)
         if cap is not None:
             most = motor.from_sensed(math.copysign(cap, current), volts, speed)
             if abs(current) > abs(most):

@@ -137,6 +137,11 @@ class Mechanism:
         """Return the torque that the motor's current is measured to make, filtered [N·m]."""
         return self.torque if self._loop is None else self._loop.sensed
 
+    @property
+    def has_current_loop(self) -> bool:
+        """Whether something lies between a commanded torque and the one that acts."""
+        return self._loop is not None
+
     def engage_operator(self, now_ns: int) -> None:
         """Let the scripted operator take the shaft, ``OPERATOR_WAIT_S`` after ``now_ns`` [ns].
 

@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
@@ -112,3 +114,25 @@ def test_the_same_run_is_the_same_to_the_bit() -> None:
     assert run(0) == first
     # Where the clock's origin lies does not matter either.
     assert run(123_456_789_012_345_678) == first
+
+
+def test_it_has_the_drive_of_an_emulated_one() -> None:
+    """Goals of 500 and -300 units of current, to near the no-load speed and back."""
+    drive = {"current_bandwidth": 90.0, "back_emf": True, "current_droop": 0.1, "dead_band": 0.02}
+    true: dict[str, Any] = {"inertia": 0.01, "coulomb": 0.05, "torque_limit": 4.1, **drive}
+    no_load = 46.0 * math.tau / 60.0
+    servo, clock = started(**true, no_load_speed=no_load)
+    model = MODELS["XM430-W350"]
+    emulated = EmulatedServo(model, 1, 48, TrueServo(**true), start_ns=0, baud=57_600)
+    for name, value in (("operating_mode", 0), ("goal_current", 0), ("torque_enable", 1)):
+        emulated.memory[name] = value
+    for units in (500, -300, 0):
+        emulated.write(102, units.to_bytes(2, "little", signed=True), clock.now_ns())
+        servo.write(units * model.current_unit_ma * 1e-3 * 4.1 / 2.3)
+        for _ in range(60):
+            clock.wait_until(clock.now_ns() + MS)
+            servo.request()
+            position = servo.collect(clock.now_ns()).position
+            assert position == pytest.approx(emulated.state(clock.now_ns()).position, abs=1e-9)
+        if units == 500:
+            assert 0.8 * no_load < emulated.state(clock.now_ns()).velocity < no_load

@@ -364,3 +364,16 @@ def test_goal_current_acts_through_the_current_loop() -> None:
     assert client.torque() < 0.5 * goal
     client.pass_time(100 * MS)
     assert client.torque() == pytest.approx(goal)
+
+
+def test_a_supply_sensed_servo_has_a_current_loop_too() -> None:
+    """Its controller steps each millisecond; the loop goes on between the steps."""
+    true = replace(HELD, current_bandwidth=5.0, back_emf=True)
+    client = Client((SMALL, 1), true=true, recorded=False)
+    client.servos[1].memory["pwm_slope"] = 255
+    client.enable_current_mode()
+    client.write(1, GOAL_CURRENT, 368, 2)
+    client.pass_time(20 * MS)
+    assert 0.05 < client.torque() < 0.2
+    client.pass_time(300 * MS)
+    assert client.torque() == pytest.approx(0.26, rel=1e-3)
