@@ -81,7 +81,12 @@ class Asked:
 
 
 def experiment(
-    out: Callable[[Any], Any], default: str | None = None, *, moves: bool = True, force: bool = True
+    out: Callable[[Any], Any],
+    default: str | None = None,
+    *,
+    moves: bool = True,
+    force: bool = True,
+    without: tuple[str, Callable[..., None]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command CONFIG and the options of all experiments, as ``Asked``.
 
@@ -90,12 +95,14 @@ def experiment(
         default: CONFIG where none is given; None: it must be given.
         moves: The command has ``--yes``.
         force: The command has ``--force``.
+        without: An option that makes CONFIG needless, and the function that is called then with all
+            that was given.
     """
 
     def decorated(function: Callable[..., None]) -> Callable[..., None]:
         @wraps(function)
         def command(
-            config: str,
+            config: str | None,
             sets: tuple[str, ...],
             out: Path | None,
             as_json_wanted: bool,
@@ -103,10 +110,18 @@ def experiment(
             force: bool = False,
             **own: Any,  # noqa: ANN401 - the command's own options
         ) -> None:
+            if without is not None and own.get(without[0]) is not None:
+                common = {"config": config, "sets": sets, "out": out, "yes": yes}
+                without[1](**common, **own, force=force, as_json_wanted=as_json_wanted)
+                return
+            if config is None:
+                asked = click.get_current_context()
+                wanted = next(each for each in asked.command.params if each.name == "config")
+                raise click.MissingParameter(ctx=asked, param=wanted)
             loaded = load_config(config, sets)
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
 
-        options = [config_argument(default), set_option, out]
+        options = [config_argument(default, needed=without is None), set_option, out]
         options += [_YES] * moves + [force_option] * force + [json_option]
         for option in reversed(options):
             command = option(command)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from haptic_wall.controller.cli.experiment import REACH, Asked, endings, experiment, moving
+from haptic_wall.controller.cli.identify_record import identify_record, refuse_pendulum
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     refuse_other_pictures,
@@ -60,13 +61,32 @@ _CONFIG = Kind(
     is_flag=True,
     help="With --from-sweep: do not move; compare with the model section of CONFIG.",
 )
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Nothing moves, and there is no CONFIG: fit the motion in this CSV.",
+)
+@click.option(
+    "--pendulum-mass",
+    type=float,
+    metavar="KG",
+    help="With --record: the weight that hangs on the shaft.",
+)
+@click.option(
+    "--pendulum-length",
+    type=float,
+    metavar="M",
+    help="With --record: from the axis to that weight's centre.",
+)
 @experiment(
     click.option(
         "--out",
         type=FileToWrite(),
         metavar="FILE",
         help="Write CONFIG to this path, with the identified values in its model section.",
-    )
+    ),
+    without=("record", identify_record),
 )
 def command(
     asked: Asked,
@@ -75,11 +95,19 @@ def command(
     reach: float,
     sweep: Path | None,
     no_motion: bool,
+    record: None,  # noqa: ARG001 - with one, identify_record is called
+    pendulum_mass: float | None,
+    pendulum_length: float | None,
 ) -> None:
     """Find inertia, friction and delay of CONFIG's servo from motions of its own.
 
     The shaft moves by itself, to both sides, and must be free to turn.
+
+    With --record FILE nothing moves: a motion that was recorded elsewhere is fitted. FILE is a CSV
+    with the columns time_s, position_rad and those that are known of torque_nm, current_a and
+    torque_enabled (0: the motor is off).
     """
+    refuse_pendulum(pendulum_mass, pendulum_length)
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
     from haptic_wall.controller.experiments.identify.text import report
 

@@ -23,12 +23,19 @@ from haptic_wall.controller.system.printable import printable
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def config_argument(default: str | None = None) -> Callable[[Command], Command]:
+def config_argument(
+    default: str | None = None, *, needed: bool = True
+) -> Callable[[Command], Command]:
     """Add the CONFIG argument, passed to the command as ``config``.
 
     Args:
         default: Its default; None: it is required.
+        needed: A missing one without default is refused; False: it is None.
     """
+    if default is None and not needed:
+        return click.argument(
+            "config", metavar="CONFIG", required=False, shell_complete=_configurations
+        )
     if default is None:
         return click.argument("config", metavar="CONFIG", shell_complete=_configurations)
     return click.argument(

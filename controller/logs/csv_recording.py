@@ -84,9 +84,23 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
         yield Recording(np.nan, (), known, tuple(notes))
 
 
-def _whole(path: Path) -> tuple[Part, list[str]]:
-    """Return all samples with increasing times, and sentences on repairs and omissions."""
-    columns, notes = columns_of(path)
+def columns_in_time(
+    path: Path, known: tuple[str, ...], name: str
+) -> tuple[dict[str, Floats], list[str]]:
+    """Return the columns of the rows whose times increase, and sentences on what was changed.
+
+    Recordings that follow each other in one file are shifted to follow each other in time.
+
+    Args:
+        path: The file.
+        known: Columns that are read where they are, besides time and position.
+        name: The argument or option that names the file, for messages.
+
+    Raises:
+        UserError: The file holds too few rows; the message says what was found.
+        OSError: It cannot be read, or is no regular file.
+    """
+    columns, notes = columns_of(path, known, name)
     times = columns["time_s"]
     times, going_on = _going_on(times)
     notes += going_on
@@ -98,22 +112,30 @@ def _whole(path: Path) -> tuple[Part, list[str]]:
             f"{np.count_nonzero(~ordered)} rows are left out: their time does not lie after that of"
             f" the rows before, first at {seconds(first)} s"
         )
-        columns = {name: values[ordered] for name, values in columns.items()}
+        columns = {column: values[ordered] for column, values in columns.items()}
         times = columns["time_s"]
     if times.size < LEAST:
         raise UserError(
-            f"LOG {path}: found {times.size} rows with a time of their own, wanted at least {LEAST}"
+            f"{name} {path}: found {times.size} rows with a time of their own, wanted at least"
+            f" {LEAST}"
         )
     if abs(times[0]) >= _CLOCK_S:
         notes.append(f"times count from the first row's, {times[0]:.3f} s")
-        times = times - times[0]
+        columns["time_s"] = times - times[0]
+    found = np.count_nonzero(np.isfinite(columns["position_rad"]))
+    if found < LEAST:
+        raise UserError(
+            f"{name} {path}: found {found} rows with a position, wanted at least {LEAST}"
+        )
+    return columns, notes
+
+
+def _whole(path: Path) -> tuple[Part, list[str]]:
+    """Return all samples with increasing times, and sentences on repairs and omissions."""
+    columns, notes = columns_in_time(path, (TORQUE,), "LOG")
+    times = columns["time_s"]
     positions = columns["position_rad"]
     missing = ~np.isfinite(positions)
-    if np.count_nonzero(~missing) < LEAST:
-        raise UserError(
-            f"LOG {path}: found {np.count_nonzero(~missing)} rows with a position, wanted at least"
-            f" {LEAST}"
-        )
     if missing.any():
         at = float(times[missing][0])
         notes.append(f"{np.count_nonzero(missing)} rows have no position, first at {seconds(at)} s")

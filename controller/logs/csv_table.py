@@ -30,11 +30,21 @@ _MOST_IN_LINE = 1 << 16
 _MOST_LINES = 100
 """Largest number of lines in one row: a quoted cell may hold line ends"""
 _LARGEST = 1e12
+_OR_LOG = f", or a {SUFFIX} file"
 _CONTROL = re.compile("[\x00-\x08\x0b-\x0c\x0e-\x1f\x7f]")
 
 
-def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
+def columns_of(
+    path: Path, known: tuple[str, ...] = (TORQUE,), name: str = "LOG"
+) -> tuple[dict[str, Floats], list[str]]:
     """Return the known columns as numbers, shape (n,) each; a cell that is empty or nan is NaN.
+
+    Lines that begin with # are comments.
+
+    Args:
+        path: The file.
+        known: Columns that are read where they are, besides ``NEEDED``.
+        name: The argument or option that names the file, for messages.
 
     Returns:
         The columns by name, and sentences on what was left out. Every row has a time.
@@ -43,17 +53,18 @@ def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
         UserError: The file is no such CSV, or too large; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
+    file = f"{name} {path}"
     with io.TextIOWrapper(opened(path), "utf-8-sig", "replace", newline="") as text:
         size = os.fstat(text.fileno()).st_size
         if size > MOST_BYTES:
             raise UserError(
-                f"LOG {path}: found {size} bytes, wanted a CSV of at most {MOST_BYTES}: part it"
+                f"{file}: found {size} bytes, wanted a CSV of at most {MOST_BYTES}: part it"
             )
         try:
-            names, numbers = _read(path, text)
+            names, numbers = _read(file, text, known)
         except csv.Error as error:
             raise UserError(
-                f"LOG {path}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote"
+                f"{file}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote"
                 " left open?"
             ) from None
     table = np.frombuffer(numbers, np.float64).reshape(-1, len(names))
@@ -67,15 +78,15 @@ def columns_of(path: Path) -> tuple[dict[str, Floats], list[str]]:
 class _Lines:
     """Iterates over the lines of a text; limits their length and removes control characters."""
 
-    def __init__(self, path: Path, text: TextIO) -> None:
-        self._path = path
+    def __init__(self, file: str, text: TextIO) -> None:
+        self._file = file
         self._text = text
-        self._number = 0
+        self.number = 0
         self.of_row = 0
 
     def __iter__(self) -> Iterator[str]:
         while line := self._text.readline(_MOST_IN_LINE + 1):
-            self._number += 1
+            self.number += 1
             self.of_row += 1
             if len(line) > _MOST_IN_LINE:
                 open_quote = ": is a quote left open?" if '"' in line else ""
@@ -84,46 +95,49 @@ class _Lines:
                 self._refuse(f"holds the control character {found[0]!r}")
             if self.of_row > _MOST_LINES:
                 self._refuse(f"and the {_MOST_LINES} before are one row: is a quote left open?")
+            if self.of_row == 1 and line.lstrip().startswith("#"):
+                self.of_row = 0
+                continue
             yield line
 
     def _refuse(self, what: str) -> None:
         raise UserError(
-            f"LOG {self._path}: line {self._number} {what}; wanted a CSV as text, a line for each"
+            f"{self._file}: line {self.number} {what}; wanted a CSV as text, a line for each"
             f" sample, or a {SUFFIX} file"
         )
 
 
-def _read(path: Path, text: TextIO) -> tuple[list[str], array[float]]:
+def _read(file: str, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
     """Return the names of the known columns, and their numbers row by row."""
-    lines = _Lines(path, text)
+    lines = _Lines(file, text)
     reader = csv.reader(lines)
     header = [name.strip() for name in next(reader, [])]
     absent = [name for name in NEEDED if name not in header]
     if absent:
         found = in_line(", ".join(header[:8])) if any(header) else "nothing"
         raise UserError(
-            f"LOG {path}: its first line has no column {' and no '.join(absent)}, found"
-            f" {found}; wanted a CSV with {', '.join(NEEDED)} and, if known, {TORQUE},"
-            f" or a {SUFFIX} file"
+            f"{file}: its first line has no column {' and no '.join(absent)}, found"
+            f" {found}; wanted a CSV with {', '.join(NEEDED)} and, if known, {', '.join(known)}"
+            f"{_OR_LOG if known == (TORQUE,) else ''}"
         )
-    names = [name for name in (*NEEDED, TORQUE) if name in header]
+    names = [name for name in (*NEEDED, *known) if name in header]
     places = [header.index(name) for name in names]
     numbers = array("d")
     most = MOST_ROWS * len(names)
-    for line, row in enumerate(reader, 2):
+    for row in reader:
         lines.of_row = 0
         if not row:
             continue
         if len(numbers) >= most:
-            raise UserError(f"LOG {path}: found more than {MOST_ROWS} rows, wanted fewer: part it")
+            raise UserError(f"{file}: found more than {MOST_ROWS} rows, wanted fewer: part it")
         for place, name in zip(places, names, strict=True):
             cell = row[place].strip() if place < len(row) else ""
             try:
                 numbers.append(_number(cell) if cell else math.nan)
             except ValueError:
                 raise UserError(
-                    f"LOG {path}: line {line}, column {name}: found {cell[:40]!r}, wanted a number"
-                    f" up to {_LARGEST:g} or an empty cell"
+                    f"{file}: line {lines.number}, column {name}: found {cell[:40]!r}, wanted a"
+                    f" number up to {_LARGEST:g} or an empty cell"
                 ) from None
     return names, numbers
 

@@ -1,0 +1,144 @@
+"""``haptic-wall identify --record``: servo, friction and load from a recorded motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from haptic_wall.controller.cli.experiment import REACH
+from haptic_wall.controller.cli.options import (
+    answer,
+    as_json,
+    refuse_other_pictures,
+    refuse_same_file,
+    writing,
+)
+from haptic_wall.controller.cli.places import take_file
+from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.system.file_kinds import PICTURE
+from haptic_wall.controller.system.whole_file import whole
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.experiments.recorded.estimate import Pendulum
+
+_MOST_MASS, _MOST_LENGTH = 100.0, 10.0
+"""Of a pendulum [kg], [m]"""
+_ABOUT_S = 10.0
+"""Usual duration of a fit [s]"""
+
+
+def identify_record(
+    record: Path,
+    *,
+    plot_path: Path | None,
+    pendulum_mass: float | None,
+    pendulum_length: float | None,
+    force: bool,
+    as_json_wanted: bool,
+    **needless: object,
+) -> None:
+    """Fit a recorded motion, and answer.
+
+    Args:
+        record: The CSV.
+        plot_path: Path of the picture; None: none is drawn.
+        pendulum_mass: [kg]; None: nothing known hangs on the shaft.
+        pendulum_length: [m]
+        force: Replace a file that is no picture of ours.
+        as_json_wanted: Answer as JSON.
+        **needless: What was given of the options that only a motion needs.
+
+    Raises:
+        UserError: An option or the file is not usable.
+    """
+    _refuse(needless)
+    pendulum = _pendulum(pendulum_mass, pendulum_length)
+    refuse_same_file({"--record": record, "--plot": plot_path})
+    if plot_path is not None:
+        refuse_other_pictures("--plot", plot_path)
+        take_file("--plot", plot_path, PICTURE, force=force, make=True)
+    from haptic_wall.controller.experiments.recorded import estimate
+    from haptic_wall.controller.experiments.recorded.record import read_record
+    from haptic_wall.controller.experiments.recorded.text import report, text
+
+    with working("fitting the motion", _ABOUT_S):
+        try:
+            motion = read_record(record)
+        except OSError as error:
+            raise UserError(
+                f"--record {record}: cannot be read: {error.strerror}; wanted a CSV"
+            ) from None
+        found = estimate.identify_record(motion, pendulum)
+    result = {"name": record.name, **report(found), "plot": None}
+    if plot_path is not None and found.shot is not None:
+        from haptic_wall.controller.report.recorded import plot_recorded
+
+        drawing = working("drawing the picture", DRAWING_S)
+        kept = whole(plot_path, PICTURE, force=force)
+        with drawing, writing("--plot", plot_path), kept as part:
+            plot_recorded(found, record.name, part)
+        result["plot"] = str(plot_path)
+    answer(as_json(result) if as_json_wanted else text(found, result["plot"]))
+
+
+def refuse_pendulum(mass: float | None, length: float | None) -> None:
+    """Refuse a pendulum without a record.
+
+    Args:
+        mass: As given; None: it was not.
+        length: Likewise.
+
+    Raises:
+        UserError: One was given.
+    """
+    for name, value in (("mass", mass), ("length", length)):
+        if value is not None:
+            raise UserError(
+                f"--pendulum-{name}: a pendulum is known only to a record; wanted --record FILE"
+                " with it"
+            )
+
+
+def _refuse(given: dict[str, object]) -> None:
+    """Refuse what only a motion needs."""
+    names = {
+        "config": "CONFIG",
+        "sets": "--set",
+        "out": "--out",
+        "logs": "--logs",
+        "sweep": "--from-sweep",
+        "no_motion": "--no-motion",
+        "yes": "--yes",
+    }
+    found = [text for name, text in names.items() if given.get(name)]
+    if given.get("reach", REACH) != REACH:
+        found.append("--reach")
+    if found:
+        raise UserError(
+            f"--record: found {' and '.join(found)} beside it, but nothing moves and no"
+            " configuration is read or written then; leave that out"
+        )
+
+
+def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
+    """Return the pendulum; None: none is given."""
+    if mass is None and length is None:
+        return None
+    if mass is None or length is None:
+        given, missing = ("length", "mass") if mass is None else ("mass", "length")
+        raise UserError(
+            f"--pendulum-{missing}: found none beside --pendulum-{given}; give both, or neither"
+        )
+    for name, value, most, unit in (
+        ("mass", mass, _MOST_MASS, "kg"),
+        ("length", length, _MOST_LENGTH, "m"),
+    ):
+        if not 0.0 < value <= most:
+            raise UserError(
+                f"--pendulum-{name}: found {value:g}, wanted a number above 0, up to {most:g}"
+                f" {unit}"
+            )
+    from haptic_wall.controller.experiments.recorded.estimate import Pendulum
+
+    return Pendulum(mass, length)

@@ -1,0 +1,1 @@
+"""Fits servo, friction and load to a motion that was recorded elsewhere."""

@@ -1,0 +1,146 @@
+"""Judges friction models by how well each predicts motion that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.experiments.recorded.friction import MODELS
+from haptic_wall.controller.experiments.recorded.record import Stretch, pieces_of
+from haptic_wall.controller.experiments.recorded.shooting import Shot, beginnings, fit, moved
+from haptic_wall.controller.experiments.recorded.swing import Pieces
+from haptic_wall.controller.theory.checks import FloatArray
+
+PIECE_S = 1.0
+"""Length of the pieces that are predicted [s]"""
+BEGINNING_S = 0.2
+"""Length of the beginning that tells where a predicted piece begins [s]"""
+BETTER = 0.9
+"""Largest fraction of a simpler model's error of prediction that a richer one must leave"""
+_FOLDS = 4
+_LEAST_PIECES = 4
+"""Fewer cannot tell which model predicts better"""
+_ROUNDS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A friction model, and how well it does."""
+
+    name: str
+    fitted: float
+    """What its fit leaves [rad rms]"""
+    predicted: float | None
+    """What it leaves of what it was not fitted to [rad rms]; None: too little to try"""
+    chosen: bool = False
+
+
+def judged(
+    stretches: tuple[Stretch, ...],
+    first: Shot,
+    names: tuple[str, ...],
+    richer: tuple[str, ...] = (),
+) -> tuple[tuple[Judged, ...], dict[str, float]]:
+    """Fit each model to pieces of a record, predict those left out, and choose.
+
+    The simplest model is kept until a richer one predicts better by a tenth.
+
+    Args:
+        stretches: Of the record.
+        first: The fit with Coulomb and viscous friction.
+        names: Of the models, the simplest first.
+        richer: Further models, tried where another than the first of ``names`` is best.
+
+    Returns:
+        The models, one of them chosen, and the parameters of that one.
+    """
+    pieces, _ = pieces_of(stretches, PIECE_S, PIECE_S)
+    count = len(pieces.time)
+    folds = np.arange(count) * min(_FOLDS, count) // count
+    found: list[tuple[Judged, dict[str, float]]] = []
+    best = 0
+    for name in (*names, *richer):
+        if name in richer and best == 0:
+            break
+        if len(names) == 1:
+            found.append((Judged(name, first.rms, None), first.terms))
+            break
+        start = start_with(name, first.terms if not found else {**first.terms, **found[-1][1]})
+        shot = fit(pieces, start, rounds=_ROUNDS)
+        if found and shot.rms > found[0][0].fitted:
+            again = fit(pieces, start_with(name, found[0][1]), rounds=_ROUNDS)
+            shot = min(shot, again, key=lambda each: each.rms)
+        error = None
+        if count >= _LEAST_PIECES:
+            error = _cross(pieces, folds, shot)
+        found.append((Judged(name, shot.rms, error), shot.terms))
+        before = found[best][0].predicted
+        if error is not None and before is not None and error < BETTER * before:
+            best = len(found) - 1
+    chosen = tuple(
+        Judged(each.name, each.fitted, each.predicted, at == best)
+        for at, (each, _) in enumerate(found)
+    )
+    return chosen, found[best][1]
+
+
+def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:
+    """Return the start of a fit with the friction model ``name``.
+
+    Args:
+        name: Of the model.
+        terms: Parameters per inertia of a fit with a simpler model.
+    """
+    others = {term.name for model in MODELS.values() for term in model}
+    start = {key: value for key, value in terms.items() if key not in others}
+    for term in MODELS[name]:
+        begin = term.start * terms["coulomb"] if term.unit == "N·m" else term.start
+        start[term.name] = terms.get(term.name, begin)
+    return start
+
+
+def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> FloatArray:
+    """Return the positions [rad] as predicted from the first 0.2 s of each piece.
+
+    Args:
+        pieces: The record; shape (pieces, rows) is that of the result.
+        names: Of the parameters.
+        values: Of the parameters, per inertia; shape (names,).
+    """
+    near = pieces.time - pieces.time[:, :1] <= BEGINNING_S
+    rows = max(8, int(near.sum(axis=1).max()))
+    first = Pieces(
+        pieces.time[:, :rows],
+        pieces.position[:, :rows],
+        (pieces.held & near)[:, :rows],
+        pieces.driven,
+        pieces.torque_time,
+        pieces.torque,
+    )
+    start = dict(zip(names, values.tolist(), strict=True))
+    shot = fit(first, start, beginnings(first, 0.05), fixed=True, rounds=10)
+    found: FloatArray = moved(pieces, names, values[None], shot.begin[None], shot.speed[None])[0]
+    return found
+
+
+def error_of(pieces: Pieces, at: FloatArray) -> float:
+    """Return the root mean square of the difference to the record [rad]."""
+    left = np.where(pieces.held, at - pieces.position, 0.0)
+    return math.sqrt(float(np.sum(left**2)) / np.count_nonzero(pieces.held))
+
+
+def _cross(pieces: Pieces, folds: NDArray[np.intp], shot: Shot) -> float:
+    """Return the root mean square error of predicting each fold from the others [rad]."""
+    squares = 0.0
+    for fold in np.unique(folds):
+        rest, out = (np.flatnonzero(chosen) for chosen in (folds != fold, folds == fold))
+        begun = shot.begin[rest], shot.speed[rest]
+        fitted = fit(pieces.taken(rest), shot.terms, begun, rounds=6)
+        test = pieces.taken(out)
+        ahead = predicted(test, fitted.names, fitted.values)
+        squares += error_of(test, ahead) ** 2 * np.count_nonzero(test.held)
+    return math.sqrt(squares / np.count_nonzero(pieces.held))

@@ -1,0 +1,106 @@
+"""Friction models M1 to M6: the friction of a geared servo that moves, as a torque.
+
+They add to Coulomb and viscous friction, one after another, friction that fades with speed
+(Stribeck), and friction that grows with the load of the gear.
+
+Source: M. Duclusaud, G. Passault, V. Padois, O. Ly, "Extended Friction Models for the Physics
+Simulation of Servo Actuators", arXiv:2410.08650, and its code, Rhoban bam (``bam/model.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_wall.controller.theory.checks import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One parameter of a friction model."""
+
+    name: str
+    unit: str
+    start: float
+    """Where a fit begins; a torque counts in units of the Coulomb friction"""
+    most: float
+    """Largest value that is tried"""
+
+
+COULOMB = Term("coulomb", "N·m", 1.0, np.inf)
+VISCOUS = Term("damping", "N·m·s/rad", 1.0, np.inf)
+STRIBECK = Term("stribeck", "N·m", 0.3, np.inf)
+SPEED = Term("stribeck_speed", "rad/s", 0.5, 10.0)
+LOAD = Term("load", "", 0.03, 0.9)
+LOAD_STRIBECK = Term("load_stribeck", "", 0.03, 0.9)
+LOAD_MOTOR = Term("load_motor", "", 0.03, 0.9)
+LOAD_MOTOR_STRIBECK = Term("load_motor_stribeck", "", 0.03, 0.9)
+LOAD_QUADRATIC = Term("load_quadratic", "1/(N·m)", 0.01, 10.0)
+LOAD_MOTOR_QUADRATIC = Term("load_motor_quadratic", "1/(N·m)", 0.01, 10.0)
+
+_STRIBECK = (STRIBECK, SPEED)
+_DIRECTED = (LOAD, LOAD_MOTOR, LOAD_STRIBECK, LOAD_MOTOR_STRIBECK)
+MODELS: dict[str, tuple[Term, ...]] = {
+    "M1": (VISCOUS, COULOMB),
+    "M2": (VISCOUS, COULOMB, *_STRIBECK),
+    "M3": (VISCOUS, COULOMB, LOAD),
+    "M4": (VISCOUS, COULOMB, *_STRIBECK, LOAD, LOAD_STRIBECK),
+    "M5": (VISCOUS, COULOMB, *_STRIBECK, *_DIRECTED),
+    "M6": (VISCOUS, COULOMB, *_STRIBECK, *_DIRECTED, LOAD_QUADRATIC, LOAD_MOTOR_QUADRATIC),
+}
+"""The parameters of each model"""
+MEANING = {
+    "M1": "Coulomb and viscous friction",
+    "M2": "M1 and friction that fades with speed",
+    "M3": "M1 and friction that grows with the gear's load",
+    "M4": "M3, both fading with speed in part",
+    "M5": "M4, with shares of its own for load and motor",
+    "M6": "M5 and a part with the square of the load",
+}
+FREE = ("M1", "M2", "M3", "M4")
+"""Models that a free swing can tell apart: without motor torque M5 and M6 are M4"""
+DRIVEN = ("M5", "M6")
+"""Models that differ from M4 only where a motor is on"""
+STRIBECK_SHAPE = 2.0
+"""Exponent of the fading (Gaussian)"""
+
+
+def dry_friction(
+    terms: dict[str, FloatArray], external: FloatArray, motor: FloatArray, speed: FloatArray
+) -> FloatArray:
+    """Return the friction that does not grow with speed [N·m], at least 0.
+
+    Args:
+        terms: Parameters by name; a missing one is 0. All arrays broadcast.
+        external: Torque of the load on the shaft [N·m].
+        motor: Torque of the motor on the shaft [N·m].
+        speed: [rad/s]
+
+    Source: bam, ``Model.compute_frictions``.
+    """
+    friction = terms["coulomb"]
+    directed = "load_motor" in terms
+    if "load" in terms:
+        if directed:
+            friction = friction + np.abs(external * terms["load"] - motor * terms["load_motor"])
+        else:
+            friction = friction + terms["load"] * np.abs(external - motor)
+    if "stribeck" not in terms:
+        return friction
+    rest = terms["stribeck"]
+    if directed:
+        rest = rest + np.abs(
+            external * terms["load_stribeck"] - motor * terms["load_motor_stribeck"]
+        )
+    elif "load_stribeck" in terms:
+        rest = rest + terms["load_stribeck"] * np.abs(external - motor)
+    if "load_quadratic" in terms:
+        motor_leads = np.abs(motor) > np.abs(external)
+        square = np.where(
+            motor_leads,
+            terms["load_quadratic"] * external**2,
+            terms["load_motor_quadratic"] * motor**2,
+        )
+        rest = rest + square * (np.sign(external) != np.sign(motor))
+    return friction + rest * np.exp(-(np.abs(speed / terms["stribeck_speed"]) ** STRIBECK_SHAPE))

@@ -1,0 +1,234 @@
+"""Reads a recorded motion, and finds the stretches in which every torque is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.detector.detection import position_step
+from haptic_wall.controller.experiments.recorded.swing import Pieces
+from haptic_wall.controller.logs.csv_recording import columns_in_time
+from haptic_wall.controller.logs.csv_table import TORQUE
+from haptic_wall.controller.logs.recording import GAP, MOST_TOLD, seconds
+from haptic_wall.controller.theory.checks import FloatArray
+
+CURRENT = "current_a"
+ENABLED = "torque_enabled"
+OPTION = "--record"
+_ROW_S = 0.006
+"""Rows are thinned to about this interval [s]"""
+_LONGEST_GAP_S = 0.1
+_LONGEST_ROW_S = 0.05
+"""Rows that are further apart cannot show a servo's motion [s]"""
+_FASTEST = 60.0
+"""Faster than any servo turns [rad/s]: such a jump is none of motion"""
+_LET_GO_S = 0.01
+"""From the row that says "free" until no current flows any more, at most [s]"""
+_MOVES = 6
+"""Least excursion of a stretch that moves, in encoder steps"""
+_LEAST_MOVED = 0.01
+"""The same for an encoder whose step is smaller [rad]"""
+_LEAST_ROWS = 30
+_REST_S = 0.15
+"""Rest that is kept at the end of a free swing [s]"""
+DRIVEN_S, FREE_S = 2.0, 12.0
+"""Longest piece that is moved in one go [s]"""
+MOST_PIECES = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Consecutive rows in which every torque is known."""
+
+    time: FloatArray
+    """[s]"""
+    position: FloatArray
+    """[rad]"""
+    torque: FloatArray
+    """Sent at each row [N·m or A]; 0 where the motor is off"""
+    driven: bool
+    """The motor is on in some of it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A recorded motion."""
+
+    stretches: tuple[Stretch, ...]
+    unit: str | None
+    """Of the torques: "N·m" or "A"; None: none is known"""
+    step: float
+    """Encoder step [rad]; 0: none"""
+    notes: tuple[str, ...]
+    """Sentences about rows that were repaired or left out"""
+
+
+def read_record(path: Path) -> Record:
+    """Read a CSV with the columns ``time_s`` and ``position_rad``, and what it has of torques.
+
+    Raises:
+        UserError: The file holds no motion; the message says what was found.
+        OSError: It cannot be read, or is no regular file.
+    """
+    columns, notes = columns_in_time(path, (TORQUE, CURRENT, ENABLED), OPTION)
+    return record_of(columns, notes)
+
+
+def record_of(columns: dict[str, FloatArray], notes: list[str] | None = None) -> Record:
+    """Return the stretches of a record.
+
+    Args:
+        columns: ``time_s``, ``position_rad`` and, where known, ``torque_nm``, ``current_a`` and
+            ``torque_enabled``; arrays of one length, times increasing.
+        notes: Sentences about the reading.
+    """
+    notes = list(notes or ())
+    seen = np.isfinite(columns["position_rad"])
+    if not seen.all():
+        first = float(columns["time_s"][~seen][0])
+        count = np.count_nonzero(~seen)
+        notes.append(f"{count} rows have no position, first at {seconds(first)} s")
+    step = position_step(columns["position_rad"])
+    torque, unit = _torque(columns, notes)
+    enabled = columns.get(ENABLED)
+    free = np.zeros(seen.shape, dtype=bool) if enabled is None else _held(enabled) == 0.0
+    torque = np.where(free, 0.0, torque)
+    time = columns["time_s"]
+    position = columns["position_rad"]
+    found = []
+    least = max(_MOVES * step, _LEAST_MOVED)
+    still = short = 0
+    for part in _known_rows(time, position, torque, seen, notes):
+        rows, since = part, part[0]
+        if bool(free[since]) and since > 0 and not free[since - 1]:
+            rows = rows[time[rows] >= time[since] + _LET_GO_S]
+        driven = bool(np.any(torque[rows] != 0.0))
+        rows = rows if driven else _until_rest(time, position, rows)
+        if rows.size < _LEAST_ROWS:
+            short += rows.size
+        elif float(np.ptp(position[rows])) < least:
+            still += 1
+        else:
+            found.append(Stretch(time[rows], position[rows], torque[rows], driven))
+    if short:
+        notes.append(f"{short} rows with a known torque are left out: they come in too small parts")
+    if still:
+        notes.append(f"in {still} parts with a known torque the shaft rests: they are left out")
+    return Record(tuple(found), unit, step, tuple(notes))
+
+
+def _torque(columns: dict[str, FloatArray], notes: list[str]) -> tuple[FloatArray, str | None]:
+    """Return torque or current, NaN where unknown, and its unit."""
+    for name, unit in ((TORQUE, "N·m"), (CURRENT, "A")):
+        values = columns.get(name)
+        if values is not None and np.isfinite(values).any():
+            if unit == "N·m" and CURRENT in columns:
+                notes.append(f"the column {CURRENT} is not used, since there is {TORQUE}")
+            return values, unit
+    return np.full(columns["time_s"].shape, np.nan), None
+
+
+def _held(values: FloatArray) -> FloatArray:
+    """Replace missing values by the last known one; 1 before the first."""
+    good = np.isfinite(values)
+    latest = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
+    return np.where(latest >= 0, values[np.maximum(latest, 0)], 1.0)
+
+
+def _known_rows(
+    time: FloatArray,
+    position: FloatArray,
+    torque: FloatArray,
+    seen: NDArray[np.bool_],
+    notes: list[str],
+) -> list[NDArray[np.intp]]:
+    """Return the rows of each stretch with known torques, without gaps and jumps."""
+    rows = np.flatnonzero(seen)
+    steps = np.diff(time[rows])
+    period = float(np.median(steps))
+    longest = min(max(GAP * period, 0.02), max(_LONGEST_GAP_S, 1.5 * period))
+    gaps = steps > longest
+    jumps = np.abs(np.diff(position[rows])) > _FASTEST * np.maximum(steps, period)
+    for what, breaks in (("nothing is known", gaps), ("the position jumps", jumps & ~gaps)):
+        at = np.flatnonzero(breaks)
+        for each in at[:MOST_TOLD]:
+            begin, end = seconds(time[rows[each]]), seconds(time[rows[each + 1]])
+            notes.append(f"{what} from {begin} to {end} s: looked at anew from there on")
+        if at.size > MOST_TOLD:
+            notes.append(f"there are {at.size - MOST_TOLD} more such places")
+    known = np.isfinite(torque[rows])
+    edges = np.flatnonzero(gaps | jumps | np.diff(known)) + 1
+    parts = np.split(rows, edges)
+    return [part for part in parts if part.size and np.isfinite(torque[part[0]])]
+
+
+def _until_rest(time: FloatArray, position: FloatArray, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the rows until the shaft has come to rest."""
+    if not rows.size:
+        return rows
+    away = np.flatnonzero(np.abs(position[rows] - position[rows[-1]]) > 1e-9)
+    if not away.size:
+        return rows[:1]
+    end = int(np.searchsorted(time[rows], time[rows[away[-1]]] + _REST_S, side="right"))
+    return rows[:end]
+
+
+def row_interval(record: Record) -> float:
+    """Return the median interval of the rows [s]."""
+    return float(np.median(np.concatenate([np.diff(each.time) for each in record.stretches])))
+
+
+def is_too_slow(record: Record) -> bool:
+    """Whether the rows are too far apart to show the motion."""
+    return row_interval(record) > _LONGEST_ROW_S
+
+
+def pieces_of(
+    stretches: tuple[Stretch, ...],
+    longest_free_s: float = FREE_S,
+    longest_driven_s: float = DRIVEN_S,
+) -> tuple[Pieces, NDArray[np.intp]]:
+    """Cut stretches into pieces, and thin their rows.
+
+    Args:
+        stretches: Of a record.
+        longest_free_s: Longest piece of a free swing [s].
+        longest_driven_s: Longest piece of a driven stretch [s].
+
+    Returns:
+        The pieces, and the stretch of each.
+    """
+    cut: list[tuple[int, FloatArray, FloatArray]] = []
+    for at, stretch in enumerate(stretches):
+        every = max(1, round(_ROW_S / float(np.median(np.diff(stretch.time)))))
+        time, position = stretch.time[::every], stretch.position[::every]
+        longest = longest_driven_s if stretch.driven else longest_free_s
+        count = max(1, round(float(time[-1] - time[0]) / longest))
+        edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1])
+        bounds = pairwise([0, *edges.tolist(), time.size - 1])
+        cut += [(at, time[a : b + 1], position[a : b + 1]) for a, b in bounds if b - a >= 8]
+    if len(cut) > MOST_PIECES:
+        chosen = np.linspace(0, len(cut) - 1, MOST_PIECES).round().astype(int)
+        cut = [cut[each] for each in chosen]
+    rows = max(time.size for _, time, _ in cut)
+    times, positions = np.empty((2, len(cut), rows))
+    held = np.zeros((len(cut), rows), dtype=bool)
+    for place, (_, time, position) in enumerate(cut):
+        missing = rows - time.size
+        step = float(np.median(np.diff(time)))
+        times[place] = np.concatenate([time, time[-1] + step * np.arange(1, missing + 1)])
+        positions[place] = np.concatenate([position, np.full(missing, position[-1])])
+        held[place, : time.size] = True
+    of = np.array([at for at, _, _ in cut])
+    return Pieces(
+        times,
+        positions,
+        held,
+        np.array([stretches[at].driven for at in of]),
+        tuple(stretches[at].time for at in of),
+        tuple(stretches[at].torque for at in of),
+    ), of

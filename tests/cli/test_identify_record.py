@@ -1,0 +1,215 @@
+"""``haptic-wall identify --record`` on recorded motions of known and of real servos."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
+
+REAL = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
+PENDULUM = ("--pendulum-mass", "0.49", "--pendulum-length", "0.1")
+
+
+def told(
+    capsys: pytest.CaptureFixture[str], *arguments: str | Path, status: int = 0
+) -> dict[str, Any]:
+    capsys.readouterr()
+    ended = main(["identify", *map(str, arguments), "--json"])
+    out = capsys.readouterr().out
+    assert ended == status, out
+    answer: dict[str, Any] = json.loads(out)
+    return answer
+
+
+def drop(truth: Truth, *, seconds: float = 2.4, begin: float = 0.9) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(4)
+    time = np.cumsum(0.004 * (1.0 + 0.3 * random.random(int(seconds / 0.0046))))
+    free = np.zeros(time.shape)
+    position = rounded(swing(truth, time, begin))
+    return {"time_s": time, "position_rad": position, "torque_enabled": free}
+
+
+def holds(answer: dict[str, Any], **truth: float) -> None:
+    for name, true in truth.items():
+        value, stderr = answer[name]["value"], answer[name]["stderr"]
+        assert abs(value - true) < 2.0 * stderr, (name, value, stderr, true)
+
+
+def test_a_drop_tells_inertia_and_friction(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = Truth()
+    path = tmp_path / "drop.csv"
+    path.write_text(f"# by hand\n{table(drop(truth))}")
+    answer = told(capsys, "--record", path, *PENDULUM, "--plot", tmp_path / "a.png")
+    holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
+    assert answer["inertia"]["stderr"] < 0.15 * truth.inertia
+    assert answer["delay"] is None
+    assert answer["torque_gain"] is None
+    assert answer["friction_model"] == "M1"
+    assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
+    assert any("delay and torque gain cannot be told" in note for note in answer["notes"])
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_a_pendulum_a_drop_has_no_scale(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "drop.csv"
+    truth = Truth()
+    path.write_text(table(drop(truth)))
+    answer = told(capsys, "--record", path)
+    assert answer["inertia"] is answer["damping"] is answer["coulomb"] is None
+    assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
+    assert any("there is no scale" in note for note in answer["notes"])
+
+
+def test_a_known_torque_tells_delay_and_gain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = Truth()
+    time = np.arange(0.0, 2.4, 0.006)
+    torque = 0.25 * np.sin(4.0 * time) + 0.2 * np.sin(11.0 * time)
+    columns = {
+        "time_s": time,
+        "position_rad": rounded(swing(truth, time, truth.hanging, torque)),
+        "torque_nm": torque,
+    }
+    path = tmp_path / "driven.csv"
+    path.write_text(table(columns))
+    answer = told(capsys, "--record", path, *PENDULUM)
+    holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
+    holds(answer, delay=truth.delay, torque_gain=truth.gain)
+
+    path.write_text(table({**columns, "current_a": torque / 0.5}).replace("torque_nm", "other"))
+    answer = told(capsys, "--record", path, *PENDULUM)
+    assert answer["torque_gain"] is None
+    holds(answer, torque_constant_nm_per_a=0.5 * truth.gain, coulomb=truth.coulomb)
+
+
+def test_a_real_drop(capsys: pytest.CaptureFixture[str]) -> None:
+    answer = told(capsys, "--record", REAL / "kp100_lift_and_drop.csv", *PENDULUM)
+    # a published fit of this model has 0.0017 to 0.0021 kg·m² and 0.0156 to 0.0206 N·m
+    assert 0.0015 < answer["inertia"]["value"] < 0.0026
+    assert 0.012 < answer["coulomb"]["value"] < 0.020
+    assert 0.003 < answer["residual_rms_rad"] < 0.010
+    assert answer["damping"]["stderr"] > 0.3 * answer["damping"]["value"]
+
+
+def test_position_mode_tells_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    answer = told(capsys, "--record", REAL / "kp100_sin_sin.csv", *PENDULUM)
+    names = ("inertia", "damping", "coulomb", "delay", "torque_gain", "friction_model")
+    assert all(answer[name] is None for name in names)
+    assert answer["residual_rms_rad"] is None
+    assert "nothing can be told" in answer["notes"][-1]
+
+
+def test_gaps_and_disorder_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = Truth()
+    columns = drop(truth)
+    kept = np.ones(columns["time_s"].shape, dtype=bool)
+    kept[150:210] = False
+    columns = {name: values[kept] for name, values in columns.items()}
+    columns["time_s"][40] = columns["time_s"][38]
+    columns["position_rad"][[20, 21]] = np.nan
+    path = tmp_path / "gap.csv"
+    path.write_text(table(columns).replace("nan", ""))
+    answer = told(capsys, "--record", path, *PENDULUM)
+    holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
+    said = " ".join(answer["notes"])
+    assert "nothing is known from" in said
+    assert "2 rows have no position" in said
+    assert "1 rows are left out: their time" in said
+
+
+HOSTILE = {
+    "empty": (b"", "no column time_s and no position_rad"),
+    "only a header": (b"time_s,position_rad\n", "found 0 rows"),
+    "binary": (b"\x7fELF\x02\x01\x00\n", "holds the control character"),
+    "words": (b"time_s,position_rad\n0,zero\n", "line 2, column position_rad: found 'zero'"),
+    "other columns": (b"t,q\n0,0\n", "no column time_s and no position_rad, found t, q"),
+    "quote": (b'time_s,position_rad\n0,"0\n' + b"1,1\n" * 200, "is a quote left open?"),
+    "too large": (b"time_s,position_rad\n0,1e300\n", "wanted a number up to 1e+12"),
+    "backwards": (
+        b"time_s,position_rad\n" + b"".join(b"%d,1\n" % (90 - n) for n in range(90)),
+        "rows with a time of their own, wanted at least",
+    ),
+    "nothing known": (
+        b"time_s,position_rad\n" + b"nan,nan\n" * 90,
+        "wanted at least",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_file_is_refused_in_a_sentence(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content, wanted = HOSTILE[kind]
+    path = tmp_path / "hostile.csv"
+    path.write_bytes(content)
+    answer = told(capsys, "--record", path, *PENDULUM, status=2)
+    assert answer["error"].startswith(f"--record {path}: ")
+    assert wanted in answer["error"]
+    assert answer["exit_status"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wanted"),
+    [
+        (("simulated", "--record", "a.csv"), "--record: found CONFIG beside it"),
+        (("--record", "a.csv", "--out", "b.yaml", "--no-motion"), "found --out and --no-motion"),
+        (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: found none"),
+        (("--record", "a.csv", *PENDULUM[:3], "-1"), "--pendulum-length: found -1, wanted"),
+        (("--record", "a.csv", "--pendulum-mass", "nan", *PENDULUM[2:]), "found nan, wanted"),
+        (("--record", "nowhere.csv"), "cannot be read: No such file or directory"),
+        (("--record", "."), "cannot be read"),
+        (("simulated", *PENDULUM), "--pendulum-mass: a pendulum is known only to a record"),
+        ((), "CONFIG: missing"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    arguments: tuple[str, ...],
+    wanted: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text("time_s,position_rad\n0,0\n")
+    assert wanted in told(capsys, *arguments, status=2)["error"]
+
+
+def test_a_motion_that_no_pendulum_makes_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "drop.csv"
+    path.write_text(table(drop(Truth())))
+    answer = told(capsys, "--record", path, "--pendulum-mass", "0.49", "--pendulum-length", "0.3")
+    assert answer["inertia"] is None
+    assert any("check the pendulum's mass and length" in note for note in answer["notes"])
+
+
+@pytest.mark.realtime
+def test_an_interrupted_fit_ends_with_130(tmp_path: Path) -> None:
+    path = REAL / "kp400_lift_and_drop.csv"
+    program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+    entry = Path(sys.executable).with_name("haptic-wall")
+    program = [str(entry)] if entry.exists() else program
+    run = subprocess.Popen(
+        [*program, "identify", "--record", str(path), *PENDULUM, "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path,
+    )  # fmt: skip
+    clock.sleep(1.0)
+    os.kill(run.pid, signal.SIGINT)
+    run.communicate(timeout=30)
+    assert run.returncode == 130
