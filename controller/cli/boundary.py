@@ -22,12 +22,18 @@ from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.boundary_curve import Question, WallSide, default_dampings
+from haptic_wall.controller.guard.boundary_curve import (
+    Load,
+    Question,
+    WallSide,
+    default_dampings,
+)
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.theory.flexible import MOST_PERIODS
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.names import did_you_mean
@@ -74,6 +80,14 @@ _WIDEST = 10_000
               help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
 @click.option("--side", type=click.Choice(["one", "both"]), default="one",
               help="A one-sided wall never pulls; other limits apply. Default: one.")  # fmt: skip
+@click.option("--load-inertia", type=float, metavar="J",
+              help="Inertia behind a flexible transmission; --inertia and --damping are then those "
+              "of the motor's side [kg·m²].")  # fmt: skip
+@click.option("--transmission-stiffness", type=float, metavar="k", help="Its stiffness [N·m/rad].")
+@click.option("--transmission-damping", type=float, metavar="c",
+              help="Its damping [N·m·s/rad]; default: 0.")  # fmt: skip
+@click.option("--encoder", type=click.Choice(["output", "motor"]),
+              help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
 @click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
 @click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
 @click.option(
@@ -156,7 +170,51 @@ def _question(given: dict[str, Any]) -> Question:
         delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
         side=side,
         velocity_samples=given["velocity_samples"],
+        load=_load(given, belief, delay.high / period),
     )
+
+
+def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
+    """Return the load that the options describe; None: there is none."""
+    inertia, stiffness = given["load_inertia"], given["transmission_stiffness"]
+    damping, encoder = given["transmission_damping"], given["encoder"]
+    if inertia is None and stiffness is None:
+        if damping is None and encoder is None:
+            return None
+        option = "--transmission-damping" if damping is not None else "--encoder"
+        raise UserError(
+            f"{option}: there is no load; give --load-inertia and --transmission-stiffness too"
+        )
+    for option, value in (
+        ("--load-inertia", inertia),
+        ("--transmission-stiffness", stiffness),
+    ):
+        if value is None:
+            raise UserError(f"{option}: missing; a load has an inertia and a stiffness before it")
+        if not (math.isfinite(value) and value > 0):
+            raise UserError(f"{option} {value:g}: wanted more than 0; give a number in SI units")
+    damping = 0.0 if damping is None else damping
+    if not (math.isfinite(damping) and damping >= 0):
+        raise UserError(
+            f"--transmission-damping {damping:g}: wanted 0 or more; give a number in SI units"
+        )
+    for name in ("inertia", "damping", "delay", "torque_gain"):
+        bounds: Bounded = getattr(belief, name)
+        if bounds.low < bounds.high:
+            raise UserError(
+                f"--{name.replace('_', '-')} {_span(bounds)}: with a load no corner of a range is"
+                " the least safe; give one number, and the command once for each end"
+            )
+    if not (belief.damping.low > 0 or damping > 0):
+        raise UserError(
+            "--damping 0: nothing damps servo and load; give --damping or --transmission-damping"
+        )
+    if max(periods, given["velocity_samples"]) > MOST_PERIODS:
+        raise UserError(
+            f"--delay: with a load at most {MOST_PERIODS} periods of delay and velocity samples are"
+            f" computed, found {max(periods, given['velocity_samples']):.4g}; give less"
+        )
+    return Load(inertia, stiffness, damping, encoder or "output")
 
 
 def _facts(name: str | None) -> ServoFacts | None:

@@ -59,6 +59,11 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
         parts.append(f"torque gain {_span(settings['torque_gain'])}")
     if settings["velocity_samples"] > 1:
         parts.append(f"velocity over {settings['velocity_samples']} samples")
+    if load := settings.get("load"):
+        parts.append(
+            f"a load of {load['inertia']:.4g} kg·m² behind {load['stiffness']:.4g} N·m/rad with"
+            f" {load['damping']:.4g} N·m·s/rad, encoder on the {load['encoder']}"
+        )
     yield from wrapped(", ".join(parts))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -56,7 +56,7 @@ def _point(points: Curve, i: int) -> dict[str, float | None]:
         "linear": limits.linear,
         "exact": limits.exact,
         "one_sided": limits.one_sided,
-        "passive": float(points.passive[i]),
+        "passive": None if np.isnan(points.passive[i]) else float(points.passive[i]),
         "frequency_hz": float(points.frequency[i]),
         "quantisation": limits.quantisation,
     }
@@ -70,10 +70,13 @@ def _settings(question: Question) -> dict[str, Any]:
         "delay": situation.belief.delay,
         "torque_gain": situation.belief.torque_gain,
     }
+    load = question.load
+    flexible = {} if load is None else {"load": asdict(load)}
     return {
         **{name: {"low": each.low, "high": each.high} for name, each in names.items()},
         "period": situation.period,
         "velocity_samples": question.velocity_samples,
+        **flexible,
     }
 
 
@@ -93,9 +96,11 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
     limits: Limits = found.limits(0)
     binding, stiffness = limits.smallest()
     parts = question.delay_parts
-    (better,) = improvements(
-        request, EVERY_DAMPING, question.situation, [parts], found, _CHANGES, thorough=True
-    )
+    better: Sequence[Improvement] = ()
+    if question.load is None:  # what a change would buy is known of a rigid servo
+        (better,) = improvements(
+            request, EVERY_DAMPING, question.situation, [parts], found, _CHANGES, thorough=True
+        )
     return {
         "side": question.side,
         "virtual_damping": damping,

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
 """Points of a curve, as fractions of the range without its very ends, where all limits are 0."""
+_FEWER = np.linspace(1e-3, 1 - 1e-3, 40)
+"""Of a servo with a load, whose contacts are simulated for each point"""
 _SMALL = 0.08
 """Ratio of the servo's own damping to the ceiling below which the origin gets an inset."""
 _ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"
@@ -47,8 +49,9 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     """
     top = found["max_virtual_damping"]
     plants = question.plants(1)
-    lowest = -float((plants.damping / plants.gain)[0])
-    across = curve(question, lowest + (top - lowest) * _SHARES)
+    lowest = 0.0 if question.load else -float((plants.damping / plants.gain)[0])
+    shares = _SHARES if question.load is None else _FEWER
+    across = curve(question, lowest + (top - lowest) * shares)
     with picture(path, PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
         _plane(ax, across)
@@ -59,7 +62,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_ylabel(STIFFNESS)
         ax.set_title(_title(question), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-        if -lowest < _SMALL * top:
+        if question.load is None and -lowest < _SMALL * top:
             _origin(ax, question, lowest, found)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=INK)
@@ -87,8 +90,9 @@ def _plane(ax: Axes, across: Curve) -> None:
     ax.plot(damping, limits.exact, color=BLUE, label="exact")
     if limits.one_sided is not None:
         ax.plot(damping, limits.one_sided, color=GREEN, label="one-sided")
-    shown = _above_zero(across.passive)
-    ax.plot(damping[shown], across.passive[shown], color=ORANGE, label="passive")
+    if not np.isnan(across.passive).any():
+        shown = _above_zero(across.passive)
+        ax.plot(damping[shown], across.passive[shown], color=ORANGE, label="passive")
     if limits.quantisation is not None:
         shown = _above_zero(limits.quantisation)
         label = "encoder (quantisation)"
@@ -141,9 +145,17 @@ def _title(question: Question) -> str:
     p = question.plants(1)
     period = question.situation.period
     delay = float(p.delay[0])
+    load = question.load
+    behind = (
+        f"\nload {load.inertia:.4g} kg·m² behind {load.stiffness:.4g} N·m/rad with"
+        f" {load.damping:.4g} N·m·s/rad, encoder on the {load.encoder}"
+        if load
+        else ""
+    )
     return (
         f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "
         f"$T$ = {1e3 * period:.4g} ms,  $t_d$ = {1e3 * delay:.4g} ms ({delay / period:.3g} $T$)"
+        f"{behind}"
     )
 
 

@@ -13,8 +13,61 @@ import numpy as np
 from haptic_wall.controller.theory.chain import Chain, sampled
 from haptic_wall.controller.theory.checks import FloatArray
 
+_SHARES = np.linspace(0.05, 1.0, 20)
+"""Stiffnesses that are tried first, as shares of the exact limit"""
+_FINER, _ROUNDS = 8, 2
+"""Stiffnesses between two of them, and how often"""
+_PHASES = np.array([1e-9, 0.5, 0.9, 0.97, 1.0])
 _LITTLE = 1e-6
 """Torque of the current loop that no longer counts, as a fraction of the greatest"""
+
+
+def one_sided_limits(
+    chain: Chain,
+    period: float,
+    delay: float,
+    exact: FloatArray,
+    virtual_damping: FloatArray,
+    velocity_samples: int = 1,
+) -> FloatArray:
+    """Return the stiffness up to which a one-sided wall gives no contact more energy than it had.
+
+    It is the first, from 0 on, at which one of five phases of entry returns more; found to about
+    a thousandth of the exact limit.
+
+    Args:
+        chain: The servo: one chain.
+        period: T [s].
+        delay: t_d, from the sample to its torque acting, without the current loop's lag [s].
+        exact: The exact limit at each virtual damping [N·m/rad]; where it is 0 so is the result.
+        virtual_damping: B of each wall [N·m·s/rad], shape (n,).
+        velocity_samples: N of the velocity difference, >= 1.
+    """
+    low, high = np.zeros(exact.size), np.ones(exact.size)
+    shares = np.broadcast_to(_SHARES, (exact.size, _SHARES.size))
+    walls = np.flatnonzero(exact > 0)
+    if not walls.size:
+        return np.zeros(exact.size)
+    for _ in range(1 + _ROUNDS):
+        tried = shares[walls]
+        spread = (walls.size, tried.shape[1], _PHASES.size)
+        stiffness = np.broadcast_to((exact[walls, None] * tried)[..., None], spread).ravel()
+        damping = np.broadcast_to(virtual_damping[walls, None, None], spread).ravel()
+        phase = np.broadcast_to(_PHASES, spread).ravel()
+        every = chain.take(np.zeros(stiffness.size, dtype=np.int64))
+        # a contact that takes longer than an undamped oscillation creeps, and returns nothing
+        slowest = float(np.sqrt(np.sum(chain.inertias[0]) / np.min(stiffness)))
+        longest = int((2 * np.pi * slowest + delay) / period) + 100
+        ratio = returned(every, period, delay, stiffness, damping, phase, velocity_samples, longest)
+        throws = np.any(ratio.reshape(spread) > 1.0, axis=2)
+        first = np.where(throws.any(axis=1), np.argmax(throws, axis=1), tried.shape[1])
+        rows = np.arange(walls.size)
+        at = np.minimum(first, tried.shape[1] - 1)
+        high[walls] = np.where(first < tried.shape[1], tried[rows, at], high[walls])
+        low[walls] = np.where(first > 0, tried[rows, np.maximum(first - 1, 0)], low[walls])
+        between = np.linspace(0.0, 1.0, _FINER + 2)[1:-1]
+        shares = low[:, None] + (high - low)[:, None] * between
+    return np.where(exact > 0, low * exact, 0.0)
 
 
 def returned(

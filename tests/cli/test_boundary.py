@@ -11,6 +11,8 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
+    flexible_boundary,
+    flexible_ceiling,
     linear_limit,
     max_virtual_damping,
     one_sided_limit,
@@ -277,3 +279,68 @@ def test_what_is_missing_is_named(
     status, _, err = call(capsys, *arguments)
     assert status == 2
     assert message in err
+
+
+LOADED = [
+    *("--load-inertia", "0.003", "--transmission-stiffness", "200"),
+    *("--transmission-damping", "0.0277"),
+]
+
+
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_with_a_load_the_limits_are_those_of_two_masses(
+    encoder: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = asked(
+        capsys, *LOOP, *LOADED, "--encoder", encoder, "--virtual-damping=0,0.1,0.3", "--side=both"
+    )
+    servo = (0.012, 0.0117, 0.003, 200.0, 0.0277)
+    limits = flexible_boundary(*servo, [0.0, 0.1, 0.3], 1e-3, 2e-3, encoder=encoder)
+    points = found["points"]
+    assert {*points[0]} >= POINT
+    assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
+    assert [point["frequency_hz"] for point in points] == pytest.approx(limits.frequency)
+    assert [point["passive"] for point in points] == [None] * 3
+    assert all(point["one_sided"] <= point["exact"] for point in points)
+    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
+    assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
+    dampings = np.linspace(0.0, float(ceiling), 400)
+    top = flexible_boundary(*servo, dampings, 1e-3, 2e-3, encoder=encoder).stiffness
+    assert found["peak"]["stiffness"] >= np.max(top) * (1 - 1e-9)
+    assert found["design"]["binding"] == "exact"
+
+
+def test_a_very_stiff_transmission_gives_the_rigid_one_sided_limit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stiff = ["--load-inertia", "0.003", "--transmission-stiffness", "1e6"]
+    found = asked(capsys, *LOOP, *stiff, "--transmission-damping=5", "--virtual-damping=0.1,0.5")
+    rigid = one_sided_limit(0.015, 0.0117, [0.1, 0.5], 1e-3, 2e-3)
+    assert [point["one_sided"] for point in found["points"]] == pytest.approx(rigid, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--load-inertia=0.01"], "--transmission-stiffness: missing"),
+        (["--transmission-stiffness=100"], "--load-inertia: missing"),
+        (["--encoder=motor"], "--encoder: there is no load"),
+        (["--transmission-damping=1"], "--transmission-damping: there is no load"),
+        ([*LOADED, "--load-inertia=-1"], "--load-inertia -1: wanted more than 0"),
+        ([*LOADED, "--inertia=0.01:0.02"], "--inertia 0.01:0.02: with a load"),
+        ([*LOADED, "--delay=0.04"], "at most 30 periods"),
+        ([*LOADED, "--damping=0", "--transmission-damping=0"], "nothing damps"),
+    ],
+)
+def test_half_a_load_is_refused(
+    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = call(capsys, *LOOP, *options)
+    assert (status, out) == (2, "")
+    assert message in err
+
+
+def test_the_picture_of_a_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "load.png"
+    assert call(capsys, *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
+    assert path.read_bytes().startswith(b"\x89PNG")
