@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from scipy.stats import beta, chi2
-
 CONFIDENCE = 0.95
 """Confidence level of every bound; bounds are one-sided."""
 
@@ -19,6 +17,8 @@ def upper_bound(hits: int, trials: int) -> float:
     _check(hits, trials)
     if hits == trials:
         return 1.0
+    from scipy.stats import beta  # not at the top: it takes most of a second
+
     return float(beta.ppf(CONFIDENCE, hits + 1, trials - hits))
 
 
@@ -36,6 +36,8 @@ def most_per_hour(events: int, hours: float) -> float:
     """
     if events < 0 or not hours > 0.0:
         raise ValueError(f"{events} events in {hours} h; give 0 or more, and a time above 0")
+    from scipy.stats import chi2
+
     return float(chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0 / hours
 
 

@@ -150,7 +150,8 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
 def test_a_file_of_somebody_else_is_replaced_only_by_force(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
+    few += ["--delay-steps=1", "--workers=1"]
     (tmp_path / name).write_text("mine")
     with monkeypatch.context() as never:
         never.setattr(maps, "critical_map", None)
@@ -165,7 +166,8 @@ def test_a_file_of_somebody_else_is_replaced_only_by_force(
 def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1", "--workers=1"]
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
+    few += ["--delay-steps=1", "--workers=1"]
     assert run(capsys, *few)[0] == 0
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3

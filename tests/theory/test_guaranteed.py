@@ -83,7 +83,7 @@ def test_every_member_is_stable_up_to_the_limit_and_the_worst_is_not_above_it(
     thorough: bool,
 ) -> None:
     random = np.random.default_rng(1)
-    for _ in range(1000 if thorough else 25):
+    for _ in range(1000 if thorough else 15):
         ranges, virtual, period, samples = random_ranges(random)
         found = guaranteed_limit(ranges, virtual, period, samples)
         assert 0 < found.stiffness <= found.upper
@@ -200,7 +200,7 @@ def test_with_the_linear_limit_the_guards_corner_is_the_guaranteed_limit(thoroug
     # The guard takes the smaller of the linear and the exact limit at the least safe corner. The
     # exact one alone can be above the limit of a heavier member by 15 %.
     random = np.random.default_rng(7)
-    for _ in range(200 if thorough else 20):
+    for _ in range(200 if thorough else 12):
         ranges, virtual, period, samples = random_ranges(random)
         gain = ranges.torque_gain[1]
         corner = ranges.damping[0], gain * virtual, period, ranges.delay[1], samples

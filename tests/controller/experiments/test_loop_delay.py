@@ -103,7 +103,7 @@ def test_the_standard_error_is_honest(
 ) -> None:
     if servo and not thorough:
         pytest.skip("seconds; --thorough runs it")
-    count = 100 if thorough else 8
+    count = 100 if thorough else 5
     off = []
     for seed in range(count):
         random = np.random.default_rng(seed)

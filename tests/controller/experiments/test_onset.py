@@ -189,7 +189,7 @@ def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
     thorough: bool,
 ) -> None:
     rng = np.random.default_rng(11)
-    n = 60 if thorough else 6
+    n = 60 if thorough else 3
     m = 10 ** rng.uniform(-3, -1.7, n)
     b, delay = m * rng.uniform(0.5, 4, n), rng.uniform(0.5, 7, n) * 1e-3
     virtual = rng.uniform(0.02, 0.4, n) * max_virtual_damping(m, b, 1e-3, delay)
