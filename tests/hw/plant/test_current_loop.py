@@ -2,6 +2,7 @@
 
 import math
 import random
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -132,26 +133,30 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, A
     rng = random.Random(3)
     often, seldom = (Mechanism(true, 0, operator_waits=True) for _ in range(2))
     for mechanism in (often, seldom):
-        mechanism.engage_operator(0)
+        mechanism.engage_operator(123_457)
     for k in range(1500):
         now_ns = k * MS
-        for time_ns in sorted(rng.randrange(now_ns, now_ns + MS) for _ in range(3)):
-            often.advance(time_ns)
-        torque = rng.uniform(-0.6, 0.6)
-        often.command(torque, now_ns + MS)
-        seldom.command(torque, now_ns + MS)
+        looks = [rng.randrange(now_ns, now_ns + MS) for _ in range(3)]
+        if k == 1000:
+            looks.append(now_ns + 130_000)  # just after the operator's start
+        for time_ns in sorted(looks):
+            often.advance(max(time_ns, often.time_ns))
+        torque, sent_ns = rng.uniform(-0.6, 0.6), now_ns + MS + rng.randrange(90_000)
+        often.command(torque, sent_ns)
+        seldom.command(torque, sent_ns)
         assert often.measured_position() == seldom.measured_position()
         assert often.velocity == seldom.velocity
         assert often.sensed_torque == pytest.approx(seldom.sensed_torque, rel=1e-12)
 
 
 def test_goals_are_taken_over_at_the_ticks_of_the_loop() -> None:
-    mechanism = Mechanism(servo(current_period=0.5e-3, delay=0.1e-3), 3 * MS)
-    mechanism.command(1.0, 3 * MS + 200_000)
-    mechanism.command(2.0, 3 * MS + 300_000)
-    mechanism.advance(3 * MS + 599_999)
+    start_ns = 3 * MS + 123_456
+    mechanism = Mechanism(servo(current_period=0.5e-3, delay=0.1e-3), start_ns)
+    mechanism.command(1.0, start_ns + 200_000)
+    mechanism.command(2.0, start_ns + 300_000)
+    mechanism.advance(start_ns + 599_999)
     assert mechanism.torque == 0.0
-    mechanism.advance(3 * MS + 600_000)
+    mechanism.advance(start_ns + 600_000)
     assert mechanism.torque == 2.0
 
 
@@ -170,14 +175,15 @@ def test_the_dead_band_is_missing_from_the_torque(goal: float, acting: float) ->
     assert mechanism.torque == pytest.approx(acting)
 
 
-def test_a_servo_runs_no_faster_than_its_supply_allows() -> None:
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_servo_runs_no_faster_than_its_supply_allows(sign: int) -> None:
     mechanism = Mechanism(servo(back_emf=True), 0)
-    mechanism.command(4.0, 0)
+    mechanism.command(4.0 * sign, 0)
     mechanism.advance(2000 * MS)
-    assert mechanism.velocity == pytest.approx(NO_LOAD, rel=1e-6)
+    assert mechanism.velocity == pytest.approx(NO_LOAD * sign, rel=1e-6)
     mechanism.feed(STALL / 2.0)
     mechanism.advance(4000 * MS)
-    assert mechanism.velocity == pytest.approx(NO_LOAD / 2.0, rel=1e-6)
+    assert mechanism.velocity == pytest.approx(NO_LOAD / 2.0 * sign, rel=1e-6)
 
 
 def test_a_limp_motor_does_not_brake() -> None:
@@ -236,15 +242,17 @@ MX106 = servo(
 """Mechanism: Rhoban "bam". Motor: ROBOTIS e-Manual, 12 V."""
 
 
+@pytest.mark.parametrize("lag", [{}, {"current_bandwidth": 200.0, "current_filter": 20.0}])
+@pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("speed", "low", "high"), [(2.0, 0.85, 0.92), (3.0, 0.73, 0.76)])
 def test_an_mx106_makes_less_than_its_goal_when_it_turns(
-    speed: float, low: float, high: float
+    speed: float, low: float, high: float, sign: int, lag: dict[str, float]
 ) -> None:
     """Running freely at this speed, the measured current is this fraction of the goal."""
     friction = MX106.coulomb + MX106.damping * speed
     left = MX106.current_droop * MX106.torque_limit * (speed / MX106.no_load_speed) ** 2
-    mechanism = Mechanism(MX106, 0)
-    mechanism.command(friction + left, 0)
-    mechanism.advance(5000 * MS)
-    assert mechanism.velocity == pytest.approx(speed, rel=1e-3)
-    assert low <= mechanism.sensed_torque / (friction + left) <= high
+    mechanism = Mechanism(replace(MX106, **lag), 0)
+    mechanism.command(sign * (friction + left), 0)
+    mechanism.advance(4000 * MS)
+    assert mechanism.velocity == pytest.approx(sign * speed, rel=3e-3)
+    assert low <= sign * mechanism.sensed_torque / (friction + left) <= high
