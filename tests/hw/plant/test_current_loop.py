@@ -246,7 +246,7 @@ MX106 = servo(
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("speed", "low", "high"), [(2.0, 0.85, 0.92), (3.0, 0.73, 0.76)])
 def test_an_mx106_makes_less_than_its_goal_when_it_turns(
-    speed: float, low: float, high: float, sign: int, lag: dict[str, float]
+    speed: float, low: float, high: float, sign: int, lag: dict[str, Any]
 ) -> None:
     """Running freely at this speed, the measured current is this fraction of the goal."""
     friction = MX106.coulomb + MX106.damping * speed
