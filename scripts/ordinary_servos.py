@@ -1,25 +1,18 @@
-"""Servos that are no ideal ones: friction that is larger at rest, cogging, a weight on the shaft.
+"""Draws servos that are no ideal ones: friction that is larger at rest, cogging, a weight.
 
-    m x'' = u - b x' - c sign(x') - A sin(N x + phase) - G sin(x - hanging)
-
-At rest the body breaks away where the torque on it exceeds the static friction. The loads are held
-over steps of ``GRAIN_S``, at the position in the middle of each: their error is of second order.
+The effects are those of ``haptic_wall.hw.plant.effects``, here in proportion to a servo's own
+friction.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from unittest.mock import patch
+from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State
-from haptic_wall.hw.plant.response import Slide, response, time_to_rest
+from haptic_wall.controller.settings.config import Config
 
-GRAIN_S = 2.5e-4
 SPREAD = 0.2
 """Share by which a servo's friction may lie below its model's"""
 
@@ -45,7 +38,7 @@ class Effects:
     backward: float = 1.0
     """Viscous damping at negative over that at positive speeds"""
     load_friction: float = 0.0
-    """Fraction of the motor's torque that the gear adds to the friction"""
+    """Fraction of the load that the gear adds to the friction"""
 
     def load(self, position: float) -> float:
         """Torque against the shaft [N·m]."""
@@ -53,64 +46,18 @@ class Effects:
             self.periods * position + self.phase
         ) + self.gravity * math.sin(position - self.hanging)
 
-    def step(
-        self,
-        state: State,
-        parameters: PlantParameters,
-        torque: float,
-        duration: float,
-        pull: Pull | None = None,
-        *,
-        turns: list[float] | None = None,
-    ) -> State:
-        """As ``haptic_wall.hw.plant.body.step``; no hand."""
-        assert pull is None
-        if self.load_friction:
-            grown = parameters.coulomb + self.load_friction * abs(torque)
-            parameters = replace(parameters, coulomb=grown)
-        count = max(1, math.ceil(duration / GRAIN_S - 1e-9))
-        length = duration / count
-        for _ in range(count):
-            ahead = state.position + 0.5 * length * state.velocity
-            state = self._slid(state, parameters, torque - self.load(ahead), length, turns)
-        return state
-
-    def _slid(
-        self,
-        state: State,
-        parameters: PlantParameters,
-        torque: float,
-        left: float,
-        turns: list[float] | None,
-    ) -> State:
-        position, velocity = state
-        inertia, coulomb = parameters.inertia, parameters.coulomb
-        static = self.stiction * coulomb
-        if self.stribeck > 0.0:
-            fading = math.exp(-abs(state.velocity) / self.stribeck)
-            coulomb += (static - coulomb) * fading
-        while True:
-            if velocity == 0.0 and abs(torque) <= static:
-                return State(position, 0.0)
-            direction = math.copysign(1.0, velocity or torque)
-            decay = parameters.damping * (self.backward if direction < 0.0 else 1.0) / inertia
-            slide = Slide(velocity, (torque - direction * coulomb) / inertia, 0.0, decay, 0.0)
-            rest = time_to_rest(slide, left)
-            if rest is None:
-                distance, velocity = slide.moved(response(decay, 0.0, left))
-                return State(position + distance, velocity if velocity * direction > 0.0 else 0.0)
-            position += slide.moved(response(decay, 0.0, rest))[0]
-            velocity = 0.0
-            left -= rest
-            if turns is not None:
-                turns.append(position)
-
-
-@contextmanager
-def ordinary(effects: Effects) -> Iterator[None]:
-    """Every servo simulated in this process meanwhile has these effects."""
-    with patch("haptic_wall.hw.plant.mechanism.step", effects.step):
-        yield
+    def on(self, config: Config) -> Config:
+        """Return the configuration with these effects on its simulated servo."""
+        raw = config.model_dump(mode="json")
+        servo = raw["servo"]
+        servo["static_friction"] = self.stiction * servo["coulomb"]
+        servo["stribeck_speed"] = self.stribeck
+        servo["damping_back"] = self.backward * servo["damping"]
+        servo["load_friction"] = self.load_friction
+        servo["gravity"], servo["gravity_angle"] = self.gravity, self.hanging
+        servo["cogging"], servo["cogging_periods"] = self.cogging, self.periods
+        servo["cogging_phase"] = self.phase
+        return Config.model_validate(raw)
 
 
 COGGING, GRAVITY = 0.33, 1.11

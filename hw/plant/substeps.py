@@ -21,7 +21,7 @@ PHASE = 0.02
 """Longest substep, in radians of the fastest oscillation that weight and cogging can make"""
 TEETH = 0.3
 """Largest change of the cogging's phase within a substep [rad]"""
-FALL = 0.2
+FALL = 0.1
 """Largest change of speed within a substep, in Stribeck speeds, while the friction depends on it"""
 FADED = 12.0
 """Speed from which on nothing is left of the excess friction, in Stribeck speeds"""

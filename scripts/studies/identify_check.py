@@ -30,7 +30,7 @@ from haptic_wall.controller.experiments.identify.identification import (
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from scripts.ordinary_servos import GROUPS, drawn_effects, ordinary
+from scripts.ordinary_servos import GROUPS, drawn_effects
 from scripts.study import Found, Option, Part, Study, table
 
 SEEDS = 50
@@ -126,9 +126,8 @@ Ordinary = tuple[Kind, str, int]
 def ordinary_identified(case: Ordinary) -> Bounded | str:
     """Identify an ordinary servo; a text says why that failed."""
     kind, group, seed = case
-    config = drawn(kind, seed)
-    effects = drawn_effects(group, kind.coulomb, seed)
-    with ordinary(effects), tempfile.TemporaryDirectory() as folder:
+    config = drawn_effects(group, kind.coulomb, seed).on(drawn(kind, seed))
+    with tempfile.TemporaryDirectory() as folder:
         try:
             found = identify(config, Path(folder))
         except UnidentifiableError as error:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
-from scripts.ordinary_servos import MISFITS, drawn_misfit, ordinary
+from scripts.ordinary_servos import MISFITS, drawn_misfit
 from scripts.studies.identify_check import KINDS, drawn
 from scripts.study import Found, Option, Part, Study, table
 from scripts.whole_program import middle_and_most
@@ -44,9 +44,9 @@ class Bounds(NamedTuple):
 def identified(case: tuple[str, int]) -> Bounds | None:
     """Identify one servo; None: that failed."""
     misfit, seed = case
-    config = drawn(KIND, seed)
     effects = drawn_misfit(misfit, KIND.coulomb, seed)
-    with ordinary(effects), tempfile.TemporaryDirectory() as folder:
+    config = effects.on(drawn(KIND, seed))
+    with tempfile.TemporaryDirectory() as folder:
         try:
             found = identify(config, Path(folder))
         except UnidentifiableError:

@@ -163,7 +163,6 @@ def _integrate_uneven(
 ) -> tuple[float, float]:
     time = 0.0
     while time < stretch.duration:
-        edge = False
         if velocity == 0.0:
             push, load = body.torques(stretch, time, position, 0.0)
             sign = math.copysign(1.0, push)
@@ -179,7 +178,6 @@ def _integrate_uneven(
                 if excess(stretch.duration) <= 0.0:
                     return position, 0.0
                 time = float(brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16))
-                edge = body.stribeck > 0.0 or body.static == body.coulomb
         else:
             sign = math.copysign(1.0, velocity)
 
@@ -190,10 +188,17 @@ def _integrate_uneven(
             push -= sign * body.friction(v, load)
             return [v, push / body.inertia]
 
-        def rest(_: float, state: NDArray[np.float64], sign: float = sign) -> float:
-            return sign * float(state[1])
+        begun = time if velocity == 0.0 else -1.0
 
-        rest.terminal = not edge  # type: ignore[attr-defined]
+        def rest(
+            t: float, state: NDArray[np.float64], sign: float = sign, begun: float = begun
+        ) -> float:
+            # The start of a body at rest does not count, or its first short slide would be lost.
+            return 1.0 if t == begun else sign * float(state[1])
+
+        # Rounding at the instant of breaking away must not count as coming to rest.
+        begins = abs(slope(time, np.array([position, 0.0]))[1]) > 1e-9
+        rest.terminal = velocity != 0.0 or begins  # type: ignore[attr-defined]
         rest.direction = -1.0  # type: ignore[attr-defined]
         solution = solve_ivp(
             slope,

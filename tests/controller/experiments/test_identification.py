@@ -29,7 +29,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant import mechanism
 from haptic_wall.hw.plant.body import Pull, step
-from scripts.ordinary_servos import Effects, ordinary
+from scripts.ordinary_servos import Effects
 from tests.typed import not_none
 
 SMALL = (
@@ -194,8 +194,8 @@ def test_a_strong_spring_on_the_shaft_is_told(
 def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     """More than friction holds: the shaft would not have stayed where it was."""
     weight = Effects(gravity=0.1, hanging=math.pi / 2)
-    with ordinary(weight), pytest.raises(UnidentifiableError, match="something else moves it"):
-        identify(config_of(), tmp_path)
+    with pytest.raises(UnidentifiableError, match="something else moves it"):
+        identify(weight.on(config_of()), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -212,9 +212,8 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
 ) -> None:
     if effects.gravity == 0.0:
         only_thorough(thorough)
-    config = config_of("servo.delay=0.002", "servo.kick=0.0005")
-    with ordinary(effects):
-        found = identify(config, tmp_path)
+    config = effects.on(config_of("servo.delay=0.002", "servo.kick=0.0005"))
+    found = identify(config, tmp_path)
     (warning,) = (warning for warning in found.warnings if said in warning)
     assert warning.endswith("the model does not know it")
     model = identified_model(found, config.period_s)

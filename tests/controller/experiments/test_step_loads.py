@@ -6,7 +6,7 @@ import pytest
 
 from haptic_wall.controller.experiments.delay import measure_delay
 from haptic_wall.controller.settings.load import load_config
-from scripts.ordinary_servos import Effects, ordinary
+from scripts.ordinary_servos import Effects
 
 ORDINARY = Effects(stiction=1.25, cogging=0.03, periods=24, phase=0.7, gravity=0.1, hanging=0.6)
 BURSTS = 4
@@ -18,9 +18,8 @@ def test_the_lag_of_an_ordinary_servo_is_found(tmp_path: Path, thorough: bool, l
         pytest.skip("seconds; --thorough runs it")
     belief = "model.delay={value: 0.001, low: 0.0, high: 0.002}"
     sets = ["loop.clock=simulated", f"servo.delay={lag}", belief]
-    config = load_config("simulated", sets)
-    with ordinary(ORDINARY):
-        found = measure_delay(config.config, tmp_path, [0], BURSTS)
+    config = ORDINARY.on(load_config("simulated", sets).config)
+    found = measure_delay(config, tmp_path, [0], BURSTS)
     assert found.device.value == pytest.approx(lag, abs=2.5 * found.device.stderr)
     assert found.device.stderr < 1e-4
     assert found.notes == []

@@ -29,7 +29,6 @@ from haptic_wall.controller.report.commission import picture
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
-from scripts.ordinary_servos import Effects, ordinary
 from tests.typed import not_none, status_of
 
 ROOT = Path(__file__).parents[4]
@@ -50,13 +49,23 @@ def call(*words: object) -> int:
         gc.unfreeze()
 
 
-def commission(folder: Path) -> None:
+ORDINARY = (
+    "--set=servo.static_friction=0.113",
+    "--set=servo.cogging=0.03",
+    "--set=servo.cogging_phase=0.7",
+    "--set=servo.gravity=0.1",
+    "--set=servo.gravity_angle=0.6",
+)
+"""A servo that sticks and cogs, with a weight on it"""
+
+
+def commission(folder: Path, *sets: str) -> None:
     """Take all steps on the simulated servo, with fewer points, in this process alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(steps, "short_sweep", lambda _config: SWEPT)
         patch.setattr(steps, "sweep", partial(sweep, workers=1))
         patch.setattr(steps, "BURSTS", 3)
-        assert call("commission", *SIMULATED, "--out", folder) == 0
+        assert call("commission", *SIMULATED, *sets, "--out", folder) == 0
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +82,7 @@ def test_an_ordinary_servo_is_commissioned_to_the_end(
     if not thorough:
         pytest.skip("a minute; --thorough runs it")
     folder = tmp_path / "made"
-    with ordinary(
-        Effects(stiction=1.25, cogging=0.03, periods=24, phase=0.7, gravity=0.1, hanging=0.6)
-    ):
-        commission(folder)
+    commission(folder, *ORDINARY)
     status, report = report_of(folder, capsys)
     assert (status, report["status"]) == (0, "complete")
     assert abs(report["agreement"]["delay"]["device"]["periods"]) < 0.2
