@@ -86,7 +86,8 @@ def command(
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
-    The servo has the parameters of servo.* (friction, encoder, backlash, torque limit, own delay);
+    The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, own
+    delay);
     guard, safety and the believed model are not used. In a two-sided wall the shaft is kicked; a
     one-sided wall is hit, and returns the shaft.
     """
@@ -205,6 +206,15 @@ def _report(found: CriticalMap, name: str) -> dict[str, Any]:
             "torque_limit": servo.torque_limit,
             "torque_step": servo.torque_step,
             "backlash": servo.backlash,
+            "static_friction": servo.static_friction,
+            "stribeck_speed": servo.stribeck_speed,
+            "damping_back": servo.damping_back,
+            "load_friction": servo.load_friction,
+            "gravity": servo.gravity,
+            "gravity_angle": servo.gravity_angle,
+            "cogging": servo.cogging,
+            "cogging_periods": servo.cogging_periods,
+            "cogging_phase": servo.cogging_phase,
         },
         "complete": found.complete,
         "points": _points(found),

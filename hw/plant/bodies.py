@@ -4,17 +4,20 @@ The formulas and the order of their operations are those of ``haptic_wall.hw.pla
 without an operator, so that each body moves exactly, to the last bit, as it would alone. Where a
 velocity reaches zero within a step, only the bodies concerned take the general step; the logarithm
 of that instant is taken one by one, because NumPy's may differ from ``math``'s in the last bit.
+
+Bodies with effects that the ideal one lacks move by ``haptic_wall.hw.plant.many_substeps``.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.hw.plant.many_substeps import ManyEffects, ManySubsteps, Turned
 from haptic_wall.hw.plant.response import response
+from haptic_wall.hw.plant.responses import responses, times_to_rest
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -38,14 +41,6 @@ class Held(NamedTuple):
         return Held(*(array[index] for array in self))
 
 
-class Turned(NamedTuple):
-    """Bodies whose velocity reached zero within a step, at most once each."""
-
-    bodies: Indices
-    position: Floats
-    """Position at that instant [rad]"""
-
-
 class Bodies:
     """Many bodies with viscous and Coulomb friction, moved in place.
 
@@ -62,6 +57,7 @@ class Bodies:
         "_direction",
         "_frictional",
         "_inertia",
+        "_many",
         "_mask",
         "_moved",
         "_push",
@@ -78,8 +74,17 @@ class Bodies:
         coulomb: Floats,
         position: Floats,
         velocity: Floats,
+        effects: ManyEffects | None = None,
     ) -> None:
         """Create bodies, each as ``haptic_wall.hw.plant.body.PlantParameters``; arrays of (n,).
+
+        Args:
+            inertia: [kg·m²].
+            damping: Viscous friction [N·m·s/rad].
+            coulomb: Coulomb friction [N·m].
+            position: At the start [rad].
+            velocity: At the start [rad/s].
+            effects: What the bodies have besides; None: nothing.
 
         Raises:
             ValueError: A value is out of range.
@@ -92,6 +97,7 @@ class Bodies:
             bad = ~(good & np.isfinite(array))
             if bad.any():
                 raise ValueError(f"{name} is {array[bad][0]}; give finite values {wanted}")
+        self._many = None if effects is None else ManySubsteps(inertia, damping, coulomb, effects)
         self._inertia = inertia
         self._decay = damping / inertia
         self._coulomb = coulomb
@@ -109,29 +115,62 @@ class Bodies:
         h1, h, s = np.ascontiguousarray(table[:, place.ravel()])
         return Held(h1, h, s, duration.copy())
 
-    def step(self, torque: Floats, over: Held, out: Floats | None = None) -> None:
+    def step(
+        self,
+        torque: Floats,
+        over: Held,
+        out: Floats | None = None,
+        outside: Floats | float = 0.0,
+    ) -> None:
         """Move all bodies under torques [N·m] held for the step's length.
 
         Args:
-            torque: Shape (n,).
+            torque: Of the motors, shape (n,).
             over: From ``held``, for this length.
             out: Array for the new positions, which becomes ``position``; None: in place.
+            outside: Torque of an operator [N·m].
         """
         out = self.position if out is None else out
+        if self._many is not None:
+            self._in_substeps(self._many, torque, over, out, outside)
+            return
+        torque = _sum(torque, outside)
         if self._frictional.any():
             self._slide_or_stick(torque, over, out)
         else:
             self._slide(torque, over, out)
         self.position = out
 
-    def step_turning(self, torque: Floats, over: Held, out: Floats | None = None) -> Turned:
-        """Move as ``step`` does; return where velocities reached zero."""
+    def step_turning(
+        self,
+        torque: Floats,
+        over: Held,
+        out: Floats | None = None,
+        outside: Floats | float = 0.0,
+    ) -> list[Turned]:
+        """Move as ``step`` does; return where velocities reached zero, in order of time."""
         out = self.position if out is None else out
+        if self._many is not None:
+            return self._in_substeps(self._many, torque, over, out, outside)
+        torque = _sum(torque, outside)
         position, velocity, turned = _through_rest(
             self.position, self.velocity, torque, self._inertia, self._coulomb, self._decay, over
         )
         np.copyto(out, position)
         np.copyto(self.velocity, velocity)
+        self.position = out
+        return [turned]
+
+    def _in_substeps(
+        self,
+        many: ManySubsteps,
+        torque: Floats,
+        over: Held,
+        out: Floats,
+        outside: Floats | float,
+    ) -> list[Turned]:
+        np.copyto(out, self.position)
+        turned = many.step(out, self.velocity, torque, over.duration, outside)
         self.position = out
         return turned
 
@@ -187,6 +226,12 @@ class Bodies:
         np.copyto(velocity, push)
 
 
+def _sum(torque: Floats, outside: Floats | float) -> Floats:
+    if isinstance(outside, float) and outside == 0.0:
+        return torque
+    return torque + outside
+
+
 def _through_rest(
     position: Floats,
     velocity: Floats,
@@ -216,13 +261,13 @@ def _through_rest(
     may_rest &= end * direction <= _CLEARLY * np.abs(velocity)
     index = np.flatnonzero(may_rest)
     if index.size:
-        rest = _time_to_rest(velocity[index], push[index], decay[index])
+        rest = times_to_rest(velocity[index], push[index], decay[index])
         in_time = rest < over.duration[index]
         index, rest = index[in_time], rest[in_time]
     if not index.size:
         return after, speed, Turned(index, np.empty(0))
     decay = decay[index]
-    both = _response(
+    both = responses(
         np.concatenate([decay, decay]), np.concatenate([rest, over.duration[index] - rest])
     )
     (h, h_after), (s, s_after) = both.reshape(2, 2, index.size)
@@ -235,49 +280,3 @@ def _through_rest(
     after[index] = np.where(leaves, turn + push * s_after, turn)
     speed[index] = np.where(leaves & (end * direction > 0.0), end, 0.0)
     return after, speed, Turned(index, turn)
-
-
-def _time_to_rest(velocity: Floats, push: Floats, decay: Floats) -> Floats:
-    """Return when decelerated velocities reach zero [s].
-
-    See ``haptic_wall.hw.plant.response.time_to_rest``.
-    """
-    coasting = -velocity / push
-    y = decay * coasting
-    shorter = np.ones_like(y)
-    damped = np.flatnonzero(y > 1e-12)
-    if damped.size:
-        some = y[damped]
-        shorter[damped] = np.array([math.log1p(value) for value in some.tolist()]) / some
-    return coasting * shorter
-
-
-def _response(decay: Floats, time: Floats) -> Floats:
-    """Return ``h`` and ``s`` of ``response.response`` without a spring; shape (2, n).
-
-    Equal to them to the last bit.
-    """
-    a = decay * time
-    h, s = result = np.empty((2, a.size))
-    largest = float(a.max())
-    if largest > 1.0:  # bodies that lose their speed within a step are rare: one by one
-        for i, (rate, t) in enumerate(zip(decay.tolist(), time.tolist(), strict=True)):
-            whole = response(rate, 0.0, t)
-            h[i], s[i] = whole.h, whole.s
-        return result
-    h[:], s[:] = 1.0, 0.5
-    term, work = np.ones_like(a), np.empty_like(a)
-    n, bound = 1, 1.0
-    # The series ends for all together: terms below 1e-19 do not change the sums.
-    while bound > 1e-19:
-        n += 1
-        bound *= largest / n
-        np.multiply(a, term, term)
-        np.divide(term, -n, term)
-        np.add(h, term, h)
-        np.divide(term, n + 1, work)
-        np.add(s, work, s)
-    np.multiply(h, time, h)
-    np.multiply(time, time, work)
-    np.multiply(s, work, s)
-    return result

@@ -18,6 +18,7 @@ import numpy as np
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
 from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
+from haptic_wall.hw.plant.many_substeps import ManyEffects
 
 BLOCK = 4096
 """Walls simulated together: their arrays fit into the processor's second-level cache."""
@@ -65,6 +66,8 @@ class Walls:
     """Whether the wall never pulls"""
     current_loop: CurrentLoopParameters | None = None
     """Of the servos; None: their torque follows at once"""
+    effects: ManyEffects | None = None
+    """What the servos have beside inertia and these frictions; None: nothing"""
 
     @property
     def size(self) -> int:
@@ -74,9 +77,12 @@ class Walls:
     def take(self, index: IntArray | slice) -> Walls:
         """Return the walls at ``index``."""
         values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        loop = values.pop("current_loop")
-        arrays = {name: array[index] for name, array in values.items()}
-        return Walls(**arrays, current_loop=None if loop is None else loop.take(index))
+        loop, effects = values.pop("current_loop"), values.pop("effects")
+        return Walls(
+            **{name: array[index] for name, array in values.items()},
+            current_loop=None if loop is None else loop.take(index),
+            effects=None if effects is None else effects.take(index),
+        )
 
     def with_stiffness(self, stiffness: FloatArray) -> Walls:
         """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
@@ -138,7 +144,9 @@ class Loops:
     ) -> None:
         n = walls.size
         velocity = np.zeros(n) if velocity is None else velocity
-        self.bodies = Bodies(walls.inertia, walls.damping, walls.coulomb, position, velocity)
+        self.bodies = Bodies(
+            walls.inertia, walls.damping, walls.coulomb, position, velocity, walls.effects
+        )
         self.k = 0
         self.hand: FloatArray | None = None
         self._walls = walls
@@ -281,15 +289,13 @@ class Loops:
 
     def _step(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
         bodies, followed = self.bodies, self._followed
-        if self.hand is not None:
-            torque = torque + self.hand
+        outside = 0.0 if self.hand is None else self.hand
         if not self._play:
-            bodies.step(torque, over, out)
+            bodies.step(torque, over, out, outside)
             if self._rounded:
                 self._followed = bodies.position
             return
-        index, turn = bodies.step_turning(torque, over, out)
-        if index.size:
+        for index, turn in bodies.step_turning(torque, over, out, outside):
             half = self._half[index]
             followed[index] = np.minimum(np.maximum(followed[index], turn - half), turn + half)
         np.subtract(bodies.position, self._half, self._estimate)

@@ -23,6 +23,8 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.effects import Effects
+from haptic_wall.hw.plant.many_substeps import ManyEffects
 from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
@@ -30,15 +32,7 @@ TOLERANCE = 1e-3
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
 
-_NOT_HERE = (
-    "static_friction",
-    "damping_back",
-    "load_friction",
-    "gravity",
-    "cogging",
-    "encoder_eccentricity",
-    "encoder_noise",
-)
+_NOT_HERE = ("encoder_eccentricity", "encoder_noise")
 """Effects of a servo that an array of walls does not have"""
 
 Progress = Callable[[int, int], None]
@@ -99,7 +93,12 @@ class MapSettings:
     def kick_matters(self) -> bool:
         """Whether the result depends on the kick, apart from the torque limit."""
         servo = self.servo
-        return servo.coulomb > 0.0 or servo.counts_per_rev > 0 or servo.backlash > 0.0
+        return (
+            servo.coulomb > 0.0
+            or servo.counts_per_rev > 0
+            or servo.backlash > 0.0
+            or not Effects.of(servo).none(servo.damping, servo.coulomb)
+        )
 
     def delay(self, steps: IntArray) -> FloatArray:
         """Return the total delay [s] with this many inserted periods."""
@@ -110,6 +109,10 @@ class MapSettings:
         """Return walls with these virtual dampings and this many inserted periods."""
         servo, one = self.servo, np.ones_like(virtual_damping)
         delay_ns = round(servo.delay * 1e9)
+        effects = Effects.of(servo)
+        alike = None
+        if not effects.none(servo.damping, servo.coulomb):
+            alike = ManyEffects.alike(effects, servo.damping, servo.coulomb, one.size)
         whole, lag_ns = steps + delay_ns // self.period_ns, delay_ns % self.period_ns
         return Walls(
             inertia=servo.inertia * one,
@@ -128,6 +131,7 @@ class MapSettings:
             velocity_samples=np.full(one.size, self.velocity_samples),
             one_sided=np.full(one.size, self.one_sided),
             current_loop=_current_loop(servo, one.size),
+            effects=alike,
         )
 
 
@@ -139,7 +143,7 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     """
     for name in _NOT_HERE:
         value = getattr(servo, name)
-        if value not in (None, 0.0):
+        if value != 0.0:
             raise UserError(
                 f"servo.{name}: found {value:g}, but a map simulates servos without it; leave it "
                 "out, or use haptic-wall sweep"

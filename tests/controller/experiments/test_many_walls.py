@@ -47,7 +47,7 @@ def make(n: int, **given: object) -> Walls:
     }
     delay = arrays.pop("delay")
     whole, lag, rest = split_delay(delay, arrays["period"])
-    return Walls(**arrays, whole=whole, lag=lag, rest=rest)
+    return Walls(**arrays, whole=whole, lag=lag, rest=rest, effects=None)
 
 
 def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.hw.plant.bodies import Bodies
 from haptic_wall.hw.plant.body import PlantParameters, State, step
+from haptic_wall.hw.plant.effects import Effects
+from haptic_wall.hw.plant.many_substeps import ManyEffects
+from haptic_wall.hw.plant.substeps import Substeps
 
 
 def random_bodies(
@@ -47,7 +52,7 @@ def test_every_body_moves_as_the_scalar_plant_to_the_last_bit(
             )
         ]
         if turning:
-            turned = bodies.step_turning(torque, held)
+            (turned,) = bodies.step_turning(torque, held)
             found = dict(zip(turned.bodies.tolist(), turned.position.tolist(), strict=True))
             assert found == {i: turns[0] for i, turns in enumerate(seen) if turns}
             stopped += len(found)
@@ -77,3 +82,83 @@ def test_bodies_that_cannot_be_are_refused() -> None:
         Bodies(np.array([1.0, 0.0]), one, one, one, one)
     with pytest.raises(ValueError, match="coulomb"):
         Bodies(one, one, np.array([0.1, -1.0]), one, one)
+
+
+@pytest.mark.parametrize("turning", [False, True], ids=["step", "step_turning"])
+def test_bodies_with_effects_move_as_each_would_alone(turning: bool, thorough: bool) -> None:
+    n, steps = 60, 1000 if thorough else 60
+    rng, inertia, damping, coulomb = random_bodies(3, n, 1.5)
+    inertia = np.maximum(inertia, 0.005)
+    many = ManyEffects(
+        static_friction=coulomb * rng.uniform(1.0, 2.0, n),
+        stribeck_speed=rng.choice([0.0, 0.1, 1.0], n),
+        damping_back=damping * rng.uniform(0.3, 3.0, n),
+        load_friction=rng.choice([0.0, 0.2], n),
+        gravity=rng.choice([0.0, 0.2], n),
+        gravity_angle=rng.uniform(-3.0, 3.0, n),
+        cogging=rng.choice([0.0, 0.05], n),
+        cogging_periods=rng.integers(1, 60, n).astype(np.float64),
+        cogging_phase=rng.uniform(-3.0, 3.0, n),
+    )
+    position, velocity = rng.normal(size=(2, n))
+    bodies = Bodies(inertia, damping, coulomb, position, velocity, many)
+    duration = rng.choice([1e-3, 2.5e-4, 7.5e-4], n)
+    held = bodies.held(duration)
+    alone = []
+    for row in range(n):
+        parameters = PlantParameters(inertia[row], damping[row], coulomb[row])
+        effects = Effects(*(getattr(many, field.name)[row] for field in fields(Effects)))
+        alone.append((parameters, Substeps(parameters, effects)))
+    states = [State(x, v) for x, v in zip(position.tolist(), velocity.tolist(), strict=True)]
+    stopped = stuck = 0
+    for _ in range(steps):
+        torque, outside = 0.3 * rng.normal(size=(2, n))
+        outside = 0.0 * outside if turning else outside * (many.load_friction == 0.0)
+        seen: list[list[float]] = [[] for _ in range(n)]
+        states = [
+            body.step(state, parameters, u, t, turns=turns)
+            for (parameters, body), state, u, t, turns in zip(
+                alone, states, (torque + outside).tolist(), duration.tolist(), seen, strict=True
+            )
+        ]
+        if turning:
+            found: list[list[float]] = [[] for _ in range(n)]
+            for index, turn in bodies.step_turning(torque, held):
+                for body, place in zip(index.tolist(), turn.tolist(), strict=True):
+                    found[body].append(place)
+            assert [len(turns) for turns in found] == [len(turns) for turns in seen]
+            for mine, theirs in zip(found, seen, strict=True):
+                assert mine == pytest.approx(theirs, abs=1e-11)
+            stopped += sum(map(len, seen))
+        else:
+            bodies.step(torque, held, None, outside)
+        np.testing.assert_allclose(
+            bodies.position, [state.position for state in states], rtol=0.0, atol=1e-11
+        )
+        np.testing.assert_allclose(
+            bodies.velocity, [state.velocity for state in states], rtol=0.0, atol=1e-9
+        )
+        stuck += int(np.count_nonzero(bodies.velocity == 0.0))
+    assert stuck > 20  # so that the rest, too, was compared
+    assert stopped > 20 or not turning
+
+
+def test_the_load_of_many_is_the_difference_of_motor_and_operator() -> None:
+    """0.2 of |u - e| beside a Coulomb friction of 0.1: 0.3 more the two against each other."""
+    one = np.ones(3)
+    effects = ManyEffects.alike(Effects(load_friction=0.2), 0.0, 0.1, 3)
+    bodies = Bodies(0.01 * one, 0.0 * one, 0.1 * one, 0.0 * one, 0.0 * one, effects)
+    motor, operator = np.array([0.5, 0.5, 0.5]), np.array([-0.3, -0.2, 0.0])
+    bodies.step(motor, bodies.held(1e-3 * one), None, operator)
+    friction = 0.1 + 0.2 * np.abs(motor - operator)
+    net = np.maximum(motor + operator - friction, 0.0)
+    np.testing.assert_allclose(bodies.velocity, net / 0.01 * 1e-3, rtol=1e-12)
+    assert bodies.velocity[0] == 0.0
+    assert bodies.velocity[1] > 0.0
+
+
+def test_static_friction_of_many_below_the_kinetic_one_is_refused() -> None:
+    effects = ManyEffects.alike(Effects(), 0.0, 0.1, 2)
+    one = np.ones(2)
+    with pytest.raises(ValueError, match="static_friction lies below coulomb"):
+        Bodies(one, one, 0.2 * one, one, one, effects)
