@@ -53,7 +53,7 @@ def make(n: int, **given: object) -> Walls:
 def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:
     """The measured positions of one wall, from the program's own scalar parts."""
     assert walls.current_loop is None
-    names = Walls.__dataclass_fields__.keys() - {"current_loop"}
+    names = Walls.__dataclass_fields__.keys() - {"current_loop", "effects"}
     w = {name: getattr(walls, name)[i].item() for name in names}
     body = PlantParameters(w["inertia"], w["damping"], w["coulomb"])
     state, followed, half = State(start, velocity), start, 0.5 * w["backlash"]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.maps import (
     CriticalMap,
     MapInterruptedError,
@@ -19,6 +21,7 @@ from haptic_wall.controller.experiments.maps.maps import (
 )
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.plant.mechanism import Mechanism
 
 DAMPINGS, STEPS, KICKS = [0.0, 0.05], [0, 2], [0.01, 0.1]
 
@@ -208,11 +211,42 @@ def test_the_drive_of_the_servo_takes_part() -> None:
     np.testing.assert_array_equal(walls.torque_limit, 0.5)
 
 
+def test_friction_and_loads_of_the_servo_take_part_as_on_a_servo_alone() -> None:
+    sets = [
+        "servo.static_friction=0.15",
+        "servo.stribeck_speed=1",
+        "servo.damping_back=0.03",
+        "servo.load_friction=0.1",
+        "servo.gravity=0.3",
+        "servo.gravity_angle=0.5",
+        "servo.cogging=0.02",
+        "servo.counts_per_rev=0",
+        "wall.side=both",
+    ]
+    setting = MapSettings.of(load_config("simulated", sets).config)
+    assert setting.kick_matters
+    walls = setting.walls(np.array([0.05]), 1).with_stiffness(np.array([[20.0, 60.0]]))
+    loops = Loops(walls, np.full(2, 0.1))
+    alone = [Mechanism(replace(setting.servo, position=0.1, hand="none"), 0) for _ in range(2)]
+    seen = [0.1, 0.1]
+    for k in range(200):
+        loops.run(1)
+        for i, mechanism in enumerate(alone):
+            position = mechanism.measured_position()
+            velocity = (position - seen[i]) / 1e-3
+            seen[i] = position
+            torque = -walls.stiffness[i] * position - 0.05 * velocity
+            mechanism.advance((k + 1) * 1_000_000)
+            mechanism.command(torque, mechanism.time_ns)  # a whole period later
+            assert mechanism.position == pytest.approx(loops.bodies.position[i], abs=1e-9)
+    assert not np.allclose(loops.bodies.position, 0.1, atol=0.01)
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("servo.gravity=0.2", ["servo.gravity", "0.2", "sweep"]),
-        ("servo.damping_back=0.02", ["servo.damping_back", "sweep"]),
+        ("servo.encoder_noise=0.2", ["servo.encoder_noise", "0.2", "sweep"]),
+        ("servo.encoder_eccentricity=0.02", ["servo.encoder_eccentricity", "sweep"]),
         ("servo.current_period=0.0007", ["servo.current_period", "0.001 s"]),
     ],
 )
