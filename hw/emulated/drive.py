@@ -54,10 +54,12 @@ class Drive:
         "_active",
         "_duty",
         "_goal",
+        "_loops",
         "_lost",
         "_memory",
         "_offset",
         "_on",
+        "_stepped_current",
         "controllers",
         "current_unit",
         "encoder",
@@ -88,6 +90,8 @@ class Drive:
         self.held_pose = False
         """The measured current and velocity are those of ``measured.HELD_POSE``"""
         self._offset = current_offset
+        self._loops = mechanism.has_current_loop
+        self._stepped_current = motor.senses_supply
         self._on = False
         """Whether a current is held in current mode, be it 0; otherwise the motor is limp there"""
         self._active: int | None = None
@@ -119,8 +123,9 @@ class Drive:
                 self._goal = 0
                 self._limp(now_ns)
             return
-        if mode == CURRENT_MODE and unlimited and not self.motor.senses_supply:
-            self.release(now_ns)
+        if mode == CURRENT_MODE and unlimited and not self._stepped_current:
+            if self._active is not None:
+                self.release(now_ns)
             current = self.table.current
             if current != self._goal or not self._on:
                 self._hold(current, now_ns)
@@ -177,7 +182,8 @@ class Drive:
         but for its sensor's filter and offset.
         """
         mechanism, motor = self.mechanism, self.motor
-        torque, seen = mechanism.torque, mechanism.sensed_torque
+        torque = mechanism.torque
+        seen = mechanism.sensed_torque if self._loops else torque
         active = self._active is not None
         if torque == 0.0 and seen == 0.0 and not active:
             return self._offset, 0.0
@@ -266,7 +272,7 @@ class Drive:
         duty = self._sloped(_clamp(asked, limit), volts)
         current = motor.current(duty, volts, speed)
         # A current loop leads to what a limited duty makes, too: it is not passed by.
-        regulated = mode == CURRENT_MODE and (duty == asked or self.mechanism.has_current_loop)
+        regulated = mode == CURRENT_MODE and (duty == asked or self._loops)
         if cap is not None:
             most = motor.from_sensed(math.copysign(cap, current), volts, speed)
             if abs(current) > abs(most):

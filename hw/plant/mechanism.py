@@ -168,7 +168,10 @@ class Mechanism:
                 self._pass(acts_ns)
             self._act(torque, braking)
         if now_ns > self.time_ns:
-            self._pass(now_ns)
+            if self._loop is None:
+                self._move(now_ns)
+            else:
+                self._pass(now_ns)
 
     def command(self, torque: float, now_ns: int, braking: float = 0.0) -> float:
         """Command a torque that arrives at ``now_ns`` [ns] and acts the servo's delay later.
@@ -188,7 +191,12 @@ class Mechanism:
             ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
         """
         acting = self.limited(torque)
-        self._command(acting, braking, now_ns)
+        if self._loop is None and self._delay_ns == 0:  # as ``_command``, for speed
+            self.advance(now_ns)
+            self._torque = acting
+            self._brake(braking)
+        else:
+            self._command(acting, braking, now_ns)
         return acting
 
     def release(self, now_ns: int) -> None:
