@@ -33,6 +33,8 @@ class Belief:
     """The device's own lag [s]: from sending a torque until it acts"""
     torque_gain: Bounded
     """Ratio of the acting torque to the commanded torque [1]"""
+    backlash: Bounded = Bounded(0.0, 0.0, 0.0)
+    """Between shaft and encoder, full width [rad]; the guard counts the most of it, 0: none"""
 
     @property
     def is_known(self) -> bool:

@@ -21,9 +21,14 @@ from haptic_wall.controller.theory import (
     one_sided_limit,
     passive_limit,
 )
+from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 
+BACKLASH_COUNTS = 4
+"""An oscillation of backlash of up to so many counts to either side is let be"""
+_UNBOUND = 1e12
+"""Stands for no limit at all [N·m/rad]"""
 LOOKED_UP = 0.05
 """Largest fraction by which the table underestimates the one-sided limit."""
 
@@ -49,6 +54,7 @@ class PlantLimits:
     one_sided: FloatArray | None
     quantisation: FloatArray | None
     passive: FloatArray | None
+    backlash: FloatArray | None = None
 
     def limits(self, i: int) -> Limits:
         """Return the limits of plant ``i``."""
@@ -203,12 +209,51 @@ def _evaluate_box(
     if at_members.one_sided is not None:
         share = 1.0 if known else BETWEEN_MEMBERS if box.size > 1 else CORNER_ALONE
         at_corner = replace(at_corner, one_sided=share * least(at_members.one_sided))
+    if situation.belief.backlash.high > 0.0:
+        backlash = backlash_over_box(request, situation, corners, at_corner.damping)
+        at_corner = replace(at_corner, backlash=backlash)
     if at_corner.passive is not None:
         at_corner = replace(
             at_corner,
             passive=passive_over_delays(request, situation, corners, at_corner.damping),
         )
     return at_corner
+
+
+def backlash_over_box(
+    request: Request, situation: Situation, corners: Plants, damping: FloatArray
+) -> FloatArray:
+    """Return the least backlash limit over the belief's inertias and gains [N·m/rad].
+
+    Friction is at its lowest, and counts: without it backlash would allow no wall at all.
+
+    Args:
+        request: The wall; only its number of velocity samples is used.
+        situation: The belief, and the encoder step.
+        corners: The corners.
+        damping: Commanded virtual damping at each [N·m·s/rad].
+    """
+    belief = situation.belief
+    width = belief.backlash.high
+    amplitude = BACKLASH_COUNTS * situation.position_step or width
+    found = [
+        backlash_limit(
+            inertia,
+            corners.damping,
+            belief.coulomb.low,
+            gain * damping,
+            corners.period,
+            corners.delay,
+            width,
+            amplitude,
+            request.velocity_samples,
+        )
+        / gain
+        for inertia in {belief.inertia.low, belief.inertia.high}
+        for gain in {belief.torque_gain.low, belief.torque_gain.high}
+    ]
+    least: FloatArray = np.min(found, axis=0)
+    return np.minimum(least, _UNBOUND)
 
 
 def passive_over_delays(

@@ -29,6 +29,8 @@ class LimitName(StrEnum):
     """One encoder count commands a small share of the torque limit"""
     PASSIVE = "passive"
     """Stable with any passive hand below it"""
+    BACKLASH = "backlash"
+    """Backlash sustains no oscillation of more than four counts below it"""
 
 
 Change = Literal[

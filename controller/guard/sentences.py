@@ -29,6 +29,9 @@ MEANING: dict[LimitName, str] = {
         "above it a wall that never pulls returns the device faster than it came"
     ),
     LimitName.QUANTISATION: "above it one encoder count commands too much of the torque limit",
+    LimitName.BACKLASH: (
+        "above it the believed backlash may sustain an oscillation that friction does not stop"
+    ),
     LimitName.PASSIVE: "above it some passive hand makes the wall unstable",
 }
 

@@ -93,6 +93,9 @@ class Limits:
     encoder"""
     passive: float | None
     """Below it the wall is stable with any passive hand; None unless in mode ``passive``"""
+    backlash: float | None = None
+    """Below it backlash sustains no oscillation of more than four counts; None where the belief
+    has no backlash"""
 
     def smallest(self) -> tuple[LimitName, float]:
         """Return name and value of the smallest limit that applies."""

@@ -236,6 +236,7 @@ class Config(Sections):
             coulomb=_bounded(model.coulomb, servo.coulomb),
             delay=_bounded(model.delay, servo.delay + servo.current_lag),
             torque_gain=_bounded(model.torque_gain, 1.0),
+            backlash=_bounded(model.backlash, 0.0),
         )
 
     def request(self) -> Request:

@@ -229,6 +229,12 @@ class Model(Section):
     torque_gain: Estimate[Gain] | None = setting(
         None, "Believed torque that acts per torque commanded; unset and simulated: 1"
     )
+    backlash: Estimate[NotNegative] | None = setting(
+        None,
+        "Believed backlash between shaft and encoder, full width; unset: the guard counts none, "
+        "simulated or not",
+        "rad",
+    )
 
 
 class Safety(Section):

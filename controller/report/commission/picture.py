@@ -48,6 +48,7 @@ _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
     (LimitName.EXACT, "exact", BLUE, "-"),
     (LimitName.ONE_SIDED, "one-sided", GREEN, "-"),
     (LimitName.QUANTISATION, "encoder (quantisation)", "#a5004f", ":"),
+    (LimitName.BACKLASH, "backlash", INK, ":"),
     (LimitName.PASSIVE, "passive", ORANGE, "-"),
 )
 

@@ -79,6 +79,24 @@ def test_doubt_about_anything_lowers_what_is_commanded(doubt: dict[str, Any]) ->
     assert one(request, situation(**doubt)).stiffness < one(request).stiffness
 
 
+def test_backlash_counts_at_its_widest_and_against_the_least_friction() -> None:
+    request = Request(1e6, 0.2, "both")
+    assert one(request, situation(COUNT)).limits.backlash is None
+    loose = Bounded(0.002, 0.0, 0.0044)
+    wide = one(request, situation(COUNT, backlash=loose))
+    assert wide.binding is LimitName.BACKLASH
+    limit = wide.limits.backlash
+    assert limit is not None
+    assert wide.stiffness == pytest.approx(0.8 * limit)
+    assert "believed backlash" in sentences(wide.reasons)[0]
+    narrow = one(request, situation(COUNT, backlash=Bounded.exactly(0.002))).limits.backlash
+    slippery = situation(COUNT, backlash=loose, coulomb=Bounded(0.09039, 0.045, 0.18))
+    least = one(request, slippery).limits.backlash
+    assert narrow is not None
+    assert least is not None
+    assert least < limit < narrow
+
+
 def test_many_delays_at_once_give_what_each_gives_alone() -> None:
     delays = [0.0, 0.7e-3, 3e-3, 10e-3]
     request = Request(1e6, 0.3, "below")
