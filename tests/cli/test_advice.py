@@ -23,7 +23,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["sweep", "simulated", "--rate-hz"], "give `--set loop.rate_hz=VALUE`"),
         (["run", "--inertia=0.1"], "`--set servo.inertia=0.1` or `--set model.inertia=0.1`"),
         (["emulate", "--hand", "push"], "give `--set servo.hand=push`"),
-        (["boundary", "--inertai", "1"], "did you mean --inertia?"),
+        (["boundary", "--inertai", "1"], "did you mean --inertia or --load-inertia?"),
         (["log", "x", "--stiffness", "20"], "`haptic-wall log --help` lists what there is"),
         (["emulate", "--stiffness", "20"], "`haptic-wall emulate --help` lists what there is"),
         (["delay", "--delay-steps", "x"], "wanted whole periods with commas between, such as 0,5"),
