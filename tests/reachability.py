@@ -15,6 +15,7 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -47,6 +48,7 @@ class Module:
     """Classes with a base from outside, which may call any of their methods"""
 
 
+@cache
 def package_modules() -> dict[str, Module]:
     """The modules of the package, by name."""
     found = {}
