@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from typing import Final
@@ -20,13 +20,30 @@ import numpy as np
 from haptic_wall.controller.bench.rows import Measurement, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import HandName, TrueServo
 
 PERIOD_S: Final = 1e-3
 LINEAR: Final = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)
 _ROUNDS, _PERIODS = 5, 1000
 _MANY, _SOME, _FEW = BLOCK, 128, 8
 _TORQUE: Final = 0.1
+_PERIOD_NS: Final = 1_000_000
+_SWING: Final = 0.5
+"""Torque that moves one servo to and fro [N·m]"""
+_IDEAL: Final = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
+_REAL: Final = replace(
+    _IDEAL,
+    static_friction=0.14,
+    stribeck_speed=1.1,
+    damping_back=0.02,
+    load_friction=0.1,
+    gravity=0.2,
+    cogging=0.02,
+    encoder_eccentricity=0.002,
+    encoder_noise=0.3,
+)
+_NOT_THE_TICK: Final = "a tick of the loop, which does more"
 _SAME: Final = 1e-9
 """Difference of positions up to which two answers agree [rad]"""
 _NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
@@ -94,7 +111,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         for name, client in clients.items()
     }
     ours = _arrays(torques)
-    rows = []
+    rows = one_tick()
     for name, client in clients.items():
         what = f"{name}, servo alone, {client.servos} at once"
         rows.append(
@@ -125,6 +142,28 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
                 " things"
             )
     return rows, notes
+
+
+def one_tick() -> list[Measurement]:
+    """Return how long one simulated servo takes for a period, ideal and with every effect."""
+
+    def run(servo: TrueServo) -> None:
+        mechanism = Mechanism(servo, 0)
+        for k in range(_PERIODS):
+            mechanism.command(_SWING * math.sin(0.02 * k), k * _PERIOD_NS)
+            mechanism.advance((k + 1) * _PERIOD_NS)
+            mechanism.measured()
+
+    hands: dict[str, HandName] = {"alone": "none", "with an operator": "push"}
+    work = {
+        f"a period of one servo, {effects}, {hand}": partial(run, replace(servo, hand=name))
+        for effects, servo in (("ideal", _IDEAL), ("with every effect", _REAL))
+        for hand, name in hands.items()
+    }
+    return [
+        over_rounds(name, [1e6 * one / _PERIODS for one in times], "µs", _NOT_THE_TICK)
+        for name, times in interleaved(work, _ROUNDS).items()
+    ]
 
 
 def _arrays(torques: FloatArray) -> FloatArray:

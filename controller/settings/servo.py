@@ -185,7 +185,7 @@ class Servo(Section):
     static_friction: NotNegative = setting(
         0.0,
         "True torque up to which it stays at rest, at least servo.coulomb; 0: as much as that. "
-        "Published fits: 1 to 2.5 times the friction in motion",
+        "Published fits: 1.4 to 3.8 times the friction in motion",
         "N·m",
         used_by=_TRUTH,
     )

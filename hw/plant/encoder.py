@@ -14,8 +14,8 @@ _UNIT = 2.0**-53
 class EncoderErrors:
     """What an encoder reads of a true position.
 
-    Source of the eccentric error: a magnet off the axis turns the field that the sensor sees by an
-    angle that goes once around with the shaft (ams AG, AS5600 data sheet, "misalignment").
+    A magnet off the axis by d turns the field at a sensor at the radius r by d / r times the sine
+    of the angle between them: an error once a turn.
     """
 
     __slots__ = ("_amplitude", "_noise", "_phase", "_seed")

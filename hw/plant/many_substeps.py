@@ -81,7 +81,9 @@ class ManySubsteps:
         self._inertia, self._forth, self._coulomb = inertia, damping, coulomb
         self._effects = effects
         stiffness = effects.gravity + effects.cogging * effects.cogging_periods
-        grain = np.full(inertia.size, GRAIN_S)
+        fading = (effects.stribeck_speed > 0.0) & (effects.static_friction > coulomb)
+        exact = ~fading & (effects.load_friction == 0.0)
+        grain = np.where(exact, np.inf, GRAIN_S)
         stiff = stiffness > 0.0
         finest = PHASE * np.sqrt(inertia[stiff] / stiffness[stiff])
         grain[stiff] = np.maximum(np.minimum(GRAIN_S, finest), SHORTEST_S)

@@ -31,12 +31,18 @@ _ONE_TURN = 9.0
 """Square of a phase below pi: two zeros of an oscillator's acceleration are at least pi apart"""
 
 
-def grain_of(inertia: float, effects: Effects) -> float:
-    """Return the longest substep of a servo with this inertia [kg·m²] and these effects [s]."""
+def grain_of(inertia: float, effects: Effects, *, fading: bool) -> float:
+    """Return the longest substep of a servo [s]; infinite where every step is exact.
+
+    Args:
+        inertia: [kg·m²].
+        effects: Its effects.
+        fading: The friction depends on the speed.
+    """
     stiffness = effects.gravity + effects.cogging * effects.cogging_periods
-    if stiffness == 0.0:
-        return GRAIN_S
-    return max(min(GRAIN_S, PHASE * math.sqrt(inertia / stiffness)), SHORTEST_S)
+    if stiffness > 0.0:
+        return max(min(GRAIN_S, PHASE * math.sqrt(inertia / stiffness)), SHORTEST_S)
+    return GRAIN_S if fading or effects.load_friction > 0.0 else math.inf
 
 
 class Substeps:
@@ -88,7 +94,7 @@ class Substeps:
         self._gravity, self._angle = effects.gravity, effects.gravity_angle
         self._cogging, self._periods = effects.cogging, effects.cogging_periods
         self._phase = effects.cogging_phase
-        self._grain = grain_of(parameters.inertia, effects) / fineness
+        self._grain = grain_of(parameters.inertia, effects, fading=self._fading) / fineness
         self._teeth, self._fall = TEETH / fineness, FALL / fineness
 
     def step(
