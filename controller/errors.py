@@ -8,16 +8,21 @@
     │   └── LogFormatError              the file is not a log of this program
     └── PlatformError (also OSError)    this machine cannot run the loop: exit status 4
 
-Hardware errors are ``haptic_wall.hw.errors.ServoError``.
+Hardware errors are ``haptic_wall.hw.errors.ServoError``. All carry the parts of their sentence, see
+``haptic_wall.hw.errors.Problem``.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+from haptic_wall.hw.errors import ExplainedError, Problem
 
 _MOST_TOLD = 30
 """Largest number of a configuration's problems in the message"""
 
 
-class HapticWallError(Exception):
+class HapticWallError(ExplainedError):
     """Any refusal of this program, with the command's exit status."""
 
     exit_status: int = 4
@@ -34,19 +39,32 @@ class ConfigError(UserError):
 
     Args:
         source: The preset or file, as a person would name it.
-        problems: One line for each problem, beginning with the field's path.
+        problems: Every problem found; the first stands for the error.
 
     Attributes:
-        problems: See above.
+        problems: One line for each problem, beginning with the field's path.
     """
 
-    def __init__(self, source: str, problems: list[str]) -> None:
+    def __init__(self, source: str, problems: Sequence[Problem]) -> None:
         count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
         told = [f"  {problem}" for problem in problems[:_MOST_TOLD]]
         if len(problems) > _MOST_TOLD:
             told.append(f"  ... and {len(problems) - _MOST_TOLD} more")
         super().__init__("\n".join([f"configuration {source}: {count}", *told]))
-        self.problems = tuple(problems)
+        self.problem = problems[0]
+        self.problems = tuple(map(str, problems))
+
+
+class SeveralError(UserError):
+    """Several things are wrong, each told in a line; the first stands for the error.
+
+    Args:
+        problems: All of them.
+    """
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        super().__init__("\n".join(map(str, problems)))
+        self.problem = problems[0]
 
 
 class LogFormatError(UserError):
@@ -55,3 +73,5 @@ class LogFormatError(UserError):
 
 class PlatformError(HapticWallError, OSError):
     """This machine cannot run the loop."""
+
+    mark = ": "

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import EMULATED, Kind, ServoSettings
 
@@ -61,9 +62,8 @@ class Backend:
     """The models that ``servo.model`` may name; None: any, and no facts of them are known"""
     cycle_s: Callable[[int], float] | None = None
     """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
-    problems: Callable[[ServoSettings], Iterable[tuple[str, str]]] | None = None
-    """Finds conflicts between fields that are valid by themselves: the path of a field, and a
-    sentence with the found and the wanted value"""
+    problems: Callable[[ServoSettings], Iterable[Problem]] | None = None
+    """Finds conflicts between fields that are valid by themselves; ``field`` is one's path"""
     open_port: Callable[[ServoSettings], int] | None = None
     """Opens the servo's port for this process and those it passes the descriptor to, and loads the
     modules of ``cut_torque``. Raises ``haptic_wall.hw.errors.PortError``. None: it has no port"""

@@ -1,5 +1,8 @@
 """Errors of hardware, as one tree; every message says what was found, wanted, and the remedy.
 
+An error carries its ``Problem``, the parts of its sentence; so do all errors of the program. A
+user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware as ``WHAT: ADVICE``.
+
 ::
 
     ServoError
@@ -17,9 +20,98 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass, replace
 
-class ServoError(Exception):
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What is wrong, in parts. Its text is ``FIELD GIVEN: WHAT, wanted WANTED; ADVICE``.
+
+    Any part may be missing. A sentence that begins with its field has the rest in ``given``.
+    """
+
+    what: str = ""
+    """Usually what was found"""
+    _: KW_ONLY
+    wanted: str = ""
+    """What would be right; empty: ``what`` or ``advice`` says it"""
+    advice: str = ""
+    """What to do; empty: ``wanted`` says it, or nothing can be done"""
+    field: str | None = None
+    """The option, argument or configuration path that is at fault"""
+    given: str = ""
+    """Stands after the field, or in its place: such as its value, or a file"""
+    mark: str = "; "
+    """Stands before the advice"""
+
+    def __str__(self) -> str:
+        wanted = self.wanted and f"wanted {self.wanted}"
+        place = " ".join(filter(None, (self.field, self.given)))
+        told = ", ".join(filter(None, (self.what, wanted)))
+        told = ": ".join(filter(None, (place, told)))
+        return self.mark.join(filter(None, (told, self.advice)))
+
+    def followed_by(self, text: str) -> Problem:
+        """Return the problem with more text at its end."""
+        if self.advice:
+            return replace(self, advice=self.advice + text)
+        if self.wanted:
+            return replace(self, wanted=self.wanted + text)
+        return replace(self, what=self.what + text)
+
+    @property
+    def remedy(self) -> str | None:
+        """What to do, or at least what was wanted; None: neither is known."""
+        return self.advice or (f"wanted {self.wanted}" if self.wanted else None)
+
+
+class ExplainedError(Exception):
+    """An error with the parts of its sentence.
+
+    Args:
+        what: See ``Problem``, as for the others; or a whole problem, and nothing else.
+        wanted: What would be right.
+        advice: What to do.
+        field: The option, argument or configuration path that is at fault.
+        given: Stands after the field, such as its value.
+
+    Attributes:
+        problem: The parts.
+    """
+
+    mark = "; "
+    """Stands before the advice"""
+
+    def __init__(
+        self,
+        what: object = "",
+        *,
+        wanted: str | None = None,
+        advice: str = "",
+        field: str | None = None,
+        given: object = "",
+    ) -> None:
+        if not isinstance(what, Problem):
+            what = Problem(
+                str(what),
+                wanted=wanted or "",
+                advice=advice,
+                field=field,
+                given=str(given),
+                mark=self.mark,
+            )
+        super().__init__(str(what))
+        self.problem = what
+
+
+class SpecError(ExplainedError, ValueError):
+    """A value of a simulated servo, or a fault of the emulated bus, is wrong."""
+
+
+class ServoError(ExplainedError):
     """The servo could not be reached, is unfit, or was lost."""
+
+    mark = ": "
 
 
 class BackendError(ServoError, LookupError):

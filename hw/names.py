@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def did_you_mean(found: str, known: Iterable[str], prefix: str = "", likeness: float = 0.6) -> str:
-    """The end of a message about an unknown name: a question that suggests the nearest known one.
+    """A question that suggests the nearest known name for an unknown one.
 
     Args:
         found: The unknown name.
@@ -16,7 +16,7 @@ def did_you_mean(found: str, known: Iterable[str], prefix: str = "", likeness: f
         likeness: How alike two names must be, 0 to 1, as ``difflib`` measures it [1].
 
     Returns:
-        ``; did you mean NAME?``, or nothing where no known name is alike.
+        ``did you mean NAME?``, or nothing where no known name is alike.
     """
     near = difflib.get_close_matches(found, list(known), n=1, cutoff=likeness)
-    return f"; did you mean {prefix}{near[0]}?" if near else ""
+    return f"did you mean {prefix}{near[0]}?" if near else ""

@@ -52,25 +52,28 @@ def backend(name: str) -> Backend:
     entries = _installed().get(name, [])
     if not entries:
         raise BackendError(
-            f"No servo backend is called {name!r}: known are {', '.join(backend_names())}."
+            f"No servo backend is called {name!r}",
+            advice=f"known are {', '.join(backend_names())}.",
         )
     whose = " and ".join(sorted({entry.dist.name for entry in entries if entry.dist}))
     if len(entries) > 1:
         raise BackendError(
-            f"The servo backend {name!r} is registered more than once, by {whose}: uninstall all "
-            "but one."
+            f"The servo backend {name!r} is registered more than once, by {whose}",
+            advice="uninstall all but one.",
         )
     try:
         found = entries[0].load()
     except Exception as error:
         raise BackendError(
-            f"The servo backend {name!r} of the distribution {whose} cannot be loaded "
-            f"({type(error).__name__}: {error}): install what it needs, or another version of it."
+            f"The servo backend {name!r} of the distribution {whose} cannot be "
+            f"loaded ({type(error).__name__}: {error})",
+            advice="install what it needs, or another version of it.",
         ) from error
     if not isinstance(found, Backend):
         raise BackendError(
-            f"The servo backend {name!r} of the distribution {whose} is a {type(found).__name__}, "
-            "wanted a haptic_wall.hw.backend.Backend: install another version of it."
+            f"The servo backend {name!r} of the distribution {whose} is a "
+            f"{type(found).__name__}, wanted a haptic_wall.hw.backend.Backend",
+            advice="install another version of it.",
         )
     return found
 

@@ -85,7 +85,8 @@ def parsed(text: str) -> IntArray:
     if total is None or beyond is None or not bins or int(counts.sum()) != total:
         raise PlatformError(
             "cyclictest: found output that is not one thread's histogram with its totals; wanted"
-            " that of rt-tests 1.0 or newer: install another version, or take it from PATH"
+            " that of rt-tests 1.0 or newer",
+            advice="install another version, or take it from PATH",
         )
     return np.concatenate([np.repeat(late, counts), np.full(beyond, late[-1] + 1)])
 

@@ -27,6 +27,7 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000
@@ -62,7 +63,9 @@ def measure() -> Section:
         waits = waits_ns(_clients(path, stack), _ROUNDS)
     for name, each in waits.items():
         if not each:
-            raise PlatformError(f"{name}: no reply was lost in {_MOST_READS} reads; try again")
+            raise PlatformError(
+                Problem(f"{name}: no reply was lost in {_MOST_READS} reads", advice="try again")
+            )
         what = f"{name}, from a request whose reply is lost to going on"
         drawn[name] = [wait / _PERIOD_NS for wait in each]
         rows += _figures(what, drawn[name])
@@ -120,7 +123,9 @@ def _whole_program() -> tuple[list[Measurement], list[float]]:
     begin_s = torques[-1] - _RUN_S + _START_S if torques else 0.0
     taken = request_to_torque_s(row for row in seen if row.time_s > begin_s)
     if not taken:
-        raise PlatformError("no reply was lost in a run; the machine is too busy, try again")
+        raise PlatformError(
+            Problem("no reply was lost in a run", advice="the machine is too busy, try again")
+        )
     what = "haptic-wall run, from a request whose reply is lost to its torque frame"
     periods = [1e9 * each / _PERIOD_NS for each in taken]
     rows = [

@@ -98,8 +98,9 @@ def intervals_us(
     due = (seconds - _START_S - _END_S) * rate_hz
     if own.size < 0.5 * due:
         raise PlatformError(
-            f"found {own.size} torque frames of a loop, wanted about {due:.0f}: the machine is too"
-            " busy; try again when it is not"
+            f"found {own.size} torque frames of a loop",
+            wanted=f"about {due:.0f}",
+            advice="the machine is too busy; try again when it is not",
         )
     intervals: NDArray[np.float64] = np.diff(own) * 1e6
     return intervals

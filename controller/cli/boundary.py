@@ -127,7 +127,7 @@ def command(
         with working("computing the limits"):
             found = report(question, chosen)
     except ValueError as error:  # numbers so extreme that only the theory can tell
-        raise UserError(f"{error}; are all in SI units?") from None
+        raise UserError(error, advice="are all in SI units?") from None
     if plot is not None:
         from haptic_wall.controller.report.boundary import plot_boundary
 
@@ -148,13 +148,18 @@ def _question(given: dict[str, Any]) -> Question:
     delay: Bounded = given["delay"]
     if delay.low < 0 or delay.high > _LONGEST_DELAY_S:
         raise UserError(
-            f"--delay {_span(delay)}: wanted 0 to {_LONGEST_DELAY_S:g} s; it is in seconds, so "
-            "that 2 ms is 0.002"
+            f"wanted 0 to {_LONGEST_DELAY_S:g} s",
+            field="--delay",
+            given=_span(delay),
+            advice="it is in seconds, so that 2 ms is 0.002",
         )
     if delay.high > _MOST_PERIODS * period:
         raise UserError(
-            f"--delay {_span(delay)}: {delay.high / period:.4g} periods of {period:g} s, wanted at "
-            f"most {_MOST_PERIODS}; is the period right?"
+            f"{delay.high / period:.4g} periods of {period:g} s",
+            field="--delay",
+            given=_span(delay),
+            wanted=f"at most {_MOST_PERIODS}",
+            advice="is the period right?",
         )
     counts, limit = _encoder(given, facts)
     belief = Belief(
@@ -183,36 +188,56 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
             return None
         option = "--transmission-damping" if damping is not None else "--encoder"
         raise UserError(
-            f"{option}: there is no load; give --load-inertia and --transmission-stiffness too"
+            "there is no load",
+            field=option,
+            advice="give --load-inertia and --transmission-stiffness too",
         )
     for option, value in (
         ("--load-inertia", inertia),
         ("--transmission-stiffness", stiffness),
     ):
         if value is None:
-            raise UserError(f"{option}: missing; a load has an inertia and a stiffness before it")
+            raise UserError(
+                "missing", field=option, advice="a load has an inertia and a stiffness before it"
+            )
         if not (math.isfinite(value) and value > 0):
-            raise UserError(f"{option} {value:g}: wanted more than 0; give a number in SI units")
+            raise UserError(
+                "wanted more than 0",
+                field=option,
+                given=f"{value:g}",
+                advice="give a number in SI units",
+            )
     damping = 0.0 if damping is None else damping
     if not (math.isfinite(damping) and damping >= 0):
         raise UserError(
-            f"--transmission-damping {damping:g}: wanted 0 or more; give a number in SI units"
+            "wanted 0 or more",
+            field="--transmission-damping",
+            given=f"{damping:g}",
+            advice="give a number in SI units",
         )
     for name in ("inertia", "damping", "delay", "torque_gain"):
         bounds: Bounded = getattr(belief, name)
         if bounds.low < bounds.high:
             raise UserError(
-                f"--{name.replace('_', '-')} {_span(bounds)}: with a load no corner of a range is"
-                " the least safe; give one number, and the command once for each end"
+                "with a load no corner of a range is the least safe",
+                field=f"--{name.replace('_', '-')}",
+                given=_span(bounds),
+                advice="give one number, and the command once for each end",
             )
     if not (belief.damping.low > 0 or damping > 0):
         raise UserError(
-            "--damping 0: nothing damps servo and load; give --damping or --transmission-damping"
+            "nothing damps servo and load",
+            field="--damping",
+            given="0",
+            advice="give --damping or --transmission-damping",
         )
     if max(periods, given["velocity_samples"]) > MOST_PERIODS:
         raise UserError(
-            f"--delay: with a load at most {MOST_PERIODS} periods of delay and velocity samples are"
-            f" computed, found {max(periods, given['velocity_samples']):.4g}; give less"
+            f"with a load at most {MOST_PERIODS} periods of delay and velocity "
+            "samples are computed, found "
+            f"{max(periods, given['velocity_samples']):.4g}",
+            field="--delay",
+            advice="give less",
         )
     return Load(inertia, stiffness, damping, encoder or "output")
 
@@ -226,13 +251,17 @@ def _facts(name: str | None) -> ServoFacts | None:
     alike = sister(name)
     if alike is not None:
         raise UserError(
-            f"--servo: nobody has published the inertia and friction of {alike[0]}; its sister is"
-            f" {alike[1]}: choose that, or give its inertia and damping as numbers"
+            f"nobody has published the inertia and friction of {alike[0]}",
+            field="--servo",
+            advice=f"its sister is {alike[1]}: choose that, or give its inertia and damping "
+            "as numbers",
         )
     near = did_you_mean(name.upper(), SERVOS, likeness=0.5)
+    choose = f"{near} Choose" if near else "choose"
     raise UserError(
-        f"--servo: servo {name!r} is not known{f'{near} Choose' if near else '; choose'} one of"
-        f" {', '.join(SERVOS)}, or give its inertia and damping as numbers"
+        f"servo {name!r} is not known",
+        field="--servo",
+        advice=f"{choose} one of {', '.join(SERVOS)}, or give its inertia and damping as numbers",
     )
 
 
@@ -240,21 +269,28 @@ def _period(period: float | None, rate: float | None) -> float:
     if (period is None) == (rate is None):
         found = "neither" if period is None else "both"
         raise UserError(
-            f"--period and --rate: found {found}, wanted one of them; give --period 0.001 or "
-            "--rate 1000"
+            f"found {found}",
+            field="--period",
+            given="and --rate",
+            wanted="one of them",
+            advice="give --period 0.001 or --rate 1000",
         )
     if rate is not None:
         if not (math.isfinite(rate) and rate >= 1 / _LONGEST_PERIOD_S):
             raise UserError(
-                f"--rate {rate:g}: wanted at least {1 / _LONGEST_PERIOD_S:g} Hz; give --rate 1000 "
-                "for a period of 1 ms"
+                f"wanted at least {1 / _LONGEST_PERIOD_S:g} Hz",
+                field="--rate",
+                given=f"{rate:g}",
+                advice="give --rate 1000 for a period of 1 ms",
             )
         return 1 / rate
     assert period is not None
     if not 0 < period <= _LONGEST_PERIOD_S:
         raise UserError(
-            f"--period {period:g}: wanted a period above 0 and up to {_LONGEST_PERIOD_S:g} s; "
-            "it is in seconds, so that 1 ms is 0.001"
+            f"wanted a period above 0 and up to {_LONGEST_PERIOD_S:g} s",
+            field="--period",
+            given=f"{period:g}",
+            advice="it is in seconds, so that 1 ms is 0.001",
         )
     return period
 
@@ -263,18 +299,25 @@ def _wanted(name: str, given: Bounded | None, facts: ServoFacts | None, zero: bo
     if given is not None:
         return _domain(f"--{name}", given, zero)
     if facts is None:
-        raise UserError(f"--{name}: missing; give it, or name a servo with --servo MX-64")
+        raise UserError(
+            "missing", field=f"--{name}", advice="give it, or name a servo with --servo MX-64"
+        )
     return Bounded.exactly(getattr(facts, name))
 
 
 def _domain(option: str, given: Bounded, zero: bool) -> Bounded:
     if given.low < 0 or (given.low == 0 and not zero):
         wanted = "0 or more" if zero else "more than 0"
-        raise UserError(f"{option} {_span(given)}: wanted {wanted}; give a number in SI units")
+        raise UserError(
+            f"wanted {wanted}", field=option, given=_span(given), advice="give a number in SI units"
+        )
     if given.high > _WIDEST * given.low > 0:
         raise UserError(
-            f"{option} {_span(given)}: the upper end is {given.high / given.low:.3g} times the "
-            f"lower, wanted at most {_WIDEST} times; give what the servo can truly be, in SI units"
+            f"the upper end is {given.high / given.low:.3g} times the lower",
+            field=option,
+            given=_span(given),
+            wanted=f"at most {_WIDEST} times",
+            advice="give what the servo can truly be, in SI units",
         )
     return given
 
@@ -284,19 +327,27 @@ def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, fl
     counts, limit = given["counts_per_rev"], given["torque_limit"]
     for option, value in (("--counts-per-rev", counts), ("--torque-limit", limit)):
         if value is not None and not (math.isfinite(value) and value > 0):
-            raise UserError(f"{option} {value:g}: wanted more than 0; give it or leave it out")
+            raise UserError(
+                "wanted more than 0",
+                field=option,
+                given=f"{value:g}",
+                advice="give it or leave it out",
+            )
     if counts is None and facts is not None:
         counts = facts.counts_per_rev
     if limit is None:
         if given["counts_per_rev"] is not None:
             raise UserError(
-                "--counts-per-rev: what one count commands is judged by the torque limit; give "
-                "--torque-limit too"
+                "what one count commands is judged by the torque limit",
+                field="--counts-per-rev",
+                advice="give --torque-limit too",
             )
         return 0.0, 1.0
     if counts is None:
         raise UserError(
-            "--torque-limit: it judges what one encoder count commands; give --counts-per-rev too"
+            "it judges what one encoder count commands",
+            field="--torque-limit",
+            advice="give --counts-per-rev too",
         )
     return counts, limit
 
@@ -308,20 +359,30 @@ def _delay_parts(
     named: dict[str, float] = {}
     if baud is not None:
         if not (math.isfinite(baud) and baud > 0):
-            raise UserError(f"--baud {baud:g}: wanted bits per second; give --baud 1000000")
+            raise UserError(
+                "wanted bits per second",
+                field="--baud",
+                given=f"{baud:g}",
+                advice="give --baud 1000000",
+            )
         named[WIRE] = cycle_s(baud)
     if latency_timer is not None:
         if not (math.isfinite(latency_timer) and latency_timer >= 0):
             raise UserError(
-                f"--latency-timer {latency_timer:g}: wanted milliseconds, 0 or more; it is 16 from "
-                "the factory"
+                "wanted milliseconds, 0 or more",
+                field="--latency-timer",
+                given=f"{latency_timer:g}",
+                advice="it is 16 from the factory",
             )
         named[ADAPTER] = 1e-3 * latency_timer
     rest = delay - sum(named.values())
     if rest < -1e-12:
         raise UserError(
-            f"--delay {delay:g}: frames and adapter timer alone take {sum(named.values()):.4g} s; "
-            "give the whole delay, from sample to torque, or leave out --baud and --latency-timer"
+            f"frames and adapter timer alone take {sum(named.values()):.4g} s",
+            field="--delay",
+            given=f"{delay:g}",
+            advice="give the whole delay, from sample to torque, or leave out --baud and "
+            "--latency-timer",
         )
     return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)})
 

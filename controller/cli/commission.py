@@ -74,8 +74,10 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
         return
     if out is None:
         raise UserError(
-            "--out: found nothing, wanted the folder that report.html and config.yaml go to; give"
-            " for example --out my-testbed"
+            "found nothing",
+            field="--out",
+            wanted="the folder that report.html and config.yaml go to",
+            advice="give for example --out my-testbed",
         )
     announcement = announce(loaded.config, reach)
     was_there = out.exists()
@@ -167,8 +169,8 @@ def _announce(asked: Asked, announcement: Announcement) -> None:
     servo = asked.config.servo
     if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
         raise UserError(
-            f"the servo at {servo.port} is a real one and standard input is no terminal to ask"
-            " at; give --yes when its way is free"
+            f"the servo at {servo.port} is a real one and standard input is no terminal to ask at",
+            advice="give --yes when its way is free",
         )
     asked.may_move()
 

@@ -83,7 +83,9 @@ def command(
         if value is not None and not (least <= value <= most):
             option = "delay" if name == "lag" else name
             wanted = "above 0" if name == "inertia" else "from 0 up"
-            raise UserError(f"--{option}: found {value:g}, wanted a number {wanted} to {most:g}")
+            raise UserError(
+                f"found {value:g}", field=f"--{option}", wanted=f"a number {wanted} to {most:g}"
+            )
     wall = _given_wall(stiffness, virtual_damping, wall_position)
     refuse_same_file({"LOG": log, "--plot": plot})
     if plot is not None:
@@ -100,10 +102,15 @@ def command(
                 detected = detect_all(read_recordings(log), given, wall)
     except OSError as error:
         raise UserError(
-            f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run, or a CSV"
+            f"cannot be read: {error.strerror}",
+            field="LOG",
+            given=log,
+            advice="wanted a log of run, or a CSV",
         ) from None
     if not detected.drawn:
-        raise UserError(f"LOG {log}: no stretch of it is long enough: {'; '.join(detected.notes)}")
+        raise UserError(
+            f"no stretch of it is long enough: {'; '.join(detected.notes)}", field="LOG", given=log
+        )
     if plot is not None:
         from haptic_wall.controller.report.detect import plot_detection
 
@@ -121,10 +128,10 @@ def _given_wall(
     from haptic_wall.controller.logs.detected import GivenWall
 
     if stiffness is not None and not 0.0 < stiffness < math.inf:
-        raise UserError(f"--stiffness: found {stiffness:g}, wanted a number above 0")
+        raise UserError(f"found {stiffness:g}", field="--stiffness", wanted="a number above 0")
     for name, value in (("virtual-damping", virtual_damping), ("wall-position", position)):
         if value is not None and not math.isfinite(value):
-            raise UserError(f"--{name}: found {value:g}, wanted a finite number")
+            raise UserError(f"found {value:g}", field=f"--{name}", wanted="a finite number")
     return GivenWall(stiffness, virtual_damping, position)
 
 

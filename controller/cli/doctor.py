@@ -61,7 +61,7 @@ def command(
     """
     for option, given in (("--yes", yes), ("--change-baud", change_baud)):
         if given and not fix:
-            raise UserError(f"{option}: it belongs to --fix; add that, or leave it out")
+            raise UserError("it belongs to --fix", field=option, advice="add that, or leave it out")
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
     with interrupting():  # the port's settings are restored

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -33,6 +34,7 @@ from haptic_wall.hw.emulated.server import PseudoTerminal, serve
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.values import whole
 from haptic_wall.hw.emulated.witness import Witness
+from haptic_wall.hw.errors import Problem, SpecError
 
 DEFAULT_BAUD = 4_000_000
 PRIORITY = 70
@@ -168,7 +170,7 @@ def command(
                 )
                 for model, id_, firmware in plan
             ]
-        with _as_user_error("--fault "):
+        with _as_user_error("--fault"):
             bus = EmulatedBus(
                 emulated,
                 baud=speed,
@@ -189,10 +191,9 @@ def command(
         console = Console(bus, sys.stdin.fileno(), _say, say) if sys.stdin else None
         serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say)
     if witness is not None and witness.failure is not None:
-        raise PlatformError(
-            f"--record {record}: the record is incomplete: {witness.failure.strerror}; make room "
-            "or name another place (the bus itself was not disturbed)"
-        )
+        what = f"the record is incomplete: {witness.failure.strerror}"
+        advice = "make room or name another place (the bus itself was not disturbed)"
+        raise PlatformError(Problem(what, advice=advice, field="--record", given=str(record)))
     return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
 
 
@@ -222,7 +223,9 @@ def _speed(text: str) -> int:
     try:
         return whole(1, 10_000_000)(text)
     except ValueError:
-        raise UserError(f"--baud: found {text!r}, wanted a speed such as {DEFAULT_BAUD}") from None
+        raise UserError(
+            f"found {text!r}", field="--baud", wanted=f"a speed such as {DEFAULT_BAUD}"
+        ) from None
 
 
 def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
@@ -236,17 +239,20 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
         timer_ms = whole(0, 255)(latency_timer)
     except ValueError:
         raise UserError(
-            f"--latency-timer: found {latency_timer!r}, wanted whole milliseconds from 1 to 255, "
-            "or 0 for none"
+            f"found {latency_timer!r}",
+            field="--latency-timer",
+            wanted="whole milliseconds from 1 to 255, or 0 for none",
         ) from None
     if block is None:
         return timer_ms, BLOCKS[-1]
     if not timer_ms:
-        raise UserError("--block: without a latency timer nothing waits for a block; give both")
+        raise UserError(
+            "without a latency timer nothing waits for a block", field="--block", advice="give both"
+        )
     try:
         return timer_ms, sizes(block)
     except ValueError:
-        raise UserError(f"--block: found {block!r}, wanted {sizes.__doc__}") from None
+        raise UserError(f"found {block!r}", field="--block", wanted=sizes.__doc__) from None
 
 
 def _say(text: str) -> None:
@@ -255,14 +261,16 @@ def _say(text: str) -> None:
 
 
 @contextmanager
-def _as_user_error(option: str = "") -> Iterator[None]:
+def _as_user_error(option: str | None = None) -> Iterator[None]:
     """Turn the emulator's errors about its arguments into the user's."""
     try:
         yield
     except FileExistsError as error:
-        raise UserError(f"--link: {error}; name another place") from error
+        raise UserError(error, field="--link", advice="name another place") from error
+    except SpecError as error:
+        raise UserError(replace(error.problem, field=option)) from error
     except ValueError as error:
-        raise UserError(f"{option}{error}") from error
+        raise UserError(error, field=option) from error
 
 
 def _warn_of_shared_ids(ids: Sequence[int]) -> None:

@@ -91,17 +91,25 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
         path, equals, value = text.partition("=")
         section, _, name = path.strip().partition(".")
         if not equals:
-            raise UserError(f"--set {text}: no value; give servo.NAME=VALUE")
+            raise UserError("no value", field="--set", given=text, advice="give servo.NAME=VALUE")
         if section != "servo" or name not in TRUTH:
             hint = suggestion(name or section, TRUTH, "servo.")
-            raise UserError(f"--set {path}: an emulated servo has no such value{hint}")
+            raise UserError(
+                "an emulated servo has no such value", field="--set", given=path, advice=hint
+            )
         parse = TRUTH[name]
         try:
             given[name] = parse(value.strip())
         except (ValueError, KeyError):
-            raise UserError(f"--set {path}: found {value!r}, wanted {parse.__doc__}") from None
+            raise UserError(
+                f"found {value!r}", field="--set", given=path, wanted=parse.__doc__
+            ) from None
     if "kick" in given and "position" in given:
-        raise UserError("--set servo.kick and servo.position both say where it starts; give one")
+        raise UserError(
+            field="--set",
+            given="servo.kick and servo.position both say where it starts",
+            advice="give one",
+        )
     return given
 
 
@@ -117,7 +125,10 @@ def servo_of(text: str) -> tuple[Model, int, int]:
     model = {known.upper(): found for known, found in MODELS.items()}.get(name.strip().upper())
     if model is None:
         raise UserError(
-            f"--servo {text}: no model {name!r} is known{suggestion(name.upper(), MODELS)}"
+            f"no model {name!r} is known",
+            field="--servo",
+            given=text,
+            advice=suggestion(name.upper(), MODELS),
         )
     match [digits(number) for number in rest]:
         case []:
@@ -126,4 +137,6 @@ def servo_of(text: str) -> tuple[Model, int, int]:
             return model, id_, model.fast_sync_read_firmware
         case [int(id_), int(firmware)]:
             return model, id_, firmware
-    raise UserError(f"--servo {text}: wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45")
+    raise UserError(
+        f"wanted MODEL[:ID[:FIRMWARE]], e.g. {model.name}:1:45", field="--servo", given=text
+    )

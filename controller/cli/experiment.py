@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +34,7 @@ from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
 from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.hw.errors import Problem
 
 Found = TypeVar("Found")
 _FASTER = 20.0
@@ -217,8 +218,8 @@ def endings(interrupted: str = "", tripped: str = "") -> Iterator[None]:
     """Give an experiment that a person or a trip has ended its exit status.
 
     Args:
-        interrupted: The end of the message where a person ended it.
-        tripped: The end of the message where a trip ended it.
+        interrupted: What to say besides where a person ended it.
+        tripped: What to say besides where a trip ended it.
     """
     from haptic_wall.controller.experiments.testbed import (
         ExperimentInterruptedError,
@@ -229,7 +230,13 @@ def endings(interrupted: str = "", tripped: str = "") -> Iterator[None]:
     try:
         yield
     except ExperimentInterruptedError as error:
-        raise EndedEarlyError(f"{error}{interrupted}", INTERRUPTED) from None
+        raise EndedEarlyError(_with(error.problem, interrupted), INTERRUPTED) from None
     except ExperimentTrippedError as error:
         status = exit_status(error.stop_reason)
-        raise EndedEarlyError(f"{error.stop_reason}: {error}{tripped}", status) from None
+        problem = replace(error.problem, what=f"{error.stop_reason}: {error.problem.what}")
+        raise EndedEarlyError(_with(problem, tripped), status) from None
+
+
+def _with(problem: Problem, more: str) -> Problem:
+    """Return the problem with more to say, if any, in place of its advice."""
+    return replace(problem, what=str(problem), wanted="", advice=more) if more else problem

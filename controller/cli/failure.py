@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import click
 
 from haptic_wall.controller.cli.advice import for_option
 from haptic_wall.controller.cli.options import answer, as_json, forget_output, is_answered, say
-from haptic_wall.controller.errors import ConfigError, HapticWallError
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.controller.cli.refusals import NoSuchCommandError, WrongValueError
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.hw.errors import ExplainedError, Problem
 
-_FIELD = re.compile(r"--[a-z][a-z-]*|[A-Z]{3,}(?= |:)|[a-z]+\.[a-z_]+")
-"""An option, an argument or a configuration path, at the beginning of a message"""
 _NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
 
 
@@ -27,12 +27,12 @@ class EndedEarlyError(HapticWallError):
     """A person or a trip has ended a command before it had an answer.
 
     Args:
-        text: For people.
+        problem: What ended it.
         exit_status: Of the command.
     """
 
-    def __init__(self, text: str, exit_status: int) -> None:
-        super().__init__(text)
+    def __init__(self, problem: Problem | str, exit_status: int) -> None:
+        super().__init__(problem)
         self.exit_status = exit_status
 
 
@@ -50,58 +50,60 @@ def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[s
         json: Also print the object for programs, unless the answer is already printed.
         arguments: Of the command line.
     """
-    text = str(error) or "interrupted"
-    if isinstance(error, click.ClickException):
-        text = _in_one_style(error, arguments)
+    problem = _problem(error, arguments)
+    text = str(problem if isinstance(error, click.ClickException) else error) or "interrupted"
     if str(error):
         say(f"haptic-wall: {text}")
     if json and not is_answered():
         try:
-            answer(as_json(_failure(error, text, status)))
+            answer(as_json(_failure(problem, text, status)))
         except OSError:  # a full disk: the exit status remains
             forget_output()
     return status
 
 
-def _in_one_style(error: click.ClickException, arguments: Sequence[str]) -> str:
-    """Word click's error like the other errors."""
+def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
+    """Return the parts of an error's sentence; click's errors are worded like the others."""
+    if isinstance(error, ExplainedError):
+        return error.problem
+    if not isinstance(error, click.ClickException):
+        return Problem(str(error))
     context = error.ctx if isinstance(error, click.UsageError) else None
     more = f"`{context.command_path} --help` lists what there is" if context else ""
+    if isinstance(error, NoSuchCommandError):
+        return error.problem
     if isinstance(error, click.NoSuchOption):
         advice = for_option(error, arguments) or more
-        return "; ".join(filter(None, [f"{error.option_name}: no such option", advice]))
-    if isinstance(error, click.MissingParameter) and error.param is not None:
-        return "; ".join(filter(None, [f"{_field(error, '')}: missing", more]))
+        return Problem("no such option", advice=advice, field=error.option_name)
     if isinstance(error, click.BadParameter) and error.param is not None:
-        said = _NO_NUMBER.fullmatch(error.message)
-        if said is None:
-            return f"{_field(error, '')}: {error.message}"
-        whole = " whole" if said[2] == "integer" else ""
-        return f"{_field(error, '')}: found {said[1]}, wanted a{whole} number"
-    return error.format_message()
+        field = _name_of(error.param)
+        if isinstance(error, click.MissingParameter):
+            return Problem("missing", advice=more, field=field)
+        if isinstance(error, WrongValueError):
+            return replace(error.problem, field=field)
+        return replace(_of_value(error.message), field=field)
+    return Problem(error.format_message())
 
 
-def _failure(error: BaseException, text: str, status: int) -> dict[str, Any]:
-    first = error.problems[0] if isinstance(error, ConfigError) else text
-    _, mark, advice = first.rpartition("; ")
-    if not mark and isinstance(error, ServoError | OSError):
-        _, mark, advice = first.rpartition(": ")
-    if not mark:
-        _, mark, advice = first.rpartition(", wanted ")
-        advice = f"wanted {advice}"
+def _of_value(message: str) -> Problem:
+    """Return click's own message about a value in our words, where it has some for it."""
+    said = _NO_NUMBER.fullmatch(message)
+    if said is None:
+        return Problem(message)
+    whole = " whole" if said[2] == "integer" else ""
+    return Problem(f"found {said[1]}", wanted=f"a{whole} number")
+
+
+def _name_of(parameter: click.Parameter) -> str:
+    if isinstance(parameter, click.Option):
+        return parameter.opts[0]
+    return parameter.human_readable_name.strip("[]")
+
+
+def _failure(problem: Problem, text: str, status: int) -> dict[str, Any]:
     return {
         "error": text,
-        "field": _field(error, first),
-        "advice": advice if mark else None,
+        "field": problem.field,
+        "advice": problem.remedy,
         "exit_status": status,
     }
-
-
-def _field(error: BaseException, text: str) -> str | None:
-    if isinstance(error, click.NoSuchOption):
-        return error.option_name
-    if isinstance(error, click.BadParameter) and error.param is not None:
-        option = isinstance(error.param, click.Option)
-        return error.param.opts[0] if option else error.param.human_readable_name.strip("[]")
-    found = _FIELD.match(text)
-    return found and found.group()

@@ -21,11 +21,12 @@ from haptic_wall.controller.cli.options import (
     writing,
 )
 from haptic_wall.controller.cli.places import new_stem, take_file, take_folder
-from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.errors import SeveralError, UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded
 from haptic_wall.controller.system.file_kinds import PICTURE, Kind
 from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryPoints
@@ -114,12 +115,13 @@ def command(
     loaded, out = asked.loaded, asked.out
     if no_motion and (sweep is None or out is not None):
         raise UserError(
-            "--no-motion: without motion there is only the boundary to identify from; wanted"
-            " --from-sweep FILE with it, and no --out"
+            "without motion there is only the boundary to identify from",
+            field="--no-motion",
+            advice="wanted --from-sweep FILE with it, and no --out",
         )
     boundary = None if sweep is None else _boundary(sweep, loaded.config)
     found = None
-    failures: list[str] = []
+    failures: list[Problem] = []
     result: dict[str, Any] = {"name": loaded.name}
     if not no_motion:
         about = announcement(bounds_of(loaded.config, reach))
@@ -140,7 +142,7 @@ def command(
         result["from_sweep"] = _from_sweep(*boundary, loaded, found)
     asked.answer(result, lambda: _text(result, found, logs))
     if failures:
-        raise UserError("\n".join(failures))
+        raise SeveralError(failures)
 
 
 def _text(result: dict[str, Any], found: Identified | None, logs: Path | None) -> str:
@@ -182,7 +184,7 @@ def _moved(loaded: Loaded, logs: Path, reach: float) -> Identified:
     """Move and fit."""
     from haptic_wall.controller.experiments.identify.identification import SECONDS, identify
 
-    ended = endings("; nothing is identified", f"; the logs are in {logs}")
+    ended = endings("nothing is identified", f"the logs are in {logs}")
     with moving(loaded.config, SECONDS), ended:
         return identify(loaded.config, logs, reach, say)
 
@@ -192,7 +194,7 @@ class _Kept:
     """Writes files; collects the errors until the figures are printed."""
 
     force: bool
-    failures: list[str] = field(default_factory=list)
+    failures: list[Problem] = field(default_factory=list)
 
     def write(
         self, option: str, path: Path, kind: Kind, write: Callable[[Path], None]
@@ -202,7 +204,7 @@ class _Kept:
             with writing(option, path), whole(path, kind, force=self.force) as part:
                 write(part)
         except UserError as error:
-            self.failures.append(str(error))
+            self.failures.append(error.problem)
             return None
         return str(path)
 
@@ -224,8 +226,10 @@ def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
         return points, config if held is None else Config.model_validate(held)
     except (ValidationError, RecursionError):
         raise UserError(
-            f"--from-sweep {sweep}: the configuration in it is not one of this program; name the"
-            " sweep.json that haptic-wall sweep wrote"
+            "the configuration in it is not one of this program",
+            field="--from-sweep",
+            given=sweep,
+            advice="name the sweep.json that haptic-wall sweep wrote",
         ) from None
 
 
@@ -265,7 +269,9 @@ def _from_sweep(
     try:
         fit = fit_boundary(points, loop)
     except ValueError as error:
-        raise UserError(f"--from-sweep: nothing can be fitted to its points: {error}") from None
+        raise UserError(
+            f"nothing can be fitted to its points: {error}", field="--from-sweep"
+        ) from None
     compared = comparison(known, (fit.damping, fit.delay))
     return {
         **boundary_report(fit),

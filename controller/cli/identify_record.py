@@ -67,7 +67,10 @@ def identify_record(
             motion = read_record(record)
         except OSError as error:
             raise UserError(
-                f"--record {record}: cannot be read: {error.strerror}; wanted a CSV"
+                f"cannot be read: {error.strerror}",
+                field="--record",
+                given=record,
+                advice="wanted a CSV",
             ) from None
         found = estimate.identify_record(motion, pendulum)
     result = {"name": record.name, **report(found), "plot": None}
@@ -95,8 +98,9 @@ def refuse_pendulum(mass: float | None, length: float | None) -> None:
     for name, value in (("mass", mass), ("length", length)):
         if value is not None:
             raise UserError(
-                f"--pendulum-{name}: a pendulum is known only to a record; wanted --record FILE"
-                " with it"
+                "a pendulum is known only to a record",
+                field=f"--pendulum-{name}",
+                advice="wanted --record FILE with it",
             )
 
 
@@ -116,8 +120,10 @@ def _refuse(given: dict[str, object]) -> None:
         found.append("--reach")
     if found:
         raise UserError(
-            f"--record: found {' and '.join(found)} beside it, but nothing moves and no"
-            " configuration is read or written then; leave that out"
+            f"found {' and '.join(found)} beside it, but nothing moves and no "
+            "configuration is read or written then",
+            field="--record",
+            advice="leave that out",
         )
 
 
@@ -128,7 +134,9 @@ def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
     if mass is None or length is None:
         given, missing = ("length", "mass") if mass is None else ("mass", "length")
         raise UserError(
-            f"--pendulum-{missing}: found none beside --pendulum-{given}; give both, or neither"
+            f"found none beside --pendulum-{given}",
+            field=f"--pendulum-{missing}",
+            advice="give both, or neither",
         )
     for name, value, most, unit in (
         ("mass", mass, _MOST_MASS, "kg"),
@@ -136,8 +144,9 @@ def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
     ):
         if not 0.0 < value <= most:
             raise UserError(
-                f"--pendulum-{name}: found {value:g}, wanted a number above 0, up to {most:g}"
-                f" {unit}"
+                f"found {value:g}",
+                field=f"--pendulum-{name}",
+                wanted=f"a number above 0, up to {most:g} {unit}",
             )
     from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 

@@ -59,12 +59,18 @@ def command(file: Path, preset: str, force: bool) -> None:
     """
     if preset not in preset_names():
         raise UserError(
-            f"--from: found {preset!r}, wanted a preset; presets are {', '.join(preset_names())}"
+            f"found {preset!r}",
+            field="--from",
+            wanted="a preset",
+            advice=f"presets are {', '.join(preset_names())}",
         )
     if str(file) in preset_names():
         raise UserError(
-            f"FILE {file}: found a preset's name, under which CONFIG means the preset, wanted"
-            f" another one; give for example `haptic-wall init my-{file}.yaml --from {file}`"
+            "found a preset's name, under which CONFIG means the preset",
+            field="FILE",
+            given=file,
+            wanted="another one",
+            advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
     take_file("FILE", file, _NO_FILE, force=force)
     text = commented(preset)

@@ -85,22 +85,30 @@ def command(
     for option, path in (("--mcap", mcap_path), ("--cut", cut_path)):
         if path is not None and path.exists() and not path.is_file() and not path.is_dir():
             raise UserError(
-                f"{option} {path}: found a pipe or a device, wanted a file: it is not written from"
-                " its beginning to its end; only --csv is"
+                "found a pipe or a device",
+                field=option,
+                given=path,
+                wanted="a file: it is not written from its beginning to its end",
+                advice="only --csv is",
             )
     for option, path in wanted.items():
         if path is not None:
             take_file(option, path, _KINDS[option], force=force)
     stretch = _stretch(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
-        raise UserError("--cut: found neither --from nor --to; say which stretch, in seconds")
+        raise UserError(
+            "found neither --from nor --to", field="--cut", advice="say which stretch, in seconds"
+        )
     try:
         with working("reading the log", log.stat().st_size / _READ_BYTES_S):
             rows = LogRows.of(LogReader(log), stretch)
             summary = summarised(rows)
     except OSError as error:
         raise UserError(
-            f"LOG {log}: cannot be read: {error.strerror}; wanted a log of run"
+            f"cannot be read: {error.strerror}",
+            field="LOG",
+            given=log,
+            advice="wanted a log of run",
         ) from None
     report = summary.report(rows.origin_ns)
     if not summary.rows:
@@ -121,10 +129,14 @@ def _stretch(start_s: float | None, end_s: float | None) -> TimeSpan:
     for option, value in (("--from", start_s), ("--to", end_s)):
         if value is not None and not 0.0 <= value < math.inf:
             raise UserError(
-                f"{option}: found {value:g}, wanted seconds since the log's first row, from 0 up"
+                f"found {value:g}",
+                field=option,
+                wanted="seconds since the log's first row, from 0 up",
             )
     if start_s is not None and end_s is not None and start_s >= end_s:
-        raise UserError(f"--to: found {end_s:g}, wanted more than --from, which is {start_s:g}")
+        raise UserError(
+            f"found {end_s:g}", field="--to", wanted=f"more than --from, which is {start_s:g}"
+        )
     return TimeSpan(-math.inf if start_s is None else start_s, math.inf if end_s is None else end_s)
 
 
@@ -133,11 +145,13 @@ def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:
     whole_log = summarised(replace(rows, stretch=WHOLE)).report(rows.origin_ns)
     if whole_log["rows"]:
         raise UserError(
-            f"LOG {log}: holds no rows in that stretch; its rows are from 0 to"
-            f" {whole_log['to_s']:.6g} s"
+            "holds no rows in that stretch",
+            field="LOG",
+            given=log,
+            advice=f"its rows are from 0 to {whole_log['to_s']:.6g} s",
         )
     if export:
-        raise UserError(f"LOG {log}: holds no rows, so there is nothing to export")
+        raise UserError("holds no rows, so there is nothing to export", field="LOG", given=log)
 
 
 def _refuse_joined(log: Path, report: dict[str, Any], wanted: dict[str, Path | None]) -> None:
@@ -150,8 +164,9 @@ def _refuse_joined(log: Path, report: dict[str, Any], wanted: dict[str, Path | N
                 if part["rows"]
             )
             raise UserError(
-                f"{option}: LOG {log} is {len(report['parts'])} logs joined in one file; choose one"
-                f" of them by --from and --to: {spans}"
+                f"LOG {log} is {len(report['parts'])} logs joined in one file",
+                field=option,
+                advice=f"choose one of them by --from and --to: {spans}",
             )
 
 

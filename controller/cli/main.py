@@ -20,8 +20,9 @@ from haptic_wall import __version__
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.failure import tell, wants_json
 from haptic_wall.controller.cli.options import begin, forget_output, is_answered, say
+from haptic_wall.controller.cli.refusals import NoSuchCommandError
 from haptic_wall.controller.errors import HapticWallError, PlatformError, UserError
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.names import did_you_mean
 
 COMMANDS = {
@@ -66,11 +67,12 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in COMMANDS:
-            raise click.UsageError(f"no command {cmd_name}{did_you_mean(cmd_name, COMMANDS)}", ctx)
+            near = did_you_mean(cmd_name, COMMANDS)
+            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near), ctx)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
-                f"this machine runs {sys.platform}, but {cmd_name} needs Linux: use a Linux "
-                "machine or a virtual one"
+                f"this machine runs {sys.platform}, but {cmd_name} needs Linux",
+                advice="use a Linux machine or a virtual one",
             )
         command = importlib.import_module(f"{__package__}.{cmd_name}").command
         assert isinstance(command, click.Command)
@@ -142,7 +144,7 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
     """
     if error.errno == errno.ENOSPC:
         forget_output()
-        full = OSError("the disk is full: make room, or name another place")
+        full = PlatformError("the disk is full", advice="make room, or name another place")
         return tell(full, HARDWARE, json=json)
     if error.filename is not None:
         return tell(UserError(f"{error.filename}: {error.strerror}"), USER, json=json)
@@ -151,8 +153,8 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
     if error.errno in _OF_OUTPUT:
         forget_output()
     limit = PlatformError(
-        f"this machine has no more for it ({error.strerror}): raise the limits of this shell,"
-        " ulimit -a shows them, or end other programs"
+        f"this machine has no more for it ({error.strerror})",
+        advice="raise the limits of this shell, ulimit -a shows them, or end other programs",
     )
     return tell(limit, limit.exit_status, json=json)
 

@@ -101,7 +101,7 @@ def command(
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
-        raise UserError(f"--kick: found {min(chosen_kicks):g}, wanted above 0 rad")
+        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
         folder = new_stem("--out", "map")

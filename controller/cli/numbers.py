@@ -10,8 +10,10 @@ from collections.abc import Collection
 
 import click
 
+from haptic_wall.controller.cli.refusals import WrongValueError
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.hw.errors import Problem
 
 _DIGITS = 9
 """Largest number of digits of an id or firmware; Python refuses numbers of thousands"""
@@ -28,10 +30,8 @@ def numbers(_: click.Context, parameter: click.Parameter, text: str | None) -> l
     found = [_number(part) for part in text.split(",")]
     good = [number for number in found if number is not None]
     if len(good) < len(found):
-        raise click.BadParameter(
-            f"found {text!r}, wanted numbers with commas between, such as -0.01,0.2",
-            param=parameter,
-        )
+        wanted = "numbers with commas between, such as -0.01,0.2"
+        raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
     return good
 
 
@@ -46,10 +46,8 @@ def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> l
     found = [_number(part) for part in text.split(",")]
     good = [number for number in found if number is not None and number >= 0 == number % 1]
     if len(good) < len(found):
-        raise click.BadParameter(
-            f"found {text!r}, wanted whole periods with commas between, such as 0,5",
-            param=parameter,
-        )
+        wanted = "whole periods with commas between, such as 0,5"
+        raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
     return good
 
 
@@ -66,7 +64,7 @@ def whole_periods(values: Collection[float], most: int) -> list[int]:
     for value in values:
         if value != int(value) or not 0 <= value <= most:
             raise UserError(
-                f"--delay-steps: found {value:g}, wanted whole periods from 0 to {most}"
+                f"found {value:g}", field="--delay-steps", wanted=f"whole periods from 0 to {most}"
             )
     return [int(value) for value in values]
 
@@ -88,7 +86,7 @@ def span(_: click.Context, parameter: click.Parameter, text: str | None) -> Boun
             wanted = f"the lower end first: {high:g}:{low:g}"
         case _:
             wanted = "a number, or a range LOW:HIGH"
-    raise click.BadParameter(f"found {text!r}, wanted {wanted}", param=parameter)
+    raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
 
 
 def digits(text: str) -> int | None:

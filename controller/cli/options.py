@@ -193,10 +193,14 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
             reason = error.strerror if isinstance(error, OSError) else "its links lead in a circle"
             if isinstance(error, FileNotFoundError):  # from asking what a relative path is to
                 reason = "the working folder is gone"
-            raise UserError(f"{name} {path}: {reason}; name another place") from error
+            raise UserError(reason, field=name, given=path, advice="name another place") from error
         first = seen.setdefault(place, name)
         if first != name:
-            raise UserError(f"{first} and {name} both name {path}; give each a file of its own")
+            raise UserError(
+                field=first,
+                given=f"and {name} both name {path}",
+                advice="give each a file of its own",
+            )
 
 
 def refuse_no_folder(option: str, path: Path) -> None:
@@ -207,7 +211,13 @@ def refuse_no_folder(option: str, path: Path) -> None:
     """
     with writing(option, path):
         if path.exists() and not path.is_dir():
-            raise UserError(f"{option} {path}: found a file, wanted a folder; name another place")
+            raise UserError(
+                "found a file",
+                field=option,
+                given=path,
+                wanted="a folder",
+                advice="name another place",
+            )
 
 
 def refuse_other_pictures(option: str, path: Path) -> None:
@@ -218,8 +228,10 @@ def refuse_other_pictures(option: str, path: Path) -> None:
     """
     if path.suffix.lower() not in ("", ".png"):
         raise UserError(
-            f"{option} {path}: found a name ending in {path.suffix}, wanted one ending in .png:"
-            " pictures are PNG"
+            f"found a name ending in {path.suffix}",
+            field=option,
+            given=path,
+            wanted="one ending in .png: pictures are PNG",
         )
 
 
@@ -234,5 +246,8 @@ def writing(option: str, path: PurePath) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(
-            f"{option} {path}: cannot be written: {error.strerror or error}; name another place"
+            f"cannot be written: {error.strerror or error}",
+            field=option,
+            given=path,
+            advice="name another place",
         ) from error

@@ -42,9 +42,11 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
 
     names = [entry.name for entry in ITEMS]
     if item not in (*names, _ALL):
-        raise UserError(_unknown(item, [*names, _ALL]))
+        raise _unknown(item, [*names, _ALL])
     if out is None:
-        raise UserError("--out: no folder is named, wanted where the files go, e.g. --out paper")
+        raise UserError(
+            "no folder is named", field="--out", wanted="where the files go, e.g. --out paper"
+        )
     wanted = names if item == _ALL else [item]
     kinds = {f"{name}.csv": TABLE for name in wanted} | {f"{name}.png": PICTURE for name in wanted}
     if item == _ALL:
@@ -61,10 +63,12 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
     answer(as_json(_report(made, files)) if as_json_wanted else _text(made, files))
 
 
-def _unknown(item: str, names: list[str]) -> str:
+def _unknown(item: str, names: list[str]) -> UserError:
     a_figure = item.removeprefix("fig").isdigit()  # no other figure is meant by fig7
     hint = "" if a_figure else did_you_mean(item.lower(), names)
-    return f"ITEM: found {item}, wanted one of {', '.join(names)}{hint}"
+    return UserError(
+        f"found {item}", field="ITEM", wanted=f"one of {', '.join(names)}", advice=hint
+    )
 
 
 def _report(made: list[Made], files: list[Path]) -> dict[str, Any]:

@@ -51,12 +51,15 @@ def take_file(
     """
     if str(path) == "-":
         raise UserError(
-            f"{option} -: found standard output, wanted a file: it is not written from its"
-            " beginning to its end; name one"
+            "found standard output",
+            field=option,
+            given="-",
+            wanted="a file: it is not written from its beginning to its end",
+            advice="name one",
         )
     refuse_same_file({option: path})  # as one that cannot be looked at
     if path.is_dir():
-        raise UserError(f"{option}: {path} is a folder; name a file")
+        raise UserError(f"{path} is a folder", field=option, advice="name a file")
     if make:
         _make(option, path.parent)
     if path.exists() and not path.is_file():
@@ -88,13 +91,19 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
         folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
-            f"{option} {folder}: found a folder without leave to write; name another place"
+            "found a folder without leave to write",
+            field=option,
+            given=folder,
+            advice="name another place",
         )
     for name, kind in kinds.items():
         if (folder / name).is_dir():
             raise UserError(
-                f"{option} {folder}: found a folder {name} in it, wanted a file or nothing; name"
-                " another place"
+                f"found a folder {name} in it",
+                field=option,
+                given=folder,
+                wanted="a file or nothing",
+                advice="name another place",
             )
         _refuse_foreign(option, folder / name, kind, force=force)
     with writing(option, folder):
@@ -117,8 +126,10 @@ def take_link(option: str, path: Path, *, force: bool) -> None:
     with writing(option, path):
         if not force and path.is_symlink() and not path.readlink().is_relative_to("/dev/pts"):
             raise UserError(
-                f"{option} {path}: found a link to {path.readlink()}, which would be lost; name"
-                " another place, or give --force to replace it"
+                f"found a link to {path.readlink()}, which would be lost",
+                field=option,
+                given=path,
+                advice="name another place, or give --force to replace it",
             )
         _claim(option, path, follow=False)
 
@@ -158,7 +169,9 @@ def _make(option: str, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(
-            f"{option}: the folder {folder} cannot be made ({error.strerror}); name another place"
+            f"the folder {folder} cannot be made ({error.strerror})",
+            field=option,
+            advice="name another place",
         ) from error
 
 
@@ -166,8 +179,10 @@ def _refuse_foreign(option: str, path: Path, kind: Kind, *, force: bool) -> None
     if not force and not may_be_replaced(path, kind):
         early = " (early versions did not mark theirs)" if kind in (PICTURE, RESULT) else ""
         raise UserError(
-            f"{option} {path}: found a file that is not {kind.name}{early}, and would be lost; name"
-            " another place, or give --force to replace it"
+            f"found a file that is not {kind.name}{early}, and would be lost",
+            field=option,
+            given=path,
+            advice="name another place, or give --force to replace it",
         )
 
 
@@ -177,7 +192,9 @@ def _claim(option: str, path: Path, *, follow: bool = True) -> None:
             stack.enter_context(claimed(path, follow=follow))
         except ClaimedError:
             raise UserError(
-                f"{option}: another run is writing {path}; wait for its end, or name another place"
+                f"another run is writing {path}",
+                field=option,
+                advice="wait for its end, or name another place",
             ) from None
         _until_the_end(stack.pop_all().close)
 

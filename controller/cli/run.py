@@ -119,11 +119,12 @@ def command(
     effective = loaded.config
     seconds = _duration(effective, duration)
     if no_plot and plot_path is not None:
-        raise UserError("--no-plot: found with --plot; leave one of them out")
+        raise UserError("found with --plot", field="--no-plot", advice="leave one of them out")
     if witness is not None and (effective.servo.kind != "emulated" or _in_memory(effective)):
         raise UserError(
-            "--witness: only an emulated bus in its own process keeps a record; run"
-            " emulated-xm430 on the monotonic clock, or leave the option out"
+            "only an emulated bus in its own process keeps a record",
+            field="--witness",
+            advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     held = _hold(effective, hold)
@@ -176,13 +177,16 @@ def _stream(
         for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
             if given:
                 raise UserError(
-                    f"--stream-{option}: found without --stream; say where to, or leave it out"
+                    "found without --stream",
+                    field=f"--stream-{option}",
+                    advice="say where to, or leave it out",
                 )
         return None
     if _in_memory(config):
         raise UserError(
-            "--stream: on the simulated clock a run is over before it can be watched; leave it out"
-            " and look at the log, or run with --set loop.clock=monotonic"
+            "on the simulated clock a run is over before it can be watched",
+            field="--stream",
+            advice="leave it out and look at the log, or run with --set loop.clock=monotonic",
         )
     from haptic_wall.controller.processes.stream import RATE_HZ, stream_to
 
@@ -199,13 +203,16 @@ def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
         return None
     if len(sources) > 1:
         raise UserError(
-            f"--hold: found {len(sources)} sources ({', '.join(sources)}), wanted one; a run has"
-            " one dead man"
+            f"found {len(sources)} sources ({', '.join(sources)})",
+            field="--hold",
+            wanted="one",
+            advice="a run has one dead man",
         )
     if _in_memory(config):
         raise UserError(
-            "--hold: on the simulated clock a run is over before anything can be held; leave it"
-            " out, or run with --set loop.clock=monotonic"
+            "on the simulated clock a run is over before anything can be held",
+            field="--hold",
+            advice="leave it out, or run with --set loop.clock=monotonic",
         )
     from haptic_wall.controller.processes.hold import hold_by
 
@@ -222,7 +229,7 @@ def _duration(config: Config, asked: float | None) -> float | None:
     if asked == math.inf:
         return None
     if not asked > 0.0:
-        raise UserError(f"--duration: found {asked:g}, wanted a time above 0 s")
+        raise UserError(f"found {asked:g}", field="--duration", wanted="a time above 0 s")
     return asked
 
 
@@ -277,7 +284,7 @@ def _places(
     ):
         if path is not None:
             if path.is_fifo():  # opening it would wait for a reader, and Ctrl-C would not end that
-                raise UserError(f"{option}: {path} is a pipe; name a file")
+                raise UserError(f"{path} is a pipe", field=option, advice="name a file")
             # An unwritable place is reported, and the run goes on without it.
             take_file(option, path, kind, force=force, make=True, try_it=False)
     if log is not None and (plot is not None or not draws):

@@ -48,7 +48,9 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)
     wanted = _ids(ids)
     if port == "":
-        raise UserError("--port: found nothing, wanted a serial device such as /dev/ttyUSB0")
+        raise UserError(
+            "found nothing", field="--port", wanted="a serial device such as /dev/ttyUSB0"
+        )
     path = only_adapter() if port is None else port
     _refuse_no_port(path)
 
@@ -68,8 +70,9 @@ def _refuse_no_port(path: str) -> None:
         found = Path(path).stat()
         if not stat.S_ISCHR(found.st_mode) or not is_terminal(found.st_rdev):
             raise UserError(
-                f"--port: found {path}, which is no serial port, wanted the adapter's device, such"
-                " as /dev/ttyUSB0"
+                f"found {path}, which is no serial port",
+                field="--port",
+                wanted="the adapter's device, such as /dev/ttyUSB0",
             )
 
 
@@ -129,8 +132,9 @@ def _rates(text: str) -> list[int]:
             rate = -1.0
         if rate not in BAUD_RATES:
             raise UserError(
-                f"--baud: found {part.strip()!r}, wanted rates a servo can have: "
-                + ", ".join(map(str, BAUD_RATES))
+                f"found {part.strip()!r}",
+                field="--baud",
+                wanted=f"rates a servo can have: {', '.join(map(str, BAUD_RATES))}",
             )
         rates.append(int(rate))
     return list(dict.fromkeys(rates))
@@ -142,8 +146,10 @@ def _ids(text: str) -> set[int]:
         first, dash, last = part.strip().partition("-")
         low, high = digits(first), digits(last if dash else first)
         if low is None or high is None:
-            raise UserError(f"--ids: found {part.strip()!r}, wanted ids such as 1-20,100")
+            raise UserError(f"found {part.strip()!r}", field="--ids", wanted="ids such as 1-20,100")
         if not low <= high <= MAX_ID:
-            raise UserError(f"--ids: found {part.strip()!r}, wanted ids from 0 to {MAX_ID}")
+            raise UserError(
+                f"found {part.strip()!r}", field="--ids", wanted=f"ids from 0 to {MAX_ID}"
+            )
         ids |= set(range(low, high + 1))
     return ids

@@ -103,7 +103,7 @@ def command(
     from haptic_wall.controller.processes.run_report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
-        raise UserError(f"--kick: found {kick:g}, wanted above 0 and up to 3 rad")
+        raise UserError(f"found {kick:g}", field="--kick", wanted="above 0 and up to 3 rad")
     effective = experiment_config(asked.config)
     settings = _settings(dampings, steps)
     options = Options(kick, repeats, tolerance)

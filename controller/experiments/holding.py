@@ -128,7 +128,9 @@ def torque_limit_of(config: Config) -> float:
         return limit
     if config.servo.kind == "hardware":
         raise UserError(
-            "servo.torque_limit: found none, wanted the largest torque that the experiment may"
-            " plan with [N·m]; set it, to the stall torque at most"
+            "found none",
+            field="servo.torque_limit",
+            wanted="the largest torque that the experiment may plan with [N·m]",
+            advice="set it, to the stall torque at most",
         )
     return config.true_servo().torque_limit

@@ -41,11 +41,17 @@ def made(folder: Path, logs: str) -> None:
         (folder / logs).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(
-            f"--out {folder}: the folder cannot be made ({error.strerror}); name another place"
+            f"the folder cannot be made ({error.strerror})",
+            field="--out",
+            given=folder,
+            advice="name another place",
         ) from error
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
-            f"--out {folder}: found a folder without leave to write; name another place"
+            "found a folder without leave to write",
+            field="--out",
+            given=folder,
+            advice="name another place",
         )
 
 
@@ -65,8 +71,11 @@ def kept_bytes(path: Path, again: str) -> bytes:
 
     def refused(found: str) -> UserError:
         return UserError(
-            f"--out {path.parent}: {path.name}: found {found}, wanted a plain file of up to"
-            f" {MOST_BYTES >> 20} MB; {again}"
+            f"{path.name}: found {found}",
+            field="--out",
+            given=path.parent,
+            wanted=f"a plain file of up to {MOST_BYTES >> 20} MB",
+            advice=again,
         )
 
     try:

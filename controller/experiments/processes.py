@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection, wait
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.system.signals import held_back, interrupting
+from haptic_wall.hw.errors import Problem
 
 
 def cores() -> int:
@@ -49,10 +50,8 @@ def processes(count: int) -> Iterator[Executor]:
         try:
             yield pool
         except BrokenExecutor as error:
-            raise PlatformError(
-                "a process that computes was ended from outside, perhaps because memory ran out;"
-                " try with fewer workers"
-            ) from error
+            what = "a process that computes was ended from outside, perhaps because memory ran out"
+            raise PlatformError(Problem(what, advice="try with fewer workers")) from error
         except BaseException:
             stop.close()
             raise

@@ -19,12 +19,13 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import SUFFIX, read_log
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
-from haptic_wall.controller.processes.run_report import explanation
+from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.lateness.machine_setup import START
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
+from haptic_wall.hw.errors import ExplainedError, Problem
 
 _GONE = frozenset(
     (
@@ -40,19 +41,21 @@ _PASSING = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS))
 _OF_MOTION = frozenset((Trip.OVERSPEED, Trip.OSCILLATION))
 
 
-class ExperimentInterruptedError(Exception):
+class ExperimentInterruptedError(ExplainedError):
     """A person ended the run; its log has the rows until then."""
 
 
-class ExperimentTrippedError(Exception):
-    """A trip ended the run; the message names it, and the remedy.
+class ExperimentTrippedError(ExplainedError):
+    """A trip ended the run; the message explains it.
 
     Attributes:
         stop_reason: A ``Trip``, or ``End.REFUSED``
-        fault: Why the rows until then cannot be used; empty: none is missing.
+        fault: Why the rows until then cannot be used; None: none is missing.
     """
 
-    def __init__(self, stop_reason: StopReason, message: str, fault: str = "") -> None:
+    def __init__(
+        self, stop_reason: StopReason, message: Problem | str, fault: Problem | None = None
+    ) -> None:
         super().__init__(message)
         self.stop_reason = stop_reason
         self.fault = fault
@@ -67,9 +70,11 @@ class ExperimentTrippedError(Exception):
         """Whether a too stiff wall can be the cause."""
         return self.stop_reason in _OF_MOTION
 
-    def __reduce__(self) -> tuple[type[ExperimentTrippedError], tuple[StopReason, str, str]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None]]:
         """Return the parts for pickling, so that the error survives a process boundary."""
-        return type(self), (self.stop_reason, str(self), self.fault)
+        return type(self), (self.stop_reason, self.problem, self.fault)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +138,10 @@ class Testbed:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(
-                f"{option} {folder}: the folder cannot be made ({error.strerror}); name another"
-                " place"
+                f"the folder cannot be made ({error.strerror})",
+                field=option,
+                given=folder,
+                advice="name another place",
             ) from error
 
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
@@ -171,8 +178,8 @@ class Testbed:
         log = self.folder / f"{name}{SUFFIX}"
         if not may_be_replaced(log, LOG):
             raise UserError(
-                f"{log}: found a file that is not {LOG.name}, and would be lost; name another"
-                " folder"
+                f"{log}: found a file that is not {LOG.name}, and would be lost",
+                advice="name another folder",
             )
         metadata = {
             "program": f"haptic-wall {__version__}",
@@ -190,12 +197,11 @@ class Testbed:
         )
         ended = run(plan, self._tell_new)
         if ended.stop_reason == End.INTERRUPTED or ended.asked:
-            raise ExperimentInterruptedError(
-                f"interrupted; {log} holds what was recorded" if ended.logged else "interrupted"
-            )
+            kept = f"{log} holds what was recorded" if ended.logged else ""
+            raise ExperimentInterruptedError("interrupted", advice=kept)
         if ended.stop_reason != End.DURATION:
             raise ExperimentTrippedError(
-                ended.stop_reason, explanation(ended, config.servo) or "", _fault(log, ended)
+                ended.stop_reason, explained(ended, config.servo) or "", _fault(log, ended)
             )
         if fault := _fault(log, ended):
             raise UserError(fault)
@@ -222,17 +228,19 @@ def recorded(log: Path) -> NDArray[np.void]:
     return on
 
 
-def _fault(log: Path, ended: Ended) -> str:
-    """Return why a log lacks rows of its run; empty: it does not.
+def _fault(log: Path, ended: Ended) -> Problem | None:
+    """Return why a log lacks rows of its run; None: it does not.
 
     A partial motion would be fitted as if it were complete.
     """
     if ended.lacking == 0 and ended.logged:
-        return ""
+        return None
     if ended.log is LogState.NONE:
         return _unusable(f"the log {log} holds no rows")
     return _unusable(f"the log {log} is not whole ({'; '.join(ended.warnings)})")
 
 
-def _unusable(fault: str) -> str:
-    return f"{fault}, so nothing is measured from it; make room, or name another place"
+def _unusable(fault: str) -> Problem:
+    return Problem(
+        f"{fault}, so nothing is measured from it", advice="make room, or name another place"
+    )

@@ -116,8 +116,10 @@ def columns_in_time(
         times = columns["time_s"]
     if times.size < LEAST:
         raise UserError(
-            f"{name} {path}: found {times.size} rows with a time of their own, wanted at least"
-            f" {LEAST}"
+            f"found {times.size} rows with a time of their own",
+            field=name,
+            given=path,
+            wanted=f"at least {LEAST}",
         )
     if abs(times[0]) >= _CLOCK_S:
         notes.append(f"times count from the first row's, {times[0]:.3f} s")
@@ -125,7 +127,10 @@ def columns_in_time(
     found = np.count_nonzero(np.isfinite(columns["position_rad"]))
     if found < LEAST:
         raise UserError(
-            f"{name} {path}: found {found} rows with a position, wanted at least {LEAST}"
+            f"found {found} rows with a position",
+            field=name,
+            given=path,
+            wanted=f"at least {LEAST}",
         )
     return columns, notes
 

@@ -9,6 +9,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -19,6 +20,7 @@ from haptic_wall.controller.logs.reader import SUFFIX
 from haptic_wall.controller.logs.recording import Floats
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.system.regular_file import opened
+from haptic_wall.hw.errors import Problem
 
 NEEDED = ("time_s", "position_rad")
 TORQUE = "torque_nm"
@@ -53,19 +55,26 @@ def columns_of(
         UserError: The file is no such CSV, or too large; the message says what was found.
         OSError: It cannot be read, or is no regular file.
     """
-    file = f"{name} {path}"
+    file = Problem(field=name, given=str(path))
     with io.TextIOWrapper(opened(path), "utf-8-sig", "replace", newline="") as text:
         size = os.fstat(text.fileno()).st_size
         if size > MOST_BYTES:
             raise UserError(
-                f"{file}: found {size} bytes, wanted a CSV of at most {MOST_BYTES}: part it"
+                replace(
+                    file,
+                    what=f"found {size} bytes",
+                    wanted=f"a CSV of at most {MOST_BYTES}: part it",
+                )
             )
         try:
             names, numbers = _read(file, text, known)
         except csv.Error as error:
             raise UserError(
-                f"{file}: cannot be read as a CSV: {error}; wanted rows of numbers: is a quote"
-                " left open?"
+                replace(
+                    file,
+                    what=f"cannot be read as a CSV: {error}",
+                    advice="wanted rows of numbers: is a quote left open?",
+                )
             ) from None
     table = np.frombuffer(numbers, np.float64).reshape(-1, len(names))
     dated = np.isfinite(table[:, 0])
@@ -78,7 +87,7 @@ def columns_of(
 class _Lines:
     """Iterates over the lines of a text; limits their length and removes control characters."""
 
-    def __init__(self, file: str, text: TextIO) -> None:
+    def __init__(self, file: Problem, text: TextIO) -> None:
         self._file = file
         self._text = text
         self.number = 0
@@ -102,12 +111,15 @@ class _Lines:
 
     def _refuse(self, what: str) -> None:
         raise UserError(
-            f"{self._file}: line {self.number} {what}; wanted a CSV as text, a line for each"
-            f" sample, or a {SUFFIX} file"
+            replace(
+                self._file,
+                what=f"line {self.number} {what}",
+                advice=f"wanted a CSV as text, a line for each sample, or a {SUFFIX} file",
+            )
         )
 
 
-def _read(file: str, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
+def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], array[float]]:
     """Return the names of the known columns, and their numbers row by row."""
     lines = _Lines(file, text)
     reader = csv.reader(lines)
@@ -116,9 +128,12 @@ def _read(file: str, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], a
     if absent:
         found = in_line(", ".join(header[:8])) if any(header) else "nothing"
         raise UserError(
-            f"{file}: its first line has no column {' and no '.join(absent)}, found"
-            f" {found}; wanted a CSV with {', '.join(NEEDED)} and, if known, {', '.join(known)}"
-            f"{_OR_LOG if known == (TORQUE,) else ''}"
+            replace(
+                file,
+                what=f"its first line has no column {' and no '.join(absent)}, found {found}",
+                advice=f"wanted a CSV with {', '.join(NEEDED)} and, if known, "
+                f"{', '.join(known)}{_OR_LOG if known == (TORQUE,) else ''}",
+            )
         )
     names = [name for name in (*NEEDED, *known) if name in header]
     places = [header.index(name) for name in names]
@@ -129,15 +144,20 @@ def _read(file: str, text: TextIO, known: tuple[str, ...]) -> tuple[list[str], a
         if not row:
             continue
         if len(numbers) >= most:
-            raise UserError(f"{file}: found more than {MOST_ROWS} rows, wanted fewer: part it")
+            raise UserError(
+                replace(file, what=f"found more than {MOST_ROWS} rows", wanted="fewer: part it")
+            )
         for place, name in zip(places, names, strict=True):
             cell = row[place].strip() if place < len(row) else ""
             try:
                 numbers.append(_number(cell) if cell else math.nan)
             except ValueError:
                 raise UserError(
-                    f"{file}: line {lines.number}, column {name}: found {cell[:40]!r}, wanted a"
-                    f" number up to {_LARGEST:g} or an empty cell"
+                    replace(
+                        file,
+                        what=f"line {lines.number}, column {name}: found {cell[:40]!r}",
+                        wanted=f"a number up to {_LARGEST:g} or an empty cell",
+                    )
                 ) from None
     return names, numbers
 

@@ -282,7 +282,9 @@ def read_log(path: Path) -> tuple[dict[str, Any], NDArray[np.void]]:
         if isinstance(piece, np.ndarray):
             blocks.append(piece)
         elif isinstance(piece, Head):
-            raise LogFormatError(f"{path}: another log is joined to it; part them with --cut")
+            raise LogFormatError(
+                f"{path}: another log is joined to it", advice="part them with --cut"
+            )
         else:
             log.warn(piece)
     return log.metadata, np.concatenate(blocks) if blocks else np.empty(0, np.dtype([]))

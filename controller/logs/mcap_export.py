@@ -27,8 +27,9 @@ def write_mcap(path: Path, rows: LogRows) -> None:
         from mcap.writer import Writer
     except ImportError:
         raise UserError(
-            "--mcap: the library mcap is not installed; install it with, in the clone,"
-            " pip install -e '.[mcap]'"
+            "the library mcap is not installed",
+            field="--mcap",
+            advice="install it with, in the clone, pip install -e '.[mcap]'",
         ) from None
 
     with path.open("wb") as file:

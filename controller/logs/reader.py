@@ -70,8 +70,8 @@ class LogReader:
                 _refuse_later(path, metadata)
             elif not _has_rows(path, file, min(size, BEGINS_WITHIN)):
                 raise LogFormatError(
-                    f"{path} is not a log of haptic-wall: it does not begin with one's metadata; "
-                    f"wanted a {SUFFIX} file"
+                    f"{path} is not a log of haptic-wall: it does not begin with one's metadata",
+                    advice=f"wanted a {SUFFIX} file",
                 )
 
     def pieces(self) -> Iterator[Piece]:
@@ -109,7 +109,9 @@ class LogReader:
         if _identity(file) == self._file and _size(file) >= self._size:
             return file
         file.close()
-        raise LogFormatError(f"{self.path}: replaced or cut off while it was read; try again")
+        raise LogFormatError(
+            f"{self.path}: replaced or cut off while it was read", advice="try again"
+        )
 
     @property
     def start(self) -> int:
@@ -151,7 +153,9 @@ def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) ->
         block = block_at(file, start, size)
         looked = file.tell() - start
         if block is not None and dtype is None and (why := refused(block)) is not None:
-            raise LogFormatError(f"{path}: {why}; read it with the haptic-wall that wrote it")
+            raise LogFormatError(
+                f"{path}: {why}", advice="read it with the haptic-wall that wrote it"
+            )
         piece, why = judged(block, dtype, checked) if block is not None else (None, None)
         if block is None or piece is None:
             may_look -= max(looked, _LEAST_LOOK)

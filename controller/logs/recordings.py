@@ -73,8 +73,11 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
     count = sum(each.count for each in logs)
     if all(each.count < LEAST for each in logs):
         raise UserError(
-            f"LOG {path}: found {count} rows with the wall on, wanted at least {LEAST}; record"
-            " a longer run"
+            f"found {count} rows with the wall on",
+            field="LOG",
+            given=path,
+            wanted=f"at least {LEAST}",
+            advice="record a longer run",
         )
     configs = [_config(path, each.metadata) if each.count >= LEAST else None for each in logs]
     of = sum(-(-each.count // WINDOW) for each in logs)
@@ -146,8 +149,10 @@ def _config(path: Path, metadata: Mapping[str, Any]) -> Config:
         return Config.model_validate(metadata.get("config"))
     except ValidationError as error:
         raise LogFormatError(
-            f"LOG {path}: its configuration is not one this program knows"
-            f" ({error.error_count()} differences); read it with the haptic-wall that wrote it"
+            f"its configuration is not one this program knows ({error.error_count()} differences)",
+            field="LOG",
+            given=path,
+            advice="read it with the haptic-wall that wrote it",
         ) from error
 
 

@@ -121,8 +121,8 @@ class LogRows:
                 logs += 1
                 if logs >= _MOST_LOGS:
                     raise LogFormatError(
-                        f"{self.log.path}: found more than {_MOST_LOGS} logs joined in one file;"
-                        " wanted fewer"
+                        f"{self.log.path}: found more than {_MOST_LOGS} logs joined in one file",
+                        advice="wanted fewer",
                     )
             yield piece
 
@@ -142,7 +142,7 @@ def _shifted(rows: NDArray[np.void], shift_ns: int, path: Path) -> NDArray[np.vo
         return rows
     if int(rows["deadline_ns"][-1]) + shift_ns > _LAST_NS:
         raise LogFormatError(
-            f"{path}: found logs of more than 146 years in all, wanted shorter ones"
+            f"{path}: found logs of more than 146 years in all", wanted="shorter ones"
         )
     moved = rows.copy()
     moved["deadline_ns"] += shift_ns

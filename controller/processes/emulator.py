@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.settings import ServoSettings
 
 EMULATE = ("haptic_wall.controller.cli.main", "emulate", "--die-with-parent")
@@ -72,10 +72,9 @@ def emulated_bus(
         if path is None and stopped():
             bus.send(signal.SIGKILL)  # one that hangs need not heed anything else
         elif path is None:
-            raise ServoError(
-                f"the emulated bus did not start: it {bus.exit_text()}; see its message above, if"
-                " any, and start again"
-            )
+            what = f"the emulated bus did not start: it {bus.exit_text()}"
+            advice = "see its message above, if any, and start again"
+            raise ServoError(Problem(what, advice=advice))
         yield bus, path
     finally:
         bus.dismiss(END_S)

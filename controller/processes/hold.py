@@ -244,7 +244,9 @@ def hold_by(text: str) -> Hold:
     try:
         if stat.S_ISREG(mode):
             if key is not None:
-                raise UserError(f"--hold: {path} is a file and has no keys; leave :KEY out")
+                raise UserError(
+                    f"{path} is a file and has no keys", field="--hold", advice="leave :KEY out"
+                )
             return Hold(path, "file")
         return _device(path, descriptor, key)
     finally:
@@ -255,20 +257,25 @@ def _device(path: str, descriptor: int, key: int | None) -> Hold:
     """Return the settings for an input device with keys."""
     if os.isatty(descriptor):
         raise UserError(
-            f"--hold: {path} is a terminal, which does not say when a key is let go; name an input"
-            " device such as /dev/input/event3"
+            f"{path} is a terminal, which does not say when a key is let go",
+            field="--hold",
+            advice="name an input device such as /dev/input/event3",
         )
     try:
         fcntl.ioctl(descriptor, _EVIOCGVERSION, bytes(4))
         known = _codes(descriptor, _EVIOCGBIT_KEY)
     except OSError:
         raise UserError(
-            f"--hold: {path} is neither an input device nor a file; name an input device such as"
-            " /dev/input/event3, or a file that something renews"
+            f"{path} is neither an input device nor a file",
+            field="--hold",
+            advice="name an input device such as /dev/input/event3, or a file that "
+            "something renews",
         ) from None
     if not known or (key is not None and key not in known):
         what = "no key" if key is None else f"no key {key}"
-        raise UserError(f"--hold: the device {path} has {what}; name another device or key")
+        raise UserError(
+            f"the device {path} has {what}", field="--hold", advice="name another device or key"
+        )
     return Hold(path, "key", key)
 
 
@@ -285,8 +292,9 @@ def _code(name: str) -> int:
         code = int(name)
     if not 0 <= code < 8 * _KEY_BYTES:
         raise UserError(
-            f"--hold: found the key {name!r}, wanted its code as a number, or one of"
-            f" {', '.join(KEYS)}"
+            f"found the key {name!r}",
+            field="--hold",
+            wanted=f"its code as a number, or one of {', '.join(KEYS)}",
         )
     return code
 
@@ -296,6 +304,8 @@ def _unusable(path: str, error: Exception) -> UserError:
     denied = isinstance(error, PermissionError)
     hint = "; the devices under /dev/input want the group input" if denied else ""
     return UserError(
-        f"--hold: {path} cannot be opened ({reason}){hint}; name an input device such as"
-        " /dev/input/event3, or a file that exists and that something renews"
+        f"{path} cannot be opened ({reason}){hint}",
+        field="--hold",
+        advice="name an input device such as /dev/input/event3, or a file that exists "
+        "and that something renews",
     )

@@ -31,7 +31,7 @@ from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.errors import Problem, ServoError
 
 LAST_S = 5
 """Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
@@ -88,13 +88,16 @@ def main() -> None:
                 ),
             )
     except (ServoError, PlatformError) as error:
-        _tell("refused", message=str(error))
+        _tell("refused", problem=asdict(error.problem))
         return
     except Exception as error:  # noqa: BLE001 - whatever it was, it must be said
         # The session has tried to switch the torque off; the supervisor checks whether that was
         # read back. Report the error.
         what = defect_text(error)
-        _tell("refused", message=f"{what}: this is a defect of haptic-wall, please report it")
+        problem = Problem(
+            what, advice="this is a defect of haptic-wall, please report it", mark=": "
+        )
+        _tell("refused", problem=asdict(problem))
         return
     _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
 
@@ -111,7 +114,7 @@ def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStac
     _tell("tell", text=start_table(settings, machine_setup(core)))
     missing = realtime.missing_for_strict(settings)
     if missing and wishes.profile == "strict":
-        raise PlatformError(_strict_message(missing))
+        raise PlatformError(_strict(missing))
     reader = CounterReader(core)
     machine = Machine(
         virtual=is_virtual(),
@@ -124,11 +127,12 @@ def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStac
     return late
 
 
-def _strict_message(missing: list[realtime.Setting]) -> str:
+def _strict(missing: list[realtime.Setting]) -> Problem:
     wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
-    return (
-        f"realtime.profile is strict, and the system did not grant what it needs ({wishes}); or"
-        " run with --set realtime.profile=best-effort to take what is granted"
+    return Problem(
+        field="realtime.profile",
+        given=f"is strict, and the system did not grant what it needs ({wishes})",
+        advice="or run with --set realtime.profile=best-effort to take what is granted",
     )
 
 

@@ -40,8 +40,8 @@ def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
         memory = Telemetry.create()
     except OSError as error:
         raise PlatformError(
-            f"there is no memory for the rows ({error.strerror}): raise the limits of this shell, "
-            "ulimit -f and ulimit -v"
+            f"there is no memory for the rows ({error.strerror})",
+            advice="raise the limits of this shell, ulimit -f and ulimit -v",
         ) from error
     with closing(memory) as telemetry:
         return _run(plan, tell, telemetry, shown)

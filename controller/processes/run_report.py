@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from haptic_wall.controller.processes.plan import Ended, LogState
 from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, StopReason, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
+from haptic_wall.hw.errors import Problem
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
@@ -55,6 +57,12 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
 
 
 def explanation(ended: Ended, servo: Servo) -> str | None:
+    """Explain a trip in a sentence; see ``explained``."""
+    problem = explained(ended, servo)
+    return None if problem is None else str(problem)
+
+
+def explained(ended: Ended, servo: Servo) -> Problem | None:
     """Explain a trip and its remedy; None where the run ended as planned.
 
     Args:
@@ -68,9 +76,9 @@ def explanation(ended: Ended, servo: Servo) -> str | None:
     if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
         means = EMULATOR_LATE[trip]
     if ended.cause:
-        return f"{ended.cause}; {means}"
+        return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")
-    return means + (f" ({message})" if message else "")
+    return means.followed_by(f" ({message})") if message else means
 
 
 def _on_pseudo_terminal(servo: Servo) -> bool:

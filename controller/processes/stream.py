@@ -45,13 +45,14 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
         UserError: It is no valid place, unknown, another machine's, or the rate is invalid.
     """
     if not 0.0 < rate_hz < math.inf:
-        raise UserError(f"--stream-rate: found {rate_hz:g}, wanted a rate above 0 Hz")
+        raise UserError(f"found {rate_hz:g}", field="--stream-rate", wanted="a rate above 0 Hz")
     found = _PLACE.fullmatch(place)
     port = int(found["port"]) if found is not None else 0
     if found is None or not 0 < port < 65536:
         raise UserError(
-            f"--stream: found {place!r}, wanted HOST:PORT with a port of 1 to 65535, for example"
-            " localhost:9870"
+            f"found {place!r}",
+            field="--stream",
+            wanted="HOST:PORT with a port of 1 to 65535, for example localhost:9870",
         )
     host = found["six"] or found["host"]
     try:
@@ -59,7 +60,9 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise UserError(
-            f"--stream: the host {host} is not known ({why}); give another name, or its address"
+            f"the host {host} is not known ({why})",
+            field="--stream",
+            advice="give another name, or its address",
         ) from None
     # A name often has addresses of both protocols, and receivers often listen on IPv4 only.
     addresses.sort(key=lambda address: address[0] != socket.AF_INET)
@@ -68,9 +71,10 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
     stream = Stream(f"{address}{scope}", port, rate_hz)
     if not anywhere and not _is_here(stream):
         raise UserError(
-            f"--stream: {host} is not this machine ({stream.host}), and whoever is on the way there"
-            " could read the rows; add --stream-anywhere if that is meant, or give for example"
-            f" localhost:{port}"
+            f"{host} is not this machine ({stream.host}), and whoever is on the way "
+            "there could read the rows",
+            field="--stream",
+            advice=f"add --stream-anywhere if that is meant, or give for example localhost:{port}",
         )
     return stream
 

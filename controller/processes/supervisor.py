@@ -31,7 +31,7 @@ from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
 
 POLL_S = 0.02
@@ -60,7 +60,7 @@ class Supervisor:
         self._warnings: list[str] = []
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
-        self._refused: str | None = None
+        self._refused: Problem | None = None
         self._period_ns = plan.config.period_ns
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
@@ -93,7 +93,7 @@ class Supervisor:
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
-            raise ServoError(self._refused + (f" ({notes})" if notes else ""))
+            raise ServoError(self._refused.followed_by(f" ({notes})" if notes else ""))
         words, result = self._words, self._result
         return Ended(
             reason,
@@ -313,7 +313,7 @@ class Supervisor:
                 case "realtime":
                     self._realtime = event["settings"]
                 case "refused":
-                    self._refused = event["message"]
+                    self._refused = Problem(**event["problem"])
                 case "tell":
                     self._tell(event["text"])
                 case "ended":

@@ -111,8 +111,9 @@ def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
         config = Config.model_validate(metadata.get("config"))
     except ValidationError as error:
         raise LogFormatError(
-            f"the log's configuration is not one this program knows ({error.error_count()} "
-            "differences); draw it with the haptic-wall that wrote it"
+            "the log's configuration is not one this program knows "
+            f"({error.error_count()} differences)",
+            advice="draw it with the haptic-wall that wrote it",
         ) from error
     return run_panels.DrawnRun(
         sketch, (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0, config

@@ -73,8 +73,9 @@ def pick_cores(wanted: int | None = None) -> tuple[int, set[int]]:
     core = max(allowed) if wanted is None else wanted
     if core not in allowed:
         raise UserError(
-            f"realtime.core: found {core}, wanted one of the cores this process may use:"
-            f" {', '.join(map(str, sorted(allowed)))}"
+            f"found {core}",
+            field="realtime.core",
+            wanted=f"one of the cores this process may use: {', '.join(map(str, sorted(allowed)))}",
         )
     return core, allowed - {core} or allowed
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Reading
 
 
@@ -79,45 +82,84 @@ def stop_reason(text: str) -> StopReason:
     return Trip.of(text) or End(text)
 
 
-EXPLANATIONS = {
-    Trip.NOT_A_NUMBER: "a position, velocity or torque was not a finite number; this is a defect"
-    " or a broken servo: please report it with the log",
-    Trip.OVERSPEED: "the position moved faster than safety.max_speed allows, or the torque drove"
-    " it to nearly the servo's no-load speed; check the wall's stability and the encoder, or set"
-    " safety.max_speed",
-    Trip.TRAVEL: "the shaft left safety.travel; look at the turns that the start-up line shows,"
-    " turn the shaft back by hand, or widen safety.travel",
-    Trip.OSCILLATION: "the wall oscillates by itself; ask for less stiffness or damping, let"
-    " guard.mode be stable, or correct what model.* believes of the servo",
-    Trip.LOSSES_IN_ROW: "all readings failed for longer than safety.max_silence_s allows;"
-    " check cable, power, baud rate and adapter",
-    Trip.LOSS_RATE: "a larger share of the readings failed than safety.max_loss allows; check"
-    " cable, power, baud rate and adapter, or lower loop.rate_hz",
-    Trip.MISSED_PERIODS: "the loop missed a larger fraction of its periods than safety.max_missed"
-    " allows; find what holds its core (report key timing), lower loop.rate_hz, or let"
-    " realtime.profile be best-effort, which makes the wall softer instead",
-    Trip.HARDWARE_ERROR: "the servo has latched a hardware error (overload, overheating, voltage,"
-    " encoder or shock); let it cool, check its supply, then reboot it",
-    Trip.TORQUE_LOST: "the servo answers, but its torque is gone: its Bus Watchdog after a stall,"
-    " a restart, or another program on the bus",
-    Trip.SERVO_HEALTH: "the servo's supply or its temperature is out of the servo's own limits",
-    Trip.SERVO_LOST: "the port is gone, or the servo answers no more; check that both are plugged"
-    " in and powered",
-    Trip.PORT_SHARED: "two programs on one bus garble each other; end the other one, and keep it"
-    " from this port",
-    Trip.SUSPENDED: "the servo's Bus Watchdog has dropped the torque meanwhile, and nobody watched"
-    " the shaft; keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
-    Trip.LOOP_HUNG: "look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
-    Trip.LOOP_DIED: "find out who killed it (the kernel's log says so when memory ran out); if"
-    " nobody did, please report it with the log",
-    Trip.INTERNAL_ERROR: "the program met an error it does not know; please report it with the log",
+EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
+    Trip.NOT_A_NUMBER: Problem(
+        "a position, velocity or torque was not a finite number",
+        advice="this is a defect or a broken servo: please report it with the log",
+    ),
+    Trip.OVERSPEED: Problem(
+        "the position moved faster than safety.max_speed allows, or the torque drove "
+        "it to nearly the servo's no-load speed",
+        advice="check the wall's stability and the encoder, or set safety.max_speed",
+    ),
+    Trip.TRAVEL: Problem(
+        "the shaft left safety.travel",
+        advice="look at the turns that the start-up line shows, turn the shaft back by "
+        "hand, or widen safety.travel",
+    ),
+    Trip.OSCILLATION: Problem(
+        "the wall oscillates by itself",
+        advice="ask for less stiffness or damping, let guard.mode be stable, or correct "
+        "what model.* believes of the servo",
+    ),
+    Trip.LOSSES_IN_ROW: Problem(
+        "all readings failed for longer than safety.max_silence_s allows",
+        advice="check cable, power, baud rate and adapter",
+    ),
+    Trip.LOSS_RATE: Problem(
+        "a larger share of the readings failed than safety.max_loss allows",
+        advice="check cable, power, baud rate and adapter, or lower loop.rate_hz",
+    ),
+    Trip.MISSED_PERIODS: Problem(
+        "the loop missed a larger fraction of its periods than safety.max_missed allows",
+        advice="find what holds its core (report key timing), lower loop.rate_hz, or let "
+        "realtime.profile be best-effort, which makes the wall softer instead",
+    ),
+    Trip.HARDWARE_ERROR: Problem(
+        "the servo has latched a hardware error (overload, overheating, voltage, encoder or shock)",
+        advice="let it cool, check its supply, then reboot it",
+    ),
+    Trip.TORQUE_LOST: Problem(
+        "the servo answers, but its torque is gone: its Bus Watchdog after a stall, "
+        "a restart, or another program on the bus",
+    ),
+    Trip.SERVO_HEALTH: Problem(
+        "the servo's supply or its temperature is out of the servo's own limits",
+    ),
+    Trip.SERVO_LOST: Problem(
+        "the port is gone, or the servo answers no more",
+        advice="check that both are plugged in and powered",
+    ),
+    Trip.PORT_SHARED: Problem(
+        "two programs on one bus garble each other",
+        advice="end the other one, and keep it from this port",
+    ),
+    Trip.SUSPENDED: Problem(
+        "the servo's Bus Watchdog has dropped the torque meanwhile, and nobody watched the shaft",
+        advice="keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
+    ),
+    Trip.LOOP_HUNG: Problem(
+        "",
+        advice="look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
+    ),
+    Trip.LOOP_DIED: Problem(
+        "find out who killed it (the kernel's log says so when memory ran out)",
+        advice="if nobody did, please report it with the log",
+    ),
+    Trip.INTERNAL_ERROR: Problem(
+        "the program met an error it does not know",
+        advice="please report it with the log",
+    ),
 }
 
 
-EMULATOR_LATE = {
-    trip: f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator was"
-    " not run in time; end what keeps the cores busy, give both real-time rights"
-    f" (`sudo scripts/setup-testbed`), run the preset emulated-port, or raise {limit}"
+EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
+    trip: Problem(
+        f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator was"
+        " not run in time",
+        advice="end what keeps the cores busy, give both real-time rights"
+        f" (`sudo scripts/setup-testbed`), run the preset emulated-port, or raise {limit}",
+    )
     for trip, what, limit in (
         (
             Trip.LOSSES_IN_ROW,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import OLD_NAMES, Config
 from haptic_wall.controller.settings.fields import fields, sections
-from haptic_wall.controller.settings.rules import BrokenRulesError, Problem
+from haptic_wall.controller.settings.rules import BrokenRulesError
 from haptic_wall.controller.settings.servo import IN_WORDS
 from haptic_wall.controller.system import regular_file
 from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 
 DEFAULT_PRESET = "simulated"
@@ -80,19 +81,20 @@ def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
     data = {} if data is None else data
     if not isinstance(data, dict):
         raise ConfigError(
-            title, [f"found {_shown(data)}, wanted sections such as wall: and servo:"]
+            title,
+            [Problem(f"found {_shown(data)}", wanted="sections such as wall: and servo:")],
         )
     origins = dict.fromkeys(_leaves(data), title)
-    problems: list[str] = []
+    problems: list[Problem] = []
     for change in sets:
         try:
             path = apply_set(data, change)
         except UserError as error:
-            problems.append(str(error))
+            problems.append(error.problem)
         else:
             origins[".".join(path.split(".")[:2])] = "--set"
     config, found = _validated(data)
-    problems += [_line(problem, origins) for problem in found]
+    problems += [_of_origin(problem, origins) for problem in found]
     for old, new in OLD_NAMES.items():
         if old in origins:
             origins.setdefault(new, f"{origins.pop(old)}, as {old}")
@@ -113,10 +115,12 @@ def apply_set(data: dict[str, Any], change: str) -> str:
     path, equals, text = change.partition("=")
     path = path.strip()
     steps = path.split(".")
-    option = f"--set {in_line(change)}"
+    given = in_line(change)
     if not equals or not all(steps):
-        raise UserError(f"{option}: wanted PATH=VALUE, e.g. --set wall.stiffness=20")
-    value = config_yaml.parse(text, option)
+        raise UserError(
+            "wanted PATH=VALUE, e.g. --set wall.stiffness=20", field="--set", given=given
+        )
+    value = config_yaml.parse(text, given, field="--set")
     place = data
     for depth, step in enumerate(steps[:-1], start=1):
         inner = place.setdefault(step, {})
@@ -124,9 +128,11 @@ def apply_set(data: dict[str, Any], change: str) -> str:
             inner = place[step] = {}
         if not isinstance(inner, dict):
             raise UserError(
-                f"{option}: {'.'.join(steps[:depth])} is {_shown(inner)} and has no "
-                f"{steps[depth]}; to give bounds set {'.'.join(steps[:depth])}="
-                "{value: V, low: L, high: H}"
+                f"{'.'.join(steps[:depth])} is {_shown(inner)} and has no {steps[depth]}",
+                field="--set",
+                given=given,
+                advice=f"to give bounds set {'.'.join(steps[:depth])}={{value: V, low: L, high: "
+                "H}",
             )
         place = inner
     place[steps[-1]] = value
@@ -145,13 +151,18 @@ def _read(source: str) -> tuple[str, str]:
     try:
         return regular_file.content(path, MOST_BYTES).decode("utf-8"), str(path)
     except FileNotFoundError:
+        near = did_you_mean(source, preset_names())
         raise UserError(
-            f"CONFIG {source}: no such preset or file{did_you_mean(source, preset_names())}; "
-            f"presets are {', '.join(preset_names())}"
+            "; ".join(filter(None, ("no such preset or file", near))),
+            field="CONFIG",
+            given=source,
+            advice=f"presets are {', '.join(preset_names())}",
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise UserError(f"CONFIG {source}: cannot be read: {reason}; wanted a YAML file") from None
+        raise UserError(
+            f"cannot be read: {reason}", field="CONFIG", given=source, advice="wanted a YAML file"
+        ) from None
 
 
 def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
@@ -163,7 +174,7 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     # Rules between fields are checked only when each field is valid by itself. To report them too,
     # validate again without the invalid fields; rules that read those are skipped.
     pruned = copy.deepcopy(data)
-    unusable = {problem.path for problem in problems}
+    unusable = {problem.field or "" for problem in problems}
     for path in unusable:
         _remove(pruned, path)
     try:
@@ -172,7 +183,7 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
         known = set(problems)
         problems += [p for p in _problems(error, pruned) if p not in known]
     order = {path: place for place, path in enumerate(fields())}
-    problems.sort(key=lambda p: order.get(p.path, -1))
+    problems.sort(key=lambda p: order.get(p.field or "", -1))
     return None, problems
 
 
@@ -186,48 +197,54 @@ def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
         where = [str(step) for step in detail["loc"]]
         if detail["type"] in ("extra_forbidden", "invalid_key"):
             path = ".".join(where)
-            found[path] = Problem(path, _unknown(where) if len(found) < _MOST_HINTS else "unknown")
+            hint = _known_instead(where) if len(found) < _MOST_HINTS else ""
+            found[path] = Problem("unknown", advice=hint, field=path)
             continue
         path = ".".join(where[:2])
         if path not in found:
-            said = detail["msg"] if detail["type"] == IN_WORDS else None
-            found[path] = Problem(path, said or _wrong(path, _at(data, path), detail["type"]))
+            problem = detail.get("ctx", {}).get(IN_WORDS)
+            if not isinstance(problem, Problem):
+                problem = _wrong(path, _at(data, path), detail["type"])
+            found[path] = replace(problem, field=path)
     return list(found.values())
 
 
-def _wrong(path: str, value: Any, kind: str) -> str:  # noqa: ANN401
+def _wrong(path: str, value: Any, kind: str) -> Problem:  # noqa: ANN401
     field = fields().get(path)
+    found = f"found {_shown(value)}"
     if field is None:
         keys = ", ".join(sections()[path].model_fields)
-        return f"found {_shown(value)}, wanted a section with {keys}"
+        return Problem(found, wanted=f"a section with {keys}")
     unit = f" [{field.unit}]" if field.unit else ""
     hint = did_you_mean(value, field.choices) if isinstance(value, str) else ""
     if kind == "value_error":
-        return f"found {_shown(value)}, wanted low <= value <= high"
-    return f"found {_shown(value)}, wanted {field.wanted}{unit}{hint}"
+        return Problem(found, wanted="low <= value <= high")
+    return Problem(found, wanted=f"{field.wanted}{unit}", advice=hint)
 
 
-def _unknown(where: list[str]) -> str:
-    """Describe an unknown key with the nearest known one, by its own name or in any section."""
+def _known_instead(where: list[str]) -> str:
+    """Return advice on an unknown key: the nearest known one, by its own name or in any section."""
     name, section = where[-1], sections().get(where[0])
     if len(where) == 1:
         homes = [path for path in fields() if path.endswith(f".{name}")]
-        return "unknown" + (
+        return (
             did_you_mean(name, sections())
-            or (f"; did you mean {homes[0]}?" if homes else "")
-            or f"; sections are {', '.join(sections())}"
+            or (f"did you mean {homes[0]}?" if homes else "")
+            or f"sections are {', '.join(sections())}"
         )
     if len(where) > 2 or section is None:
-        return "unknown; wanted value, low and high"
+        return "wanted value, low and high"
     homes = [path for path in fields() if path.endswith(f".{name}")]
     near = did_you_mean(name, section.model_fields, f"{where[0]}.")
-    elsewhere = f"; did you mean {homes[0]}?" if homes else ""
-    return "unknown" + (near or elsewhere or f"; {where[0]} has {', '.join(section.model_fields)}")
+    elsewhere = f"did you mean {homes[0]}?" if homes else ""
+    return near or elsewhere or f"{where[0]} has {', '.join(section.model_fields)}"
 
 
-def _line(problem: Problem, origins: Mapping[str, str]) -> str:
-    origin = " (from --set)" if origins.get(problem.path) == "--set" else ""
-    return f"{in_line(problem.path)}{origin}: {problem.message}"
+def _of_origin(problem: Problem, origins: Mapping[str, str]) -> Problem:
+    """Return the problem with the source of its field."""
+    path = problem.field or ""
+    origin = "(from --set)" if origins.get(path) == "--set" else ""
+    return replace(problem, field=in_line(path), given=origin)
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
-from typing import NamedTuple
 
 from pydantic import ValidationError
 
@@ -13,6 +12,7 @@ from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
 from haptic_wall.controller.settings.shares import SPIN_SHARE
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
 
@@ -20,18 +20,11 @@ _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
 
 
-class Problem(NamedTuple):
-    """One error: a field's path, and a sentence with the found and the accepted value."""
-
-    path: str
-    message: str
-
-
 class BrokenRulesError(ValueError):
     """Raised for fields that are valid alone, but not together."""
 
     def __init__(self, problems: list[Problem]) -> None:
-        super().__init__("; ".join(f"{path}: {message}" for path, message in problems))
+        super().__init__("; ".join(map(str, problems)))
         self.problems = problems
 
 
@@ -75,7 +68,7 @@ def broken_rules(config: Sections, unusable: frozenset[str] = frozenset()) -> li
         for rule in _RULES
         if all(map(usable, rule.reads))
         for problem in rule.check(config)
-        if usable(problem.path)
+        if problem.field is not None and usable(problem.field)
     ]
 
 
@@ -88,8 +81,9 @@ def _is_real(config: Sections) -> bool:
 def _truth_is_given(config: Sections) -> Iterator[Problem]:
     if config.servo.kind != "hardware" and config.servo.inertia is None:
         yield Problem(
-            "servo.inertia",
-            f"found nothing, wanted the inertia of the {config.servo.kind} servo [kg·m²] above 0",
+            "found nothing",
+            field="servo.inertia",
+            wanted=f"the inertia of the {config.servo.kind} servo [kg·m²] above 0",
         )
 
 
@@ -99,11 +93,12 @@ def _truth_is_not_ours_to_say(config: Sections) -> Iterator[Problem]:
         return
     for name in TRUTH_FIELDS:
         if name in config.servo.model_fields_set:
-            belief = f"; say what you believe of it in model.{name}" if name in _BELIEVED else ""
+            belief = f"say what you believe of it in model.{name}" if name in _BELIEVED else ""
             yield Problem(
-                f"servo.{name}",
                 f"found {getattr(config.servo, name)!r}, but this is for simulated and emulated "
-                f"servos and servo.port {config.servo.port} is a real one{belief}",
+                f"servos and servo.port {config.servo.port} is a real one",
+                advice=belief,
+                field=f"servo.{name}",
             )
 
 
@@ -117,9 +112,10 @@ def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
     for name in _BELIEVED:
         if getattr(config.model, name) is None:
             yield Problem(
-                f"model.{name}",
-                "found nothing, wanted a number or {value, low, high}: of a real servo the "
-                "controller knows only what you say",
+                "found nothing",
+                field=f"model.{name}",
+                wanted="a number or {value, low, high}: of a real servo the controller knows "
+                "only what you say",
             )
 
 
@@ -129,7 +125,9 @@ def _required_is_given(config: Sections) -> Iterator[Problem]:
     for field, wanted in backend(name).required.items():
         if getattr(config.servo, field) is None:
             yield Problem(
-                f"servo.{field}", f"found nothing, wanted {wanted} (servo.backend is {name})"
+                "found nothing",
+                field=f"servo.{field}",
+                wanted=f"{wanted} (servo.backend is {name})",
             )
 
 
@@ -143,23 +141,25 @@ def _options_are_the_backends(config: Sections) -> Iterator[Problem]:
             if option not in known:
                 hint = did_you_mean(option, known, "servo.options.")
                 yield Problem(
-                    f"servo.options.{option}",
-                    f"unknown{hint}; the backend {name} has {', '.join(known) or 'no options'}",
+                    "; ".join(filter(None, ("unknown", hint))),
+                    field=f"servo.options.{option}",
+                    advice=f"the backend {name} has {', '.join(known) or 'no options'}",
                 )
     try:
         options_of(config.servo)
     except ValidationError as error:
         for detail in error.errors():
             path = ".".join(("servo.options", *map(str, detail["loc"])))
-            yield Problem(path, f"{detail['msg'].lower()} (servo.backend is {name})")
+            yield Problem(f"{detail['msg'].lower()} (servo.backend is {name})", field=path)
 
 
 @_reads(*_KIND, "loop.clock")
 def _real_time_for_real_servos(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.loop.clock == "simulated":
         yield Problem(
-            "loop.clock",
-            f"found simulated, wanted monotonic: the servo at {config.servo.port} is real",
+            "found simulated",
+            field="loop.clock",
+            wanted=f"monotonic: the servo at {config.servo.port} is real",
         )
 
 
@@ -167,9 +167,10 @@ def _real_time_for_real_servos(config: Sections) -> Iterator[Problem]:
 def _real_walls_wait(config: Sections) -> Iterator[Problem]:
     if _is_real(config) and config.safety.engage == "at-once":
         yield Problem(
-            "safety.engage",
-            f"found at-once, wanted wait: the servo at {config.servo.port} is real, and a wall "
-            "that comes on around its shaft strikes whoever holds it",
+            "found at-once",
+            field="safety.engage",
+            wanted=f"wait: the servo at {config.servo.port} is real, and a wall that comes "
+            "on around its shaft strikes whoever holds it",
         )
 
 
@@ -178,10 +179,10 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
     asked = config.safety.engage_torque
     if _is_real(config) and asked is not None and asked > MOST_TORQUE:
         yield Problem(
-            "safety.engage_torque",
-            f"found {asked:g}, wanted at most {MOST_TORQUE:g} N·m: the servo at "
-            f"{config.servo.port} is real, and a wall that comes on with more torque strikes "
-            "whoever holds it",
+            f"found {asked:g}",
+            field="safety.engage_torque",
+            wanted=f"at most {MOST_TORQUE:g} N·m: the servo at {config.servo.port} is real, "
+            "and a wall that comes on with more torque strikes whoever holds it",
         )
 
 
@@ -190,14 +191,15 @@ def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
     if config.safety.travel is None:
         return
     low, high = config.safety.travel
-    found = f"found [{low:g}, {high:g}], wanted "
+    found = f"found [{low:g}, {high:g}]"
     if low >= high:
-        yield Problem("safety.travel", f"{found}[low, high] with low below high")
+        yield Problem(found, wanted="[low, high] with low below high", field="safety.travel")
     elif not low <= config.wall.position <= high:
         yield Problem(
-            "safety.travel",
-            f"{found}a range with wall.position {config.wall.position:g} in it: the run would end "
+            found,
+            wanted=f"a range with wall.position {config.wall.position:g} in it: the run would end "
             "before the shaft is at the wall",
+            field="safety.travel",
         )
 
 
@@ -205,9 +207,10 @@ def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
 def _emulated_counts(config: Sections) -> Iterator[Problem]:
     if config.servo.kind == "emulated" and config.servo.counts_per_rev != 4096:
         yield Problem(
-            "servo.counts_per_rev",
-            f"found {config.servo.counts_per_rev}, wanted 4096: the position register of the X "
-            "series counts so; only servo.backend simulated can have another encoder",
+            f"found {config.servo.counts_per_rev}",
+            field="servo.counts_per_rev",
+            wanted="4096: the position register of the X series counts so",
+            advice="only servo.backend simulated can have another encoder",
         )
 
 
@@ -216,9 +219,9 @@ def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
     static, coulomb = config.servo.static_friction, config.servo.coulomb
     if config.servo.kind != "hardware" and 0.0 < static < coulomb:
         yield Problem(
-            "servo.static_friction",
-            f"found {static:g} N·m, wanted at least servo.coulomb, {coulomb:g} N·m, or 0 for as "
-            "much",
+            f"found {static:g} N·m",
+            wanted=f"at least servo.coulomb, {coulomb:g} N·m, or 0 for as much",
+            field="servo.static_friction",
         )
 
 
@@ -227,9 +230,9 @@ def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
     servo = config.servo
     if servo.kind != "hardware" and servo.encoder_noise > 0.0 and servo.counts_per_rev == 0:
         yield Problem(
-            "servo.encoder_noise",
-            f"found {servo.encoder_noise:g} counts, wanted 0: servo.counts_per_rev is 0, so "
-            "nothing is counted",
+            f"found {servo.encoder_noise:g} counts",
+            wanted="0: servo.counts_per_rev is 0, so nothing is counted",
+            field="servo.encoder_noise",
         )
 
 
@@ -241,10 +244,11 @@ def _emulated_gain(config: Sections) -> Iterator[Problem]:
         and config.model.torque_gain is None
     ):
         yield Problem(
-            "model.torque_gain",
-            f"found nothing, wanted a number or {{value, low, high}}: servo.torque_constant "
-            f"{config.servo.torque_constant:g} makes the emulated servo differ from its model's "
-            "data sheet, which the driver goes by",
+            "found nothing",
+            field="model.torque_gain",
+            wanted="a number or {value, low, high}: servo.torque_constant "
+            f"{config.servo.torque_constant:g} makes the emulated servo differ from "
+            "its model's data sheet, which the driver goes by",
         )
 
 
@@ -256,15 +260,16 @@ def _model_makes_torque(config: Sections) -> Iterator[Problem]:
     models = known()
     if name not in models:
         yield Problem(
-            "servo.model",
-            f"found {name!r}, wanted one of the models with current control: "
-            f"{', '.join(models)}{did_you_mean(name.upper(), models)}",
+            f"found {name!r}",
+            field="servo.model",
+            wanted=f"one of the models with current control: {', '.join(models)}",
+            advice=did_you_mean(name.upper(), models),
         )
     elif not models[name].constant_known and config.servo.torque_constant is None:
         yield Problem(
-            "servo.torque_constant",
-            f"found nothing, wanted a measured torque per current [N·m/A]: that of the {name} is "
-            "not published",
+            "found nothing",
+            field="servo.torque_constant",
+            wanted=f"a measured torque per current [N·m/A]: that of the {name} is not published",
         )
 
 
@@ -273,9 +278,9 @@ def _faults_can_happen(config: Sections) -> Iterator[Problem]:
     servo = config.servo
     if servo.faults and servo.kind == "simulated":
         yield Problem(
-            "servo.faults",
-            f"found {', '.join(servo.faults)}, but a simulated servo has no bus; wanted an emulated"
-            " one, such as the preset emulated-xm430",
+            f"found {', '.join(servo.faults)}, but a simulated servo has no bus",
+            field="servo.faults",
+            advice="wanted an emulated one, such as the preset emulated-xm430",
         )
 
 
@@ -284,7 +289,7 @@ def _backend_finds_no_problem(config: Sections) -> Iterator[Problem]:
     find = backend(config.servo.backend).problems
     if find is not None:
         with suppress(ValidationError):  # of the options, which another rule names
-            yield from (Problem(*found) for found in find(config.servo.asked()))
+            yield from find(config.servo.asked())
 
 
 _CYCLE_SHARE = 0.8
@@ -299,10 +304,12 @@ def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
     cycle = cycle_s(baud)
     if cycle > _CYCLE_SHARE * config.period_s:
         yield Problem(
-            "servo.baud",
-            f"found {baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, more than "
-            f"{_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} ms; wanted a faster bus "
-            f"(set the servo to it first) or loop.rate_hz below {_CYCLE_SHARE / cycle:.3g}",
+            f"found {baud}, at which a cycle takes {1e3 * cycle:.3g} ms on the wire, "
+            f"more than {_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} "
+            "ms",
+            field="servo.baud",
+            advice="wanted a faster bus (set the servo to it first) or loop.rate_hz below "
+            f"{_CYCLE_SHARE / cycle:.3g}",
         )
 
 
@@ -311,8 +318,9 @@ def _watchdog_is_patient(config: Sections) -> Iterator[Problem]:
     watchdog, period = config.servo.watchdog_s, config.period_s
     if backend(config.servo.backend).has_watchdog and watchdog < 2 * period:
         yield Problem(
-            "servo.watchdog_s",
-            f"found {watchdog:g} s, wanted at least two periods ({2 * period:g} s at loop.rate_hz "
+            f"found {watchdog:g} s",
+            field="servo.watchdog_s",
+            wanted=f"at least two periods ({2 * period:g} s at loop.rate_hz "
             f"{config.loop.rate_hz:g}), else one lost message stops the servo",
         )
 
@@ -322,10 +330,11 @@ def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
     silence, most = config.safety.max_silence_s, SILENCE_SHARE * config.servo.watchdog_s
     if backend(config.servo.backend).has_watchdog and silence > most * (1 + 1e-9):
         yield Problem(
-            "safety.max_silence_s",
-            f"found {silence:g} s, wanted at most {most:g} s, half of servo.watchdog_s "
-            f"({config.servo.watchdog_s:g} s): a servo that is not heard must be given up before "
-            "its Bus Watchdog can have dropped the torque",
+            f"found {silence:g} s",
+            field="safety.max_silence_s",
+            wanted=f"at most {most:g} s, half of servo.watchdog_s "
+            f"({config.servo.watchdog_s:g} s): a servo that is not heard must be "
+            "given up before its Bus Watchdog can have dropped the torque",
         )
 
 
@@ -334,10 +343,11 @@ def _warm_up_sees_the_bus(config: Sections) -> Iterator[Problem]:
     least = WARM_UP_AGES * config.period_s
     if backend(config.servo.backend).has_bus and config.loop.warm_up_s < least * (1 - 1e-9):
         yield Problem(
-            "loop.warm_up_s",
-            f"found {config.loop.warm_up_s:g} s, wanted at least {least:g} s "
-            f"({WARM_UP_AGES} readings at loop.rate_hz {config.loop.rate_hz:g}): the delay of the "
-            "bus is measured before the wall is switched on",
+            f"found {config.loop.warm_up_s:g} s",
+            field="loop.warm_up_s",
+            wanted=f"at least {least:g} s ({WARM_UP_AGES} readings at loop.rate_hz "
+            f"{config.loop.rate_hz:g}): the delay of the bus is measured before the "
+            "wall is switched on",
         )
 
 
@@ -346,8 +356,9 @@ def _heartbeat_is_patient(config: Sections) -> Iterator[Problem]:
     heartbeat, period = config.safety.heartbeat_s, config.period_s
     if heartbeat < 2 * period:
         yield Problem(
-            "safety.heartbeat_s",
-            f"found {heartbeat:g} s, wanted at least two periods ({2 * period:g} s at loop.rate_hz "
+            f"found {heartbeat:g} s",
+            field="safety.heartbeat_s",
+            wanted=f"at least two periods ({2 * period:g} s at loop.rate_hz "
             f"{config.loop.rate_hz:g}), else every tick looks like a hang",
         )
 
@@ -363,8 +374,9 @@ def _spinning_leaves_time_to_sleep(config: Sections) -> Iterator[Problem]:
     spin_us, most_us = config.realtime.spin_us, SPIN_SHARE * config.period_s * 1e6
     if spin_us is not None and spin_us > most_us * (1 + 1e-9):
         yield Problem(
-            "realtime.spin_us",
-            f"found {spin_us:g} µs, wanted at most {SPIN_SHARE:g} of a period ({most_us:g} µs at "
-            f"loop.rate_hz {config.loop.rate_hz:g}): Linux halts a real-time process that never "
+            f"found {spin_us:g} µs",
+            field="realtime.spin_us",
+            wanted=f"at most {SPIN_SHARE:g} of a period ({most_us:g} µs at loop.rate_hz "
+            f"{config.loop.rate_hz:g}): Linux halts a real-time process that never "
             "sleeps for 50 ms of every second",
         )

@@ -25,7 +25,7 @@ from haptic_wall.controller.settings.model import (
     setting,
     whole,
 )
-from haptic_wall.hw.errors import BackendError
+from haptic_wall.hw.errors import BackendError, Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
@@ -57,10 +57,8 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 def _port(found: str) -> str:
     """Refuse impossible device names and misspellings of ``emulated``."""
     if "\0" in found or (found != EMULATED and found.strip().lower() == EMULATED):
-        raise PydanticCustomError(
-            IN_WORDS,
-            "found {found}, wanted a serial device such as /dev/ttyUSB0, or emulated",
-            {"found": repr(found)},
+        raise _refusal(
+            Problem(f"found {found!r}", wanted="a serial device such as /dev/ttyUSB0, or emulated")
         )
     return found
 
@@ -70,12 +68,15 @@ def _backend(found: str) -> str:
     try:
         backend(found)
     except BackendError as error:
-        text = str(error).rstrip(".")
         names = backend_names()
-        if found not in names:
-            text = f"found {found!r}, wanted one of {', '.join(names)}{did_you_mean(found, names)}"
-        raise PydanticCustomError(IN_WORDS, "{text}", {"text": text}) from error
+        wanted, near = f"one of {', '.join(names)}", did_you_mean(found, names)
+        problem = Problem(f"found {found!r}", wanted=wanted, advice=near)
+        raise _refusal(Problem(str(error).rstrip(".")) if found in names else problem) from error
     return found
+
+
+def _refusal(problem: Problem) -> PydanticCustomError:
+    return PydanticCustomError(IN_WORDS, "{in_words}", {IN_WORDS: problem})
 
 
 def used_by(name: str) -> tuple[str, ...]:

@@ -7,12 +7,14 @@ ninety. This reader uses the core schema of YAML 1.2 for plain words.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.printable import in_line
+from haptic_wall.hw.errors import Problem
 
 MOST_VALUES = 10_000
 """A configuration has a hundred values; a few nested aliases can stand for billions."""
@@ -56,12 +58,13 @@ for _name, _pattern, _first in _WORDS:
 _Loader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
-def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text holds
+def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN401 - whatever the text holds
     """The data in a YAML text.
 
     Args:
         text: One YAML document.
         source: What it is, for the error message.
+        field: The option that ``source`` is the value of; None: it is none's.
 
     Raises:
         UserError: It is not YAML, a key stands twice, or its aliases stand for more than
@@ -70,12 +73,16 @@ def parse(text: str, source: str) -> Any:  # noqa: ANN401 - whatever the text ho
     try:
         return _data(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise UserError(f"{source}: {_reason(error)}") from None
+        raise _unreadable(source, field, Problem(_reason(error))) from None
     except (LookupError, AttributeError):  # errors of the library, over !!bool abc and the like
-        raise UserError(
-            f"{source}: found a tag (!!...) with a value that is none of its kind; leave the tag"
-            " out"
-        ) from None
+        tag = Problem(
+            "found a tag (!!...) with a value that is none of its kind", advice="leave the tag out"
+        )
+        raise _unreadable(source, field, tag) from None
+
+
+def _unreadable(source: str, field: str | None, problem: Problem) -> UserError:
+    return UserError(replace(problem, field=field, given=source))
 
 
 def _data(text: str) -> Any:  # noqa: ANN401 - whatever the text holds

@@ -6,12 +6,13 @@ It imports its modules on use: most configurations that name it are only checked
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from haptic_wall.hw.backend import Backend, TorqueModel
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.errors import PortError, Problem, SpecError
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings, TrueServo
 
@@ -34,7 +35,7 @@ def _models() -> Mapping[str, TorqueModel]:
     }
 
 
-def _problems(settings: ServoSettings) -> Iterator[tuple[str, str]]:
+def _problems(settings: ServoSettings) -> Iterator[Problem]:
     """Faults that an emulated bus would not take."""
     if not settings.faults:
         return
@@ -43,10 +44,14 @@ def _problems(settings: ServoSettings) -> Iterator[tuple[str, str]]:
     for spec in settings.faults:
         try:
             parse_fault(spec).check_servo([settings.id])
-        except ValueError as error:
-            listed = "=" in spec.split(":")[0]
-            hint = "; in a list, quote a fault that has commas" if listed else ""
-            yield "servo.faults", f"{error}{hint}"
+        except SpecError as error:
+            problem = error.problem
+            if problem.given:
+                problem = replace(problem, what=f"{problem.given}: {problem.what}", given="")
+            if "=" in spec.split(":")[0]:  # it was cut at the commas of a list
+                hint = "in a list, quote a fault that has commas"
+                problem = Problem(str(problem), advice=hint)
+            yield replace(problem, field="servo.faults")
 
 
 def _open_port(settings: ServoSettings) -> int:
@@ -54,8 +59,8 @@ def _open_port(settings: ServoSettings) -> int:
 
     if not settings.port:
         raise PortError(
-            "No serial port is configured: set servo.port to the adapter's device, "
-            "e.g. /dev/ttyUSB0."
+            "No serial port is configured",
+            advice="set servo.port to the adapter's device, e.g. /dev/ttyUSB0.",
         )
     return port.open_port(settings.port, settings.baud)
 
@@ -67,9 +72,9 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
     if descriptor is None and not settings.port and settings.true is not None:
         if not isinstance(clock, SimulatedClock):
             raise PortError(
-                "An emulated bus in memory runs on the simulated clock only: set "
-                "loop.clock=simulated, or start `haptic-wall emulate` and set servo.port to its "
-                "path."
+                "An emulated bus in memory runs on the simulated clock only",
+                advice="set loop.clock=simulated, or start `haptic-wall emulate` and set "
+                "servo.port to its path.",
             )
         return DynamixelServo(driver, _memory_line(settings, driver, settings.true, clock))
 

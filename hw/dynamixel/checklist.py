@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from haptic_wall.hw.errors import UnfitServoError
+from dataclasses import replace
+
+from haptic_wall.hw.errors import Problem, ServoError, UnfitServoError
 from haptic_wall.hw.servo import Check
+
+
+def remedy(what: str, advice: str) -> Problem:
+    """Return a fault with its remedy, told as ``WHAT: ADVICE``."""
+    return Problem(what, advice=advice, mark=ServoError.mark)
 
 
 class Checklist:
@@ -17,9 +24,11 @@ class Checklist:
         """
         self.checks: list[Check] = []
         self._name = name
-        self._remedies: list[str] = []
+        self._faults: list[Problem] = []
 
-    def add(self, name: str, ok: bool, found: str, wanted: str, remedy: str = "") -> None:
+    def add(
+        self, name: str, ok: bool, found: str, wanted: str, fault: Problem | None = None
+    ) -> None:
         """Record one check.
 
         Args:
@@ -27,11 +36,11 @@ class Checklist:
             ok: Whether it passed.
             found: The found value.
             wanted: The wanted value.
-            remedy: A sentence with the fault and its remedy.
+            fault: What is wrong if it did not pass, and its remedy.
         """
         self.checks.append(Check(name, ok, found, wanted))
-        if not ok:
-            self._remedies.append(remedy)
+        if not ok and fault is not None:
+            self._faults.append(fault)
 
     def refuse_if_unfit(self) -> None:
         """Raise if any check failed so far.
@@ -39,6 +48,9 @@ class Checklist:
         Raises:
             UnfitServoError: With a sentence for each failed check.
         """
-        if self._remedies:
-            remedies = " ".join(self._remedies)
-            raise UnfitServoError(f"The {self._name} must not be driven as it is. {remedies}")
+        if self._faults:
+            *others, last = self._faults
+            unfit = f"The {self._name} must not be driven as it is."
+            raise UnfitServoError(
+                replace(last, what=" ".join((unfit, *map(str, others), last.what)))
+            )

@@ -17,18 +17,18 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
     if model is None:
         known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
         raise UnfitServoError(
-            f"The model {settings.model} is not known: set servo.model to one of {known}."
+            f"The model {settings.model} is not known", advice=f"set servo.model to one of {known}."
         )
     if not model.current_mode:
         raise UnfitServoError(
-            f"The {model.name} has no current mode, so it cannot be commanded in torque: use one "
-            f"of {', '.join(_drivable_kinds())}."
+            f"The {model.name} has no current mode, so it cannot be commanded in torque",
+            advice=f"use one of {', '.join(_drivable_kinds())}.",
         )
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
         raise UnfitServoError(
-            f"No torque constant of the {model.name} is published: measure it and set "
-            "servo.torque_constant [N·m/A]."
+            f"No torque constant of the {model.name} is published",
+            advice="measure it and set servo.torque_constant [N·m/A].",
         )
     return model, constant
 

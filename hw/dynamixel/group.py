@@ -39,7 +39,8 @@ class DynamixelGroup:
         ids = [one.id for one in settings]
         if not ids or len(set(ids)) != len(ids):
             raise UnfitServoError(
-                f"A group needs servos with an id each, but has {ids}: give each another one."
+                f"A group needs servos with an id each, but has {ids}",
+                advice="give each another one.",
             )
         self._line = line
         self._shared = _SharedLine(line)
@@ -169,8 +170,8 @@ class DynamixelGroup:
                     together.counts = [BusCounts() for _ in self._ids]
                     return together
         raise UnfitServoError(
-            "The servos answer one by one but not in one cycle: check the cable, and that no two "
-            "have the same id."
+            "The servos answer one by one but not in one cycle",
+            advice="check the cable, and that no two have the same id.",
         )
 
 

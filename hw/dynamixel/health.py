@@ -9,14 +9,15 @@ all registers, two blocks alternate.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from haptic_wall.hw.dynamixel.checklist import remedy
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from haptic_wall.hw.dynamixel.tables import Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
-from haptic_wall.hw.errors import ServoHealthError, TorqueLostError
+from haptic_wall.hw.errors import Problem, ServoHealthError, TorqueLostError
 
 EVERY_NS: Final = 200_000_000
 """Period of the polls"""
@@ -70,22 +71,24 @@ class DrivingRange:
         """Return the highest temperature at which it is driven [°C]."""
         return self.hottest - _HEAT_MARGIN
 
-    def supply_fault(self, volts: int) -> str:
-        """Describe the fault of a supply [0.1 V] and its remedy; empty: none."""
+    def supply_fault(self, volts: int) -> Problem | None:
+        """Return what is wrong with a supply [0.1 V]; None: nothing."""
         if self.lowest <= volts <= self.highest:
-            return ""
-        return (
+            return None
+        return remedy(
             f"is supplied with {volts / 10:g} V, wanted {self.lowest / 10:g} to "
-            f"{self.highest / 10:g} V: check the supply, its current limit and the cable."
+            f"{self.highest / 10:g} V",
+            "check the supply, its current limit and the cable.",
         )
 
-    def heat_fault(self, celsius: int) -> str:
-        """Describe the fault of a temperature [°C] and its remedy; empty: none."""
+    def heat_fault(self, celsius: int) -> Problem | None:
+        """Return what is wrong with a temperature [°C]; None: nothing."""
         if celsius <= self.warmest:
-            return ""
-        return (
+            return None
+        return remedy(
             f"has {celsius} °C, wanted at most {self.warmest} °C (it shuts down above "
-            f"{self.hottest} °C): let it cool, and ask for less torque."
+            f"{self.hottest} °C)",
+            "let it cool, and ask for less torque.",
         )
 
 
@@ -185,15 +188,15 @@ class HealthWatch:
                 self._strike(item.name, fault(value), name)
         return quiet
 
-    def _strike(self, kind: str, fault: str, name: str) -> None:
+    def _strike(self, kind: str, fault: Problem | None, name: str) -> None:
         self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
-        if self._strikes[kind] >= _TWICE:
-            raise ServoHealthError(f"The {name} {fault}")
+        if fault is not None and self._strikes[kind] >= _TWICE:
+            raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
 
 
 def _refuse_torque_off(torque_enable: int, name: str) -> None:
     if not torque_enable:
         raise TorqueLostError(
-            f"The {name} has its torque off, and it was not switched off by this program: look "
-            "for another program on this bus, or for a supply that broke down."
+            f"The {name} has its torque off, and it was not switched off by this program",
+            advice="look for another program on this bus, or for a supply that broke down.",
         )

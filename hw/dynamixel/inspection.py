@@ -6,9 +6,10 @@ Settings that a person made are changed only by a person.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
-from haptic_wall.hw.dynamixel.checklist import Checklist
+from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.sdk import Table
@@ -34,23 +35,23 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> T
         checklist: Receives the checks.
     """
     found = model_by_number(number)
-    remedy = (
-        f"Its model number {number} is not known, so nothing was written to it: connect an "
-        f"{model.name}, or another model that is known and name it in servo.model; if this one "
-        "has torque, switch its power off."
+    fault = remedy(
+        f"Its model number {number} is not known, so nothing was written to it",
+        f"connect an {model.name}, or another model that is known and name it in "
+        "servo.model; if this one has torque, switch its power off.",
     )
     if found is not None:
         no_current = "" if found.current_mode else ", which has no current mode"
-        remedy = (
-            f"It is an {found.name} (model number {number}){no_current}: connect an "
-            f"{model.name}, or set servo.model to what is there."
+        fault = remedy(
+            f"It is an {found.name} (model number {number}){no_current}",
+            f"connect an {model.name}, or set servo.model to what is there.",
         )
     checklist.add(
         "model",
         number == model.number,
         f"{found.name if found else 'unknown model'} ({number})",
         f"{model.name} ({model.number})",
-        remedy,
+        fault,
     )
     checklist.refuse_if_unfit()
     _have_replies_to_everything(table, checklist)
@@ -60,8 +61,10 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> T
         firmware >= WATCHDOG_FIRMWARE,
         str(firmware),
         f"at least {WATCHDOG_FIRMWARE}",
-        f"Its firmware {firmware} has no Bus Watchdog ({WATCHDOG_FIRMWARE} or later has): "
-        "update it with Dynamixel Wizard.",
+        remedy(
+            f"Its firmware {firmware} has no Bus Watchdog ({WATCHDOG_FIRMWARE} or later has)",
+            "update it with Dynamixel Wizard.",
+        ),
     )
     checklist.refuse_if_unfit()
     return Table(table.sdk, model.registers_at(firmware))
@@ -83,8 +86,11 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
         level == register.default,
         found,
         str(register.default),
-        f"Its Status Return Level ({register.address}) stays {level} when {register.default} "
-        "is written: set it with Dynamixel Wizard.",
+        remedy(
+            f"Its Status Return Level ({register.address}) stays {level} when "
+            f"{register.default} is written",
+            "set it with Dynamixel Wizard.",
+        ),
     )
 
 
@@ -96,7 +102,11 @@ def torque_off(table: Table, checklist: Checklist) -> None:
     off = not was_on or table.read("torque_enable") == 0
     found = "off" if not was_on else "on, switched off" if off else "on"
     checklist.add(
-        "torque at the start", off, found, "off", "Its torque stays on: switch its power off."
+        "torque at the start",
+        off,
+        found,
+        "off",
+        remedy("Its torque stays on", "switch its power off."),
     )
 
 
@@ -109,7 +119,10 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         error == 0,
         f"{names or 'unknown'} (0x{error:02x})" if error else "none",
         "none",
-        f"It has latched a hardware error ({names or f'0x{error:02x}'}): {what_to_do(error)}.",
+        remedy(
+            f"It has latched a hardware error ({names or f'0x{error:02x}'})",
+            f"{what_to_do(error)}.",
+        ),
     )
     drive_mode = table.read("drive_mode")
     checklist.add(
@@ -117,25 +130,32 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         not drive_mode & _REVERSE,
         "reverse" if drive_mode & _REVERSE else "normal",
         "normal",
-        "Its Drive Mode is reverse, which may turn round the position but not the torque, so "
-        "that a wall would push the wrong way: clear bit 0 of Drive Mode (10) with Dynamixel "
-        "Wizard.",
+        remedy(
+            "Its Drive Mode is reverse, which may turn round the position but not "
+            "the torque, so that a wall would push the wrong way",
+            "clear bit 0 of Drive Mode (10) with Dynamixel Wizard.",
+        ),
     )
     checklist.add(
         "dual joint",
         not drive_mode & _SLAVE,
         "slave" if drive_mode & _SLAVE else "no slave",
         "no slave",
-        "It is the slave of a dual joint, which follows another servo's output and not our goals: "
-        "clear bit 1 of Drive Mode (10) with Dynamixel Wizard, and drive the master.",
+        remedy(
+            "It is the slave of a dual joint, which follows another servo's output "
+            "and not our goals",
+            "clear bit 1 of Drive Mode (10) with Dynamixel Wizard, and drive the master.",
+        ),
     )
     checklist.add(
         "torque on by goal update",
         not drive_mode & _TORQUE_ON_BY_GOAL,
         "on" if drive_mode & _TORQUE_ON_BY_GOAL else "off",
         "off",
-        "Any goal, a late one too, would switch its torque back on: clear bit 3 of Drive Mode "
-        "(10) with Dynamixel Wizard.",
+        remedy(
+            "Any goal, a late one too, would switch its torque back on",
+            "clear bit 3 of Drive Mode (10) with Dynamixel Wizard.",
+        ),
     )
     if "startup_configuration" not in table.registers:
         return  # it always starts with its torque off
@@ -150,8 +170,10 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         not dangers,
         " and ".join(dangers) or "0",
         "0",
-        f"Its Startup Configuration means {' and '.join(dangers)}: write 0 to Startup "
-        "Configuration (60) with Dynamixel Wizard.",
+        remedy(
+            f"Its Startup Configuration means {' and '.join(dangers)}",
+            "write 0 to Startup Configuration (60) with Dynamixel Wizard.",
+        ),
     )
 
 
@@ -176,7 +198,7 @@ def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> 
         not fault,
         f"{volts / 10:g} V",
         f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V",
-        f"It {fault}",
+        fault and replace(fault, what=f"It {fault.what}"),
     )
     fault = bounds.heat_fault(celsius)
     checklist.add(
@@ -184,6 +206,6 @@ def judge_supply_and_heat(table: Table, checklist: Checklist, watchdog: int) -> 
         not fault,
         f"{celsius} °C",
         f"at most {bounds.warmest} °C",
-        f"It {fault}",
+        fault and replace(fault, what=f"It {fault.what}"),
     )
     return bounds

@@ -135,7 +135,7 @@ def _device(path: str) -> int:
     except OSError as error:
         raise _open_error(path, error) from error
     if not stat.S_ISCHR(found.st_mode):
-        raise PortError(_not_serial(path))
+        raise _not_serial(path)
     return found.st_rdev
 
 
@@ -145,14 +145,14 @@ def _refuse_holders(path: str, device: int) -> None:
     if users and is_terminal(device):
         pid, program = users[0]
         raise PortBusyError(
-            f"Port {path} is used by {program} (pid {pid}): end that program first."
+            f"Port {path} is used by {program} (pid {pid})", advice="end that program first."
         )
 
 
 def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
     return BaudRefusedError(
-        f"Port {path} refuses {baud} baud ({error}): "
-        "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has."
+        f"Port {path} refuses {baud} baud ({error})",
+        advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
     )
 
 
@@ -161,27 +161,31 @@ def _open_error(path: str, error: OSError) -> PortError:
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
         if not Path(path).is_relative_to("/dev"):
             return PortError(
-                f"Port {path} does not exist (there is {_candidates()}): start an emulated bus"
-                f" there (`haptic-wall emulate --link {path}`), or name another port."
+                f"Port {path} does not exist (there is {_candidates()})",
+                advice=f"start an emulated bus there (`haptic-wall emulate --link {path}`), or "
+                "name another port.",
             )
         return PortError(
-            f"Port {path} does not exist (there is {_candidates()}): "
-            "plug the adapter in, or name another port."
+            f"Port {path} does not exist (there is {_candidates()})",
+            advice="plug the adapter in, or name another port.",
         )
     if code in (errno.EACCES, errno.EPERM):
-        return PortError(f"Port {path} may not be used by this user: {access_remedy(path)}.")
+        return PortError(
+            f"Port {path} may not be used by this user", advice=f"{access_remedy(path)}."
+        )
     if code in (errno.EBUSY, errno.EAGAIN):
         return PortBusyError(
-            f"Port {path} is locked by another program: end that program first "
-            f"(`sudo fuser {path}` names it)."
+            f"Port {path} is locked by another program",
+            advice=f"end that program first (`sudo fuser {path}` names it).",
         )
     if code is None:  # pyserial's own message, e.g. for a device file without a device
-        return PortError(f"{_not_serial(path)[:-1]} ({error}).")
-    return PortError(f"Port {path} cannot be opened ({error}): check the adapter.")
+        return _not_serial(path, f" ({error})")
+    return PortError(f"Port {path} cannot be opened ({error})", advice="check the adapter.")
 
 
-def _not_serial(path: str) -> str:
-    return f"Port {path} is not a serial port: name the adapter's device, e.g. /dev/ttyUSB0."
+def _not_serial(path: str, why: str = "") -> PortError:
+    advice = f"name the adapter's device, e.g. /dev/ttyUSB0{why}."
+    return PortError(f"Port {path} is not a serial port", advice=advice)
 
 
 def _candidates() -> str:
@@ -220,8 +224,8 @@ def _check_baud(path: str, descriptor: int, baud: int) -> None:
     actual = _TERMIOS2.unpack(found)[-1]
     if abs(actual - baud) > _BAUD_TOLERANCE * baud:
         raise BaudRefusedError(
-            f"Port {path} gives {actual} baud where {baud} was asked: "
-            "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
+            f"Port {path} gives {actual} baud where {baud} was asked",
+            advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
         )
 
 

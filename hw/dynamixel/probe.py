@@ -110,8 +110,8 @@ class _Prober:
             if now - begun > _REST_END_NS:
                 raise UnfitServoError(
                     f"The shaft of the {self._name} has not come to rest within "
-                    f"{_REST_END_NS * 1e-9:.0f} s, so the torque's sign cannot be proved: hold it "
-                    "still, or set servo.probe_torque=0 to skip the probe."
+                    f"{_REST_END_NS * 1e-9:.0f} s, so the torque's sign cannot be proved",
+                    advice="hold it still, or set servo.probe_torque=0 to skip the probe.",
                 )
             if high - low > _REST_COUNTS:
                 since, low, high = now, self._position, self._position
@@ -160,8 +160,9 @@ class _Prober:
             if link.read_register(_BUS_WATCHDOG, now_ns() + patience) == WATCHDOG_TRIPPED:
                 return
         raise ServoLostError(
-            f"The {self._name} has not confirmed its goal of zero torque after the push that "
-            "proves the torque's sign: check the cable and the power supply."
+            f"The {self._name} has not confirmed its goal of zero torque after the "
+            "push that proves the torque's sign",
+            advice="check the cable and the power supply.",
         )
 
     def _cycle(self, goal: int) -> int:
@@ -178,8 +179,8 @@ class _Prober:
             self._losses += 1
             if self._losses >= _LOSSES:
                 raise ServoLostError(
-                    f"The {self._name} stopped answering while the torque's sign was probed: "
-                    "check the cable and the power supply."
+                    f"The {self._name} stopped answering while the torque's sign was probed",
+                    advice="check the cable and the power supply.",
                 )
         clock.wait_until(begun + self._period_ns)
         return clock.now_ns()

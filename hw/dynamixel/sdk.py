@@ -22,7 +22,7 @@ from dynamixel_sdk import COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.tables import Register
 from haptic_wall.hw.dynamixel.wire import READ_REQUEST_BYTES, wire_ns
-from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.errors import Problem, ServoLostError, ServoMissingError, UnfitServoError
 
 _PATIENCE_NS: Final = 3_000_000
 """Time allowed beyond the bytes' own: the servo's return delay (0.5 ms) and the adapter's hold (1
@@ -156,8 +156,9 @@ class Sdk:
                 return int(number)
             self._port.settle()
         raise ServoMissingError(
-            f"No servo answers as {self._name} ({self._packets.what_came(result)}): check its "
-            "power and cable, and that servo.id and servo.baud are the servo's own."
+            f"No servo answers as {self._name} ({self._packets.what_came(result)})",
+            advice="check its power and cable, and that servo.id and servo.baud are the servo's"
+            " own.",
         )
 
     def read(self, register: Register) -> int:
@@ -231,15 +232,17 @@ class Sdk:
         if error:
             reason = self._packets.getRxPacketError(error).removeprefix("[RxPacketError] ")
             raise UnfitServoError(
-                f"The servo {self._name} refuses {what}: {reason.rstrip('!.')}; "
-                "check that it is the configured model and that its torque is off."
+                Problem(
+                    f"The servo {self._name} refuses {what}: {reason.rstrip('!.')}",
+                    advice="check that it is the configured model and that its torque is off.",
+                )
             )
 
     def _silent(self, what: str, result: int) -> ServoLostError:
         return ServoLostError(
             f"The servo {self._name} answered before, but not when {what} "
-            f"({self._packets.what_came(result)}): check the cable and for a second servo with "
-            "this id."
+            f"({self._packets.what_came(result)})",
+            advice="check the cable and for a second servo with this id.",
         )
 
 

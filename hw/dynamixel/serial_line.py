@@ -114,8 +114,9 @@ class FdLine:
             _, writable, _ = select.select((), self._only, (), max(0.0, end - time.monotonic()))
             if not writable:
                 raise ServoLostError(
-                    f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms with "
-                    "a frame waiting: check the adapter and its cable."
+                    f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms "
+                    "with a frame waiting",
+                    advice="check the adapter and its cable.",
                 )
             try:
                 data = data[os.write(self._descriptor, data) :]
@@ -133,6 +134,6 @@ class FdLine:
 def _lost(error: OSError | None) -> ServoLostError:
     reason = error.strerror if error is not None else "it has hung up"
     return ServoLostError(
-        f"The serial port is gone ({reason}): check the adapter's cable and power, "
-        "then start again."
+        f"The serial port is gone ({reason})",
+        advice="check the adapter's cable and power, then start again.",
     )

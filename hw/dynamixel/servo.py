@@ -60,8 +60,10 @@ class DynamixelServo:
         self._law = torque_law(model, constant, model.voltage)
         if settings.torque_limit > 0.0 and not self._law.within(settings.torque_limit):
             raise UnfitServoError(
-                f"servo.torque_limit is {settings.torque_limit:g} N·m, but the smallest torque of "
-                f"the {model.name} is {self._law.step:.2g} N·m: raise it above that."
+                advice="raise it above that.",
+                field="servo.torque_limit",
+                given=f"is {settings.torque_limit:g} N·m, but the smallest torque of the "
+                f"{model.name} is {self._law.step:.2g} N·m",
             )
         self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
         self._link = Link(line, settings.id, baud=settings.baud)
@@ -118,11 +120,12 @@ class DynamixelServo:
             raise  # a servo that never replied was never driven
         except ServoError as error:
             if isinstance(error, UnfitServoError) and not self._known:
-                raise StrangeServoError(str(error)) from error
+                raise StrangeServoError(error.problem) from error
             if self._off():
                 raise
             raise type(error)(
-                f"{error} Torque off could not be read back: switch the servo's power off."
+                f"{error} Torque off could not be read back",
+                advice="switch the servo's power off.",
             ) from error
         except BaseException:
             self._off()
@@ -321,8 +324,8 @@ class DynamixelServo:
     def _raise_restarted(self) -> None:
         raise self._watchdog.explained(
             TorqueLostError(
-                f"The {self.facts.name} has restarted, which its clock shows, so its torque is "
-                "off: check the supply, its current limit and the plugs."
+                f"The {self.facts.name} has restarted, which its clock shows, so its torque is off",
+                advice="check the supply, its current limit and the plugs.",
             )
         )
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.checklist import Checklist
+from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import Push, probe_sign
 from haptic_wall.hw.dynamixel.sdk import Table
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
+from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.settings import DriverSettings
 
 _PUSHES: Final = 3
@@ -60,24 +61,25 @@ def prove_the_sign(
             or rearm(link, clock, watchdog_units(settings), under_torque=False) is not Armed.YES
         ):
             break
-    found, remedy = _told(push, law.torque(push.peak), tripped, settings.watchdog_s)
-    checklist.add("torque sign", push.sign_is_right, found, "motion with the torque", remedy)
+    found, fault = _told(push, law.torque(push.peak), tripped, settings.watchdog_s)
+    checklist.add("torque sign", push.sign_is_right, found, "motion with the torque", fault)
 
 
-def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[str, str]:
-    """Return the result, and the remedy if it is wrong."""
+def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[str, Problem]:
+    """Return the result, and the fault if it is wrong."""
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
-        return found, (
-            f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push: "
-            "see that nobody touches the shaft during the start, then check Drive Mode (10)."
+        return found, remedy(
+            f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push",
+            "see that nobody touches the shaft during the start, then check Drive Mode (10).",
         )
     if tripped:
-        return "no motion, because the Bus Watchdog tripped", (
+        return "no motion, because the Bus Watchdog tripped", remedy(
             f"Its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) ended the push that was to prove the "
-            "torque's sign: find what stalls this machine, or raise servo.watchdog_s."
+            "torque's sign",
+            "find what stalls this machine, or raise servo.watchdog_s.",
         )
-    return f"no motion at {torque:+.3f} N·m", (
-        f"Its shaft did not move at {abs(torque):.2g} N·m: free it if it is blocked or "
-        "held, or raise servo.probe_torque; 0 skips the probe."
+    return f"no motion at {torque:+.3f} N·m", remedy(
+        f"Its shaft did not move at {abs(torque):.2g} N·m",
+        "free it if it is blocked or held, or raise servo.probe_torque; 0 skips the probe.",
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.checklist import Checklist
+from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.inspection import (
     identify,
@@ -163,11 +163,16 @@ class Startup:
             0 < self.current_limit <= most,
             f"{self.current_limit} ({self.law.torque(self.current_limit):.2f} N·m)",
             f"1 to {most}",
-            f"Its Current Limit (38) reads {self.current_limit}, but an {self._model.name} has at "
-            f"most {most}: start again, and replace the servo if it still reads so."
+            remedy(
+                f"Its Current Limit (38) reads {self.current_limit}, but an "
+                f"{self._model.name} has at most {most}",
+                "start again, and replace the servo if it still reads so.",
+            )
             if self.current_limit > most
-            else "Its Current Limit is 0, so it can make no torque: raise Current Limit (38) with "
-            "Dynamixel Wizard.",
+            else remedy(
+                "Its Current Limit is 0, so it can make no torque",
+                "raise Current Limit (38) with Dynamixel Wizard.",
+            ),
         )
         self._report_speed()
         asked = self._settings.torque_limit
@@ -183,8 +188,11 @@ class Startup:
             asked <= 0.0 or self.law.within(asked) > 0,
             found,
             "measured",
-            f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more than the "
-            f"{asked:g} N·m it may make: raise servo.torque_limit.",
+            remedy(
+                f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more "
+                f"than the {asked:g} N·m it may make",
+                "raise servo.torque_limit.",
+            ),
         )
         position = self._sample().counts * POSITION_UNIT
         self.list.add("position", True, f"{position:.3f} rad", "known")
@@ -234,7 +242,9 @@ class Startup:
             on,
             "on" if on else "off",
             "on",
-            "Its torque stays off: check its supply voltage and Hardware Error Status (70).",
+            remedy(
+                "Its torque stays off", "check its supply voltage and Hardware Error Status (70)."
+            ),
         )
         self.list.refuse_if_unfit()
 
@@ -266,8 +276,10 @@ class Startup:
             after == wanted,
             found,
             str(wanted),
-            f"Its {title} stays {after} when {wanted} is written: reboot it, "
-            "and look for another program on this bus.",
+            remedy(
+                f"Its {title} stays {after} when {wanted} is written",
+                "reboot it, and look for another program on this bus.",
+            ),
         )
 
     def _sample(self) -> Sample:
@@ -278,6 +290,7 @@ class Startup:
             if sample.outcome is Outcome.OK:
                 return sample
         raise ServoLostError(
-            f"The {self._name} answers single registers but not the block of its sample "
-            "(120 to 135): check the cable."
+            f"The {self._name} answers single registers but not the block of its "
+            "sample (120 to 135)",
+            advice="check the cable.",
         )

@@ -44,8 +44,9 @@ def watchdog_units(settings: DriverSettings) -> int:
     units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
     if not 1 <= units <= _MOST_UNITS:
         raise UnfitServoError(
-            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos have 0.02 to "
-            "2.54 s: set servo.watchdog_s within that."
+            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos "
+            "have 0.02 to 2.54 s",
+            advice="set servo.watchdog_s within that.",
         )
     return units
 
@@ -107,15 +108,17 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
     silence = f"{silence_ns * 1e-6:.0f} ms"
     if found is Armed.UNKNOWN:
         return ServoLostError(
-            f"The {name} does not answer any more, after {silence} without a request that it "
-            "answered: check the cable and the power supply."
+            f"The {name} does not answer any more, after {silence} without a request "
+            "that it answered",
+            advice="check the cable and the power supply.",
         )
     if not silence_ns:
         return TorqueLostError(
-            f"The Bus Watchdog of the {name} is not what it was set to, or did not take it again: "
-            "look for another program on this bus."
+            f"The Bus Watchdog of the {name} is not what it was set to, or did not take it again",
+            advice="look for another program on this bus.",
         )
     return TorqueLostError(
-        f"The {name} heard nothing for {silence}, so its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) "
-        "has dropped the torque: find what stalls this machine, or raise servo.watchdog_s."
+        f"The {name} heard nothing for {silence}, so its Bus Watchdog "
+        f"({watchdog_s * 1e3:.0f} ms) has dropped the torque",
+        advice="find what stalls this machine, or raise servo.watchdog_s.",
     )

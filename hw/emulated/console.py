@@ -8,6 +8,7 @@ from collections.abc import Callable
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.faults import KINDS
 from haptic_wall.hw.emulated.values import suggestion
+from haptic_wall.hw.errors import SpecError
 
 _READ_SIZE = 4096
 _LEFT_ALONE_NS = 500_000_000
@@ -83,7 +84,7 @@ class Console:
 
     def _lift(self, name: str, now_ns: int) -> None:
         if name not in KINDS:
-            raise ValueError(f"no fault is called {name!r}{suggestion(name, KINDS)}")
+            raise SpecError(f"no fault is called {name!r}", advice=suggestion(name, KINDS))
         done = self._bus.lift(name, now_ns)
         self._say(f"off {name}" if done else f"off {name} (there was none)")
 

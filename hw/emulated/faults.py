@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID
 from haptic_wall.hw.emulated.values import number, one_of, suggestion, whole
+from haptic_wall.hw.errors import SpecError
 
 ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
     {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
@@ -169,9 +170,10 @@ class Fault:
         """
         id_ = self.values.get("id")
         if not self.strikes_frames and id_ is not None and id_ not in ids:
-            raise ValueError(
-                f"{self.text}: no servo on this bus has the id {id_}; the ids here are "
-                + ", ".join(map(str, ids))
+            raise SpecError(
+                f"no servo on this bus has the id {id_}",
+                given=self.text,
+                advice=f"the ids here are {', '.join(map(str, ids))}",
             )
 
 
@@ -184,36 +186,44 @@ def parse_fault(text: str) -> Fault:
     name, colon, rest = text.strip().partition(":")
     kind = KINDS.get(name)
     if kind is None:
-        raise ValueError(f"no fault is called {name!r}{suggestion(name, KINDS)}")
+        raise SpecError(given=f"no fault is called {name!r}", advice=suggestion(name, KINDS))
     known = kind.keys + (_FRAME_KEYS if kind.strikes_frames else _SERVO_KEYS)
     values: dict[str, Any] = {}
     for part in rest.split(",") if colon else ():
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if key not in known:
-            raise ValueError(f"{name} has no {key!r}{suggestion(key, known)}; e.g. {kind.example}")
+            raise SpecError(
+                given=f"{name} has no {key!r}; {suggestion(key, known)}",
+                advice=f"e.g. {kind.example}",
+            )
         if not equals or key in values:
             wrong = "is given twice" if key in values else "has no value"
-            raise ValueError(f"{name}: {key} {wrong}; give it once, as in {kind.example}")
+            raise SpecError(
+                f"{key} {wrong}", given=name, advice=f"give it once, as in {kind.example}"
+            )
         try:
             values[key] = KEYS[key].parse(value)
         except (ValueError, KeyError):
             wanted = KEYS[key].parse.__doc__
-            raise ValueError(f"{name}: {key}: found {value!r}, wanted {wanted}") from None
+            raise SpecError(f"found {value!r}", given=f"{name}: {key}", wanted=wanted) from None
     for key in kind.required:
         if key not in values:
-            raise ValueError(f"{name}: wanted {key} ({KEYS[key].meaning}), e.g. {kind.example}")
+            raise SpecError(f"wanted {key} ({KEYS[key].meaning}), e.g. {kind.example}", given=name)
     _check_together(name, values)
     return Fault(text.strip(), name, MappingProxyType(values))
 
 
 def _check_together(name: str, values: Mapping[str, Any]) -> None:
     if "p" in values and "every" in values:
-        raise ValueError(f"{name}: p and every both say which frames; give one")
+        raise SpecError("p and every both say which frames", given=name, advice="give one")
     lasts, repeat = values.get("for"), values.get("repeat")
     if "times" in values and repeat is None and not KINDS[name].strikes_frames:
-        raise ValueError(f"{name}: times says how often, but not after how long; add repeat=S")
+        raise SpecError(
+            "times says how often, but not after how long", given=name, advice="add repeat=S"
+        )
     if lasts is not None and repeat is not None and repeat <= lasts:
-        raise ValueError(
-            f"{name}: it would begin again (repeat={repeat:g}) before it is over (for={lasts:g}); "
-            "give a longer repeat"
+        raise SpecError(
+            f"it would begin again (repeat={repeat:g}) before it is over (for={lasts:g})",
+            given=name,
+            advice="give a longer repeat",
         )

@@ -66,6 +66,6 @@ class MemoryLine:
     def _check(self) -> None:
         if self.bus.times_unplugged != self._times_unplugged or not self.bus.connected:
             raise ServoLostError(
-                "The serial port is gone (the emulated adapter was unplugged): plug it in again, "
-                "then open it anew."
+                "The serial port is gone (the emulated adapter was unplugged)",
+                advice="plug it in again, then open it anew.",
             )

@@ -25,6 +25,7 @@ from haptic_wall.hw.emulated.measured import measured
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.restoring import factory_reset
 from haptic_wall.hw.emulated.rules import ControlTable
+from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
@@ -76,13 +77,14 @@ class EmulatedServo:
     ) -> None:
         constant = true.torque_constant or model.torque_constant
         if constant is None:
-            raise ValueError(
-                f"no torque constant is published for the {model.name}; give servo.torque_constant"
+            raise SpecError(
+                f"no torque constant is published for the {model.name}",
+                advice="give servo.torque_constant",
             )
         if baud not in BAUD_RATES:
-            raise ValueError(
-                f"{baud} baud is none a servo can be set to; use one of "
-                + ", ".join(map(str, BAUD_RATES))
+            raise SpecError(
+                f"{baud} baud is none a servo can be set to",
+                advice=f"use one of {', '.join(map(str, BAUD_RATES))}",
             )
         self.model = model
         self.firmware = firmware
@@ -323,9 +325,9 @@ class EmulatedServo:
     def _preset(self, name: str, value: int) -> None:
         register = self.memory.registers[name]
         if not register.minimum <= value <= register.maximum:
-            raise ValueError(
-                f"{name} {value} of the {self.model.name} is out of range; "
-                f"give {register.minimum} to {register.maximum}"
+            raise SpecError(
+                f"{name} {value} of the {self.model.name} is out of range",
+                advice=f"give {register.minimum} to {register.maximum}",
             )
         self.memory[name] = value
 

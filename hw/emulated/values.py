@@ -58,6 +58,6 @@ flag.__doc__ = "true or false"
 
 
 def suggestion(found: str, known: Iterable[str], prefix: str = "") -> str:
-    """Return the end of a message about an unknown name: the nearest known one, or all."""
+    """Return advice on an unknown name: the nearest known one, or all."""
     names = list(known)
-    return did_you_mean(found, names, prefix) or f"; known are {', '.join(names)}"
+    return did_you_mean(found, names, prefix) or f"known are {', '.join(names)}"

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.many_substeps import ManyEffects, ManySubsteps, Turned
 from haptic_wall.hw.plant.response import response
 from haptic_wall.hw.plant.responses import responses, times_to_rest
@@ -96,7 +97,7 @@ class Bodies:
         ):
             bad = ~(good & np.isfinite(array))
             if bad.any():
-                raise ValueError(f"{name} is {array[bad][0]}; give finite values {wanted}")
+                raise SpecError(f"{name} is {array[bad][0]}", advice=f"give finite values {wanted}")
         self._many = None if effects is None else ManySubsteps(inertia, damping, coulomb, effects)
         self._inertia = inertia
         self._decay = damping / inertia

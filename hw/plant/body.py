@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.response import Slide, cached_response, response, time_to_rest
 
 _ONE_TURN = 9.0
@@ -42,11 +43,17 @@ class PlantParameters:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.inertia < math.inf:
-            raise ValueError(f"inertia is {self.inertia} kg·m²; give a finite value above 0")
+            raise SpecError(
+                f"inertia is {self.inertia} kg·m²", advice="give a finite value above 0"
+            )
         if not 0.0 <= self.damping < math.inf:
-            raise ValueError(f"damping is {self.damping} N·m·s/rad; give a finite value from 0 up")
+            raise SpecError(
+                f"damping is {self.damping} N·m·s/rad", advice="give a finite value from 0 up"
+            )
         if not 0.0 <= self.coulomb < math.inf:
-            raise ValueError(f"coulomb is {self.coulomb} N·m; give a finite value from 0 up")
+            raise SpecError(
+                f"coulomb is {self.coulomb} N·m", advice="give a finite value from 0 up"
+            )
 
 
 class State(NamedTuple):

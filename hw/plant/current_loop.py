@@ -35,6 +35,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
+from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.settings import TrueServo
 
 STEP_NS: Final = 200_000
@@ -99,10 +100,10 @@ class CurrentLoop:
             ("current_filter", true.current_filter, "Hz"),
         ):
             if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value} {unit}; give a finite value from 0 up")
+                raise SpecError(f"{name} is {value} {unit}", advice="give a finite value from 0 up")
         if true.back_emf and not winding.no_load_speed > 0.0:
-            raise ValueError(
-                f"no_load_speed is {winding.no_load_speed} rad/s; give a value above 0"
+            raise SpecError(
+                f"no_load_speed is {winding.no_load_speed} rad/s", advice="give a value above 0"
             )
         self._rate = math.tau * true.current_bandwidth
         self._period_ns = round(true.current_period * 1e9)

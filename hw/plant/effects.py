@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.settings import MOST_LOAD_FRICTION, TrueServo
 
 
@@ -55,20 +56,21 @@ class Effects:
         for name in ("static_friction", "stribeck_speed", "damping_back", "gravity", "cogging"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value}; give a finite value from 0 up")
+                raise SpecError(f"{name} is {value}", advice="give a finite value from 0 up")
         if not 0.0 <= self.load_friction <= MOST_LOAD_FRICTION:
-            raise ValueError(
-                f"load_friction is {self.load_friction}; give a share from 0 to"
-                f" {MOST_LOAD_FRICTION}: with 1 no torque would ever move the servo"
+            raise SpecError(
+                f"load_friction is {self.load_friction}",
+                advice=f"give a share from 0 to {MOST_LOAD_FRICTION}: with 1 no torque would "
+                "ever move the servo",
             )
         if not 0.0 < self.cogging_periods < math.inf:
-            raise ValueError(
-                f"cogging_periods is {self.cogging_periods}; give a finite number above 0"
+            raise SpecError(
+                f"cogging_periods is {self.cogging_periods}", advice="give a finite number above 0"
             )
         for name in ("gravity_angle", "cogging_phase"):
             value = getattr(self, name)
             if not math.isfinite(value):
-                raise ValueError(f"{name} is {value}; give a finite angle")
+                raise SpecError(f"{name} is {value}", advice="give a finite angle")
 
     @classmethod
     def of(cls, true: TrueServo) -> Effects:
@@ -99,9 +101,9 @@ class Effects:
         """
         static = self.static_friction or coulomb
         if static < coulomb:
-            raise ValueError(
-                f"static_friction is {static:g} N·m, below coulomb {coulomb:g} N·m; give at least"
-                " as much, or 0 for as much"
+            raise SpecError(
+                f"static_friction is {static:g} N·m, below coulomb {coulomb:g} N·m",
+                advice="give at least as much, or 0 for as much",
             )
         return static
 

@@ -14,6 +14,7 @@ from haptic_wall.controller.experiments.testbed import (
     Testbed,
 )
 from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.hw.errors import Problem
 from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -106,7 +107,9 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def interrupted(*_: object) -> NoReturn:
-        raise ExperimentInterruptedError("interrupted; steps.hwlog holds what was recorded")
+        raise ExperimentInterruptedError(
+            "interrupted", advice="steps.hwlog holds what was recorded"
+        )
 
     monkeypatch.setattr(Testbed, "play", interrupted)
     status, said, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path)
@@ -142,7 +145,9 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def lost(*_: object) -> NoReturn:
-        raise ExperimentTrippedError(Trip.SERVO_LOST, "the port is gone", "3 rows are missing")
+        raise ExperimentTrippedError(
+            Trip.SERVO_LOST, "the port is gone", Problem("3 rows are missing")
+        )
 
     monkeypatch.setattr(Testbed, "play", lost)
     status, _, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path, *more)

@@ -93,7 +93,7 @@ def _agreement(
             answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
         except ValueError as error:  # impossible figures
             raise UserError(
-                f"--out {folder}: sweep.json: {error}; {AGAIN.format('sweep')}"
+                f"sweep.json: {error}", field="--out", given=folder, advice=AGAIN.format("sweep")
             ) from None
         answer["line"] = agreement.line(ended.config, identify, folder / SWEEP / JSON)
     return answer

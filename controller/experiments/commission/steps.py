@@ -136,13 +136,13 @@ def identified(text: str, config: Config) -> Config:
         found = Config.model_validate(config_yaml.parse(text, where))
     except ValidationError as error:
         raise UserError(
-            f"{where} has {error.error_count()} wrong fields; {AGAIN.format('identify')}"
+            f"{where} has {error.error_count()} wrong fields", advice=AGAIN.format("identify")
         ) from None
     except UserError as error:
-        raise UserError(f"{error}; {AGAIN.format('identify')}") from None
+        raise UserError(error, advice=AGAIN.format("identify")) from None
     if found.model_copy(update={"model": config.model}) != config:
         raise UserError(
-            f"{where} differs from CONFIG in more than the model; {AGAIN.format('identify')}"
+            f"{where} differs from CONFIG in more than the model", advice=AGAIN.format("identify")
         )
     return found
 
@@ -184,7 +184,7 @@ def run_sweep(bench: StepContext) -> StepResult:
 
     finished = sweep(config, store, settings, OPTIONS, tell=bench.tell, progress=progress)
     if not finished:
-        raise ExperimentInterruptedError(f"interrupted; {len(store.done)} points are kept")
+        raise ExperimentInterruptedError("interrupted", advice=f"{len(store.done)} points are kept")
     store.write()
     return StepResult(store.report(bench.name), (store.points(), Device.of(config)))
 

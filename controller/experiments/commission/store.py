@@ -93,7 +93,13 @@ class CommissionStore:
         self.outcomes: dict[Step, StepOutcome] = {}
         self._encode = encode
         if folder.exists() and not folder.is_dir():
-            raise UserError(f"--out {folder}: found a file, wanted a folder; name another place")
+            raise UserError(
+                "found a file",
+                field="--out",
+                given=folder,
+                wanted="a folder",
+                advice="name another place",
+            )
         ours = self._ours(asked, fresh)
         self._refuse_what_is_not_ours(ours)
         self._new = not ours
@@ -111,14 +117,19 @@ class CommissionStore:
         for name in () if ours else _WRITTEN:
             if os.path.lexists(self.folder / name):
                 raise UserError(
-                    f"--out {self.folder}: it holds a {name} that no commissioning wrote; name"
-                    " another folder, so that it is not lost"
+                    f"it holds a {name} that no commissioning wrote",
+                    field="--out",
+                    given=self.folder,
+                    advice="name another folder, so that it is not lost",
                 )
         for name in (LOGS, SWEEP):
             if (self.folder / name).is_symlink():
                 raise UserError(
-                    f"--out {self.folder}: found a link {name}, wanted a folder or nothing; remove"
-                    " the link, or name another folder"
+                    f"found a link {name}",
+                    field="--out",
+                    given=self.folder,
+                    wanted="a folder or nothing",
+                    advice="remove the link, or name another folder",
                 )
 
     def _ours(self, asked: str, fresh: bool) -> bool:
@@ -130,14 +141,18 @@ class CommissionStore:
             held = _HEAD.validate_json(kept_bytes(path, "name another folder"), strict=True)
         except ValidationError:
             raise UserError(
-                f"--out {self.folder}: {MAIN} there is not a commissioning of ours; name another"
-                " folder"
+                f"{MAIN} there is not a commissioning of ours",
+                field="--out",
+                given=self.folder,
+                advice="name another folder",
             ) from None
         if held.fingerprint != asked and not fresh:
             raise UserError(
-                f"--out {self.folder}: it holds a commissioning with other settings"
-                f" ({held.name}, haptic-wall {held.program}); name another folder, or give"
-                " --fresh to begin anew and replace it"
+                f"it holds a commissioning with other settings ({held.name}, haptic-wall "
+                f"{held.program})",
+                field="--out",
+                given=self.folder,
+                advice="name another folder, or give --fresh to begin anew and replace it",
             )
         return True
 
@@ -157,8 +172,10 @@ class CommissionStore:
                 self.outcomes[step] = read_outcome(text, step)
             except ValueError as error:
                 raise UserError(
-                    f"--out {self.folder}: {path.name} is not what this program writes ({error});"
-                    f" {AGAIN.format(step)}"
+                    f"{path.name} is not what this program writes ({error})",
+                    field="--out",
+                    given=self.folder,
+                    advice=AGAIN.format(step),
                 ) from None
 
     @property

@@ -85,10 +85,10 @@ class Bench:
             furthest = _furthest(played)
             if furthest > bounds.reach:
                 raise UnidentifiableError(
-                    f"a pulse of {torque:.3g} N·m sent the shaft {furthest:.2g} rad away, wanted"
-                    f" at most {bounds.reach:.2g}: something else moves it (a weight, a spring, a"
-                    " hand), or it is far lighter than model.inertia says; take it off, or correct"
-                    " model.inertia"
+                    f"a pulse of {torque:.3g} N·m sent the shaft {furthest:.2g} rad away",
+                    wanted=f"at most {bounds.reach:.2g}: something else moves it (a weight, a "
+                    "spring, a hand), or it is far lighter than model.inertia says",
+                    advice="take it off, or correct model.inertia",
                 )
             moved = [_moved(played, pulse) for pulse in (0, 2)]
             tried.append(torque)
@@ -97,7 +97,7 @@ class Bench:
                 if moved[0] * moved[1] < 0.0 or one_way > _ONE_WAY:
                     break
             if torque >= bounds.torque:
-                raise UnidentifiableError(_unmoved(tried, moved, bounds))
+                raise _unmoved(tried, moved, bounds)
             torque = min(_STRONGER * torque, bounds.torque)
         _check_sign(moved, torque)
         way = 0.5 * sum(abs(_moved(played, pulse, coast=True)) for pulse in (0, 2))
@@ -105,9 +105,10 @@ class Bench:
         friction = torque**2 / (torque + 2.0 * guess.inertia * way / PULSE_S**2)
         if friction > _FRICTION_SHARE * bounds.torque:
             raise UnidentifiableError(
-                f"friction takes {friction:.2g} N·m of the torque limit of {bounds.torque:.2g}"
-                f" N·m, wanted at most {_FRICTION_SHARE:g} of it so that enough is left to move"
-                " the shaft; raise servo.torque_limit if the servo allows more, or free the shaft"
+                f"friction takes {friction:.2g} N·m of the torque limit of {bounds.torque:.2g} N·m",
+                wanted=f"at most {_FRICTION_SHARE:g} of it so that enough is left to move the "
+                "shaft",
+                advice="raise servo.torque_limit if the servo allows more, or free the shaft",
             )
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
 
@@ -150,12 +151,13 @@ class Bench:
             return best
         if unfit and furthest <= bounds.reach:
             raise UnidentifiableError(
-                f"{unfit}, in {_TRIES} tries; see that the shaft is free, and give it more --reach"
-                " or servo.torque_limit"
+                f"{unfit}, in {_TRIES} tries",
+                advice="see that the shaft is free, and give it more --reach or servo.torque_limit",
             )
         raise UnidentifiableError(
-            f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries, wanted at most"
-            f" {bounds.reach:.2g} rad; give it more --reach, or see what else moves it"
+            f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries",
+            wanted=f"at most {bounds.reach:.2g} rad",
+            advice="give it more --reach, or see what else moves it",
         )
 
     def _explained(self, motion: Motion) -> Fit:
@@ -201,13 +203,14 @@ def _moved(played: Played, pulse: int, *, coast: bool = False) -> float:
     return float(position[-1] - position[0]) if position.size else 0.0
 
 
-def _unmoved(tried: list[float], moved: list[float], bounds: Bounds) -> str:
+def _unmoved(tried: list[float], moved: list[float], bounds: Bounds) -> UnidentifiableError:
     torques = ", ".join(f"{torque:.2g}" for torque in tried)
     ways = " and ".join(f"{way:+.2g}" for way in moved)
-    return (
+    return UnidentifiableError(
         f"the servo does not move: pulses of {torques} N·m each way, the last at the torque limit,"
-        f" turned it by {ways} rad, wanted {max(_MOVED * bounds.step, _MOVED_RAD):.2g} at least;"
-        " see that the shaft is not blocked, or raise servo.torque_limit"
+        f" turned it by {ways} rad",
+        wanted=f"{max(_MOVED * bounds.step, _MOVED_RAD):.2g} at least",
+        advice="see that the shaft is not blocked, or raise servo.torque_limit",
     )
 
 
@@ -217,11 +220,13 @@ def _check_sign(moved: list[float], torque: float) -> None:
         return
     if forward < 0.0 < back:
         raise UnidentifiableError(
-            f"a torque of +{torque:.2g} N·m turned the shaft by {forward:+.2g} rad: its sign is"
-            " reversed; set the servo's Drive Mode to normal (reverse bit 0)"
+            f"a torque of +{torque:.2g} N·m turned the shaft by {forward:+.2g} rad: "
+            "its sign is reversed",
+            advice="set the servo's Drive Mode to normal (reverse bit 0)",
         )
     raise UnidentifiableError(
-        f"torques of +{torque:.2g} and -{torque:.2g} N·m turned the shaft by {forward:+.2g} and"
-        f" {back:+.2g} rad, both the same way: something else moves it (a weight, a spring, a"
-        " hand); take it off"
+        f"torques of +{torque:.2g} and -{torque:.2g} N·m turned the shaft by "
+        f"{forward:+.2g} and {back:+.2g} rad, both the same way: something else "
+        "moves it (a weight, a spring, a hand)",
+        advice="take it off",
     )

@@ -96,7 +96,6 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
     Raises:
         UserError: It cannot be read, or holds no such points.
     """
-    where = f"--from-sweep {path}"
     try:
         held = json_text.held_in(path)
         listed = [point for point in held["points"] if point.get("measured")]
@@ -114,12 +113,17 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
         config = held.get("config")
     except OSError as error:
         raise UserError(
-            f"{where}: cannot be read: {error.strerror}; name the sweep.json of a sweep"
+            f"cannot be read: {error.strerror}",
+            field="--from-sweep",
+            given=path,
+            advice="name the sweep.json of a sweep",
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise UserError(
-            f"{where}: it does not hold the points of a sweep ({type(error).__name__}: {error});"
-            " name the sweep.json that haptic-wall sweep wrote"
+            f"it does not hold the points of a sweep ({type(error).__name__}: {error})",
+            field="--from-sweep",
+            given=path,
+            advice="name the sweep.json that haptic-wall sweep wrote",
         ) from error
     points = BoundaryPoints(*columns)
     known = np.concatenate([points.virtual_damping, points.delay, points.stiffness])
@@ -127,14 +131,19 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
     possible = np.abs(known) < _HUGE, (others < _HUGE) | np.isnan(others), points.delay >= 0.0
     if not all(map(np.all, (*possible, points.stiffness > 1.0 / _HUGE))):
         raise UserError(
-            f"{where}: found figures that no servo has, wanted finite ones below {_HUGE:g}, and"
-            " neither delay nor stiffness below 0; name the sweep.json that haptic-wall sweep wrote"
+            "found figures that no servo has",
+            field="--from-sweep",
+            given=path,
+            wanted=f"finite ones below {_HUGE:g}, and neither delay nor stiffness below 0",
+            advice="name the sweep.json that haptic-wall sweep wrote",
         )
     if points.stiffness.size < 3 or np.unique(points.virtual_damping).size < 2:
         raise UserError(
-            f"{where}: found {points.stiffness.size} measured points at"
-            f" {np.unique(points.virtual_damping).size} virtual dampings, wanted at least 3 points"
-            " at 2: the slope gives the delay"
+            f"found {points.stiffness.size} measured points at "
+            f"{np.unique(points.virtual_damping).size} virtual dampings",
+            field="--from-sweep",
+            given=path,
+            wanted="at least 3 points at 2: the slope gives the delay",
         )
     return points, config if isinstance(config, dict) else None
 

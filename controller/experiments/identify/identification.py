@@ -85,15 +85,19 @@ def bounds_of(config: Config, reach: float) -> Bounds:
     limit = config.servo.torque_limit
     if limit is None and config.servo.kind != "simulated":
         raise UserError(
-            "servo.torque_limit: found nothing, wanted the largest torque the motions may use"
-            " [N·m]; set it to the servo's stall torque or less"
+            "found nothing",
+            field="servo.torque_limit",
+            wanted="the largest torque the motions may use [N·m]",
+            advice="set it to the servo's stall torque or less",
         )
     step = config.servo.position_step
     least = max(60.0 * step, 0.02)
     if not least <= reach <= math.pi:
         raise UserError(
-            f"--reach: found {reach:g}, wanted {least:.2g} to {math.pi:.3g} rad: less cannot be"
-            " told from the encoder's counts"
+            f"found {reach:g}",
+            field="--reach",
+            wanted=f"{least:.2g} to {math.pi:.3g} rad: less cannot be told from the "
+            "encoder's counts",
         )
     return Bounds(
         reach=reach,
@@ -168,8 +172,8 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
     warnings = tuple(misfit(fit, rounding))
     if fit.inertia <= _ERRORS * fit.stderr[0]:
         raise UnidentifiableError(
-            f"{'; '.join(warnings)}: no inertia can be told from the motion in {played.log}; take"
-            " off what is attached, and keep away from the shaft"
+            f"{'; '.join(warnings)}: no inertia can be told from the motion in {played.log}",
+            advice="take off what is attached, and keep away from the shaft",
         )
     gain = torque_gain(played.rows, fit.delay)
     scale = 1.0 if gain is None else gain.value

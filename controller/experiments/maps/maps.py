@@ -63,17 +63,20 @@ class MapSettings:
         """
         if config.servo.kind == "hardware":
             raise UserError(
-                f"CONFIG: found a real servo at {config.servo.port}, wanted a simulated or an"
-                " emulated one, whose truth is known; name such a configuration, or set"
-                " servo.backend=simulated and the servo's identified values"
+                f"found a real servo at {config.servo.port}",
+                field="CONFIG",
+                wanted="a simulated or an emulated one, whose truth is known",
+                advice="name such a configuration, or set servo.backend=simulated and the "
+                "servo's identified values",
             )
         one_sided = config.wall.side != "both"
         servo = config.true_servo()
         _refuse_more(servo, config.period_ns)
         if servo.back_emf and config.servo.kind != "simulated":
             raise UserError(
-                "servo.back_emf: found true on an emulated servo, whose motor a map does not know; "
-                "set servo.backend=simulated, servo.torque_limit and servo.no_load_speed"
+                "found true on an emulated servo, whose motor a map does not know",
+                field="servo.back_emf",
+                advice="set servo.backend=simulated, servo.torque_limit and servo.no_load_speed",
             )
         clip = config.wall.torque_clip
         return cls(
@@ -145,15 +148,18 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
         value = getattr(servo, name)
         if value != 0.0:
             raise UserError(
-                f"servo.{name}: found {value:g}, but a map simulates servos without it; leave it "
-                "out, or use haptic-wall sweep"
+                f"found {value:g}, but a map simulates servos without it",
+                field=f"servo.{name}",
+                advice="leave it out, or use haptic-wall sweep",
             )
     tick_ns = round(servo.current_period * 1e9)
     if tick_ns and period_ns % tick_ns:
         raise UserError(
-            f"servo.current_period: found {servo.current_period:g} s, wanted a whole fraction of "
-            f"the loop's period, {period_ns * 1e-9:g} s: a map has no other; or use haptic-wall "
-            "sweep"
+            f"found {servo.current_period:g} s",
+            field="servo.current_period",
+            wanted=f"a whole fraction of the loop's period, {period_ns * 1e-9:g} s: a map "
+            "has no other",
+            advice="or use haptic-wall sweep",
         )
 
 

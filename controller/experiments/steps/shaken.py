@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.errors import HapticWallError, UserError
+from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.experiments.holding import Hold, hold_of
 from haptic_wall.controller.experiments.steps.step_check import doubted, fault
 from haptic_wall.controller.experiments.steps.step_fit import FEWEST_STEPS, StepFit, fit_steps
@@ -68,10 +68,7 @@ def plan_shaking(
         UserError: The torque limit does not suffice against friction.
     """
     hold = hold_of(config, torque_limit, delay_steps)
-    try:
-        plan = plan_steps(config, torque_limit, hold)
-    except ValueError as error:
-        raise UserError(str(error)) from error
+    plan = plan_steps(config, torque_limit, hold)
     return Shaking(plan, hold, delay_steps, bursts, seed)
 
 
@@ -105,9 +102,10 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     away = np.ptp(stepping["position"]) if stepping.size else 0.0
     if away < _MOVED * plan.travel:
         raise ExperimentFailedError(
-            f"the servo does not move: {away:.2g} rad under torque steps of ±{plan.torque:.3g} N·m,"
-            f" wanted about {plan.travel:.2g} rad; see whether the shaft is blocked, the supply is"
-            f" on, and model.inertia and model.coulomb are right ({played.log})"
+            f"the servo does not move: {away:.2g} rad under torque steps of ±{plan.torque:.3g} N·m",
+            wanted=f"about {plan.travel:.2g} rad",
+            advice="see whether the shaft is blocked, the supply is on, and model.inertia "
+            f"and model.coulomb are right ({played.log})",
         )
     longest = max(_LONGEST_LAG, 2.0 * config.belief().delay.high) + 10 * period
     lag = rough_lag(rows, period, longest)
@@ -126,13 +124,13 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     )
     if len(steps) < FEWEST_STEPS or len({step.direction for step in steps}) < 2:
         raise ExperimentFailedError(
-            f"{len(steps)} of {planned} torque steps can be used, wanted at least {FEWEST_STEPS}:"
-            f" {out} ({played.log})"
+            f"{len(steps)} of {planned} torque steps can be used",
+            wanted=f"at least {FEWEST_STEPS}: {out} ({played.log})",
         )
     fit = fit_steps(steps, lag)
     fit = without_loads(fit)
     if reason := fault(fit, longest):
-        raise ExperimentFailedError(f"{reason} ({played.log})")
+        raise ExperimentFailedError(reason.followed_by(f" ({played.log})"))
     known = fit.systematic
     fit = doubted(fit)
     notes = []

@@ -20,6 +20,7 @@ from haptic_wall.controller.experiments.steps.step_fit import (
 )
 from haptic_wall.controller.experiments.steps.torque_steps import Step
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.errors import Problem
 
 ROUGH = 1.25
 """Largest ratio of residuals to noise (rms): up to 1.1 on servos with stiction, cogging, gravity,
@@ -39,8 +40,8 @@ _UNKNOWN = 0.01
 """Least standard error of the lag that means that nothing was found [s]"""
 
 
-def fault(fit: StepFit, longest: float) -> str:
-    """Return why a fit cannot be used; empty: it can.
+def fault(fit: StepFit, longest: float) -> Problem | None:
+    """Return why a fit cannot be used; None: it can.
 
     Args:
         fit: Of all steps.
@@ -60,10 +61,11 @@ def fault(fit: StepFit, longest: float) -> str:
     elif fit.acceleration <= _SURE * fit.acceleration_stderr:
         found = f"a torque would accelerate the shaft by {fit.acceleration:.3g} rad/s² per N·m"
     else:
-        return ""
-    return (
-        f"the motion is not that of a rigid servo and tells no lag: {found}; see whether the horn"
-        " is loose, a link or the transmission yields, or something touches the shaft"
+        return None
+    return Problem(
+        f"the motion is not that of a rigid servo and tells no lag: {found}",
+        advice="see whether the horn is loose, a link or the transmission yields, or something"
+        " touches the shaft",
     )
 
 

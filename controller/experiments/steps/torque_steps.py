@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
@@ -70,7 +71,7 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
         hold: The spring that brings the shaft back between bursts.
 
     Raises:
-        ValueError: Friction may be too large for the torque limit; the message says so.
+        UserError: Friction may be too large for the torque limit.
     """
     belief, period = config.belief(), config.period_s
     shortest = SHORTEST * period
@@ -79,10 +80,10 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
     torque = min(SHARE * torque_limit, inertia * fastest + belief.coulomb.high)
     friction = belief.coulomb.high / belief.torque_gain.low
     if torque < FRICTION * friction:
-        raise ValueError(
+        raise UserError(
             f"the steps may have {torque:.3g} N·m ({SHARE:.0%} of the torque limit), friction is"
-            f" believed to be up to {friction:.3g} N·m, and {FRICTION:g} times as much is wanted;"
-            " raise servo.torque_limit, or narrow model.coulomb"
+            f" believed to be up to {friction:.3g} N·m, and {FRICTION:g} times as much is wanted",
+            advice="raise servo.torque_limit, or narrow model.coulomb",
         )
     acceleration = torque / inertia
     seconds = max(shortest, math.sqrt(4.0 * TRAVEL / acceleration))

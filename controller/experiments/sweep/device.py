@@ -56,8 +56,10 @@ class Device:
             limit = config.true_servo().torque_limit
         if limit is None:
             raise UserError(
-                "servo.torque_limit: found null, wanted a torque [N·m]: a sweep plans its kicks by"
-                " it; set it, for instance to the servo's stall torque"
+                "found null",
+                field="servo.torque_limit",
+                wanted="a torque [N·m]: a sweep plans its kicks by it",
+                advice="set it, for instance to the servo's stall torque",
             )
         return cls(
             inertia=belief.inertia.value / gain.value,

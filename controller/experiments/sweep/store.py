@@ -101,20 +101,26 @@ class SweepStore:
             held = _HEAD.validate_json(text, strict=True)
         except ValidationError:
             raise UserError(
-                f"--out {self.folder}: {JSON} there is not a sweep of ours; {again}"
+                f"{JSON} there is not a sweep of ours",
+                field="--out",
+                given=self.folder,
+                advice=again,
             ) from None
         if held.fingerprint != self._asked.fingerprint:
             raise UserError(
-                f"--out {self.folder}: it holds a sweep with other settings"
-                f" ({held.summary}, {held.program}); name another folder, or give --fresh to"
-                " measure anew and replace it"
+                f"it holds a sweep with other settings ({held.summary}, {held.program})",
+                field="--out",
+                given=self.folder,
+                advice="name another folder, or give --fresh to measure anew and replace it",
             )
         try:
             points = _POINTS.validate_json(text, strict=True).points
         except ValidationError as error:
             raise UserError(
-                f"--out {self.folder}: {JSON} is not what this program writes"
-                f" ({first_wrong(error)}); {again}"
+                f"{JSON} is not what this program writes ({first_wrong(error)})",
+                field="--out",
+                given=self.folder,
+                advice=again,
             ) from None
         for point in points:
             self.done[PlanePoint(point.virtual_damping, point.delay_steps)] = point
@@ -159,8 +165,10 @@ class SweepStore:
             self._write()
         except OSError as error:
             raise UserError(
-                f"--out {self.folder}: cannot be written: {error.strerror or error}; make room, or"
-                " name another place"
+                f"cannot be written: {error.strerror or error}",
+                field="--out",
+                given=self.folder,
+                advice="make room, or name another place",
             ) from error
 
     def _write(self) -> None:

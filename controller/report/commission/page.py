@@ -59,5 +59,10 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
 def _embedded(path: Path, step: str) -> str:
     content = kept_bytes(path, AGAIN.format(step))
     if not content.startswith(_PNG):
-        raise UserError(f"--out {path.parent}: {path.name} is no PNG picture; {AGAIN.format(step)}")
+        raise UserError(
+            f"{path.name} is no PNG picture",
+            field="--out",
+            given=path.parent,
+            advice=AGAIN.format(step),
+        )
     return embedded(content)

@@ -51,7 +51,9 @@ class LineServo:
 
     def start(self) -> list[Check]:
         if not self._switch("1"):
-            raise ServoMissingError(f"The {self.facts.name} does not answer: check the cable.")
+            raise ServoMissingError(
+                f"The {self.facts.name} does not answer", advice="check the cable."
+            )
         self._running = True
         return [Check("torque", True, "on, at zero", "on, at zero")]
 

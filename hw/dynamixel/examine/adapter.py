@@ -82,14 +82,15 @@ def only_adapter(found: Iterable[Adapter] | None = None) -> str:
     candidates = adapters() if found is None else list(found)
     if not candidates:
         raise PortError(
-            "No USB serial adapter is plugged in: plug it in, or name the port with --port (an "
-            "on-board one is e.g. /dev/ttyAMA0, an emulated bus says its path)."
+            "No USB serial adapter is plugged in",
+            advice="plug it in, or name the port with --port (an on-board one is e.g. "
+            "/dev/ttyAMA0, an emulated bus says its path).",
         )
     if len(candidates) > 1:
         listed = "; ".join(map(str, candidates))
         raise PortError(
-            f"{len(candidates)} serial adapters are plugged in, one is wanted: choose with --port. "
-            f"{listed}."
+            f"{len(candidates)} serial adapters are plugged in, one is wanted",
+            advice=f"choose with --port. {listed}.",
         )
     return candidates[0].device
 

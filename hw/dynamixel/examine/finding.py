@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
+
+from haptic_wall.hw.errors import ExplainedError
 
 
 class Finding(NamedTuple):
@@ -21,8 +23,8 @@ class Finding(NamedTuple):
     """Whether ``--fix`` can do it"""
 
 
-def of_error(name: str, error: Exception, wanted: str, otherwise: str) -> Finding:
-    """Return a check that ended in an error, whose message has the form "found: remedy.".
+def of_error(name: str, error: ExplainedError, wanted: str, otherwise: str) -> Finding:
+    """Return a check that ended in an error.
 
     Args:
         name: Of the check.
@@ -30,8 +32,8 @@ def of_error(name: str, error: Exception, wanted: str, otherwise: str) -> Findin
         wanted: The wanted value.
         otherwise: The remedy where the message has none.
     """
-    found, _, fix = str(error).rstrip(".").partition(": ")
-    return Finding(name, False, found, wanted, fix or otherwise)
+    found = str(replace(error.problem, advice="")).rstrip(".")
+    return Finding(name, False, found, wanted, error.problem.advice.rstrip(".") or otherwise)
 
 
 def not_applicable(name: str, why: str) -> Finding:

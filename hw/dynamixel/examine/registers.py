@@ -100,8 +100,9 @@ def _image(servo: ServoAccess) -> bytes:
         if found is not None:
             return found.to_bytes(_EVERYTHING.size, "little")
     raise ServoLostError(
-        f"It answers a ping, but not a read of its registers 0 to {_EVERYTHING.size - 1} in one "
-        "piece: check the cable, and for a second servo with this id."
+        "It answers a ping, but not a read of its registers 0 to "
+        f"{_EVERYTHING.size - 1} in one piece",
+        advice="check the cable, and for a second servo with this id.",
     )
 
 

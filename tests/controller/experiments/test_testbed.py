@@ -23,6 +23,7 @@ from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.errors import Problem
 from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
@@ -133,8 +134,10 @@ def test_a_warning_that_costs_no_row_spoils_no_measurement(
 
 
 def test_a_trip_comes_whole_out_of_another_process() -> None:
-    error = pickle.loads(pickle.dumps(ExperimentTrippedError(Trip.OVERSPEED, "too fast", "gap")))
-    assert (error.stop_reason, str(error), error.fault) == ("trip:overspeed", "too fast", "gap")
+    problem, gap = Problem("too fast", advice="slow down"), Problem("gap")
+    error = pickle.loads(pickle.dumps(ExperimentTrippedError(Trip.OVERSPEED, problem, gap)))
+    assert (error.stop_reason, error.problem, error.fault) == ("trip:overspeed", problem, gap)
+    assert str(error) == "too fast; slow down"
 
 
 def test_a_trip_says_whether_its_log_can_be_measured_from(
@@ -142,9 +145,9 @@ def test_a_trip_says_whether_its_log_can_be_measured_from(
 ) -> None:
     with pytest.raises(ExperimentTrippedError) as whole:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
-    assert whole.value.fault == ""
+    assert whole.value.fault is None
     cut_short(monkeypatch, *CUT_SHORT[0])
     with pytest.raises(ExperimentTrippedError) as cut:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
-    assert "it lacks 3), so nothing is measured from it" in cut.value.fault
+    assert "it lacks 3), so nothing is measured from it" in str(cut.value.fault)
     assert cut.value.stop_reason == "trip:overspeed"

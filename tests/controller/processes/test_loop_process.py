@@ -43,6 +43,6 @@ def test_an_error_nobody_foresaw_is_told_once_and_named_a_defect() -> None:
     (line,) = done.stdout.splitlines()
     told = json.loads(line)
     assert told["event"] == "refused"
-    assert "ZeroDivisionError: boom" in told["message"]
-    assert "in run_session, <string> line 5" in told["message"]
-    assert "defect" in told["message"]
+    assert "ZeroDivisionError: boom" in told["problem"]["what"]
+    assert "in run_session, <string> line 5" in told["problem"]["what"]
+    assert "defect" in told["problem"]["advice"]

@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,7 +23,7 @@ from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.errors import Problem, ServoError
 from tests.typed import not_none
 
 RESULT = {
@@ -286,12 +286,15 @@ def test_a_defect_of_the_supervisor_leaves_no_torque_on(
     assert stage.cuts == SILENT_AND_MARKED
 
 
+GONE = Problem("The servo answers no more", advice="check the cable.", mark=": ")
+
+
 def refused(stage: Stage, state: LoopState) -> str:
     """What a person is told when the loop refuses the run in that state."""
 
     def refuse(loop: Child) -> None:
         stage.words[Word.STATE] = state
-        loop.say("refused", message="The servo answers no more: check the cable.")
+        loop.say("refused", problem=asdict(GONE))
         loop.end(0)
 
     stage.loop_acts = refuse
@@ -354,7 +357,7 @@ def test_a_loop_that_refuses_and_then_hangs_is_cut_and_both_are_told(
 
     def refuse(loop: Child) -> None:
         stage.words[Word.STATE] = LoopState.TORQUE_UNKNOWN
-        loop.say("refused", message="The servo answers no more: check the cable.")
+        loop.say("refused", problem=asdict(GONE))
 
     stage.loop_acts = refuse
     with pytest.raises(ServoError, match=r"check the cable.*was killed; the supervisor switched"):

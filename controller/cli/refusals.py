@@ -1,0 +1,33 @@
+"""Click's errors of this program, with the parts of their sentence."""
+
+from __future__ import annotations
+
+import click
+
+from haptic_wall.hw.errors import Problem
+
+
+class WrongValueError(click.BadParameter):
+    """A parameter's value cannot be read.
+
+    Args:
+        problem: What was found and wanted.
+        parameter: The parameter.
+    """
+
+    def __init__(self, problem: Problem, parameter: click.Parameter) -> None:
+        super().__init__(str(problem), param=parameter)
+        self.problem = problem
+
+
+class NoSuchCommandError(click.UsageError):
+    """There is no command of this name.
+
+    Args:
+        problem: The name, and a similar one.
+        context: Of the group of commands.
+    """
+
+    def __init__(self, problem: Problem, context: click.Context) -> None:
+        super().__init__(str(problem), context)
+        self.problem = problem
