@@ -25,19 +25,20 @@ _SCALES: Mapping[str, float] = {
     "sine": 1.0, "cosine": 1.0, "damping": 0.1, "coulomb": 0.2, "stribeck": 0.2,
     "stribeck_speed": 0.1, "load": 0.02, "load_stribeck": 0.02, "load_motor": 0.02,
     "load_motor_stribeck": 0.02, "load_quadratic": 1e-3, "load_motor_quadratic": 1e-3,
-    "gain": 1.0, "delay": 1e-3, "drag": 0.1, "backwards": 0.1, "quadratic": 0.05,
+    "gain": 1.0, "delay": 1e-3, "quadratic": 0.05,
 }  # fmt: skip
 """Least size of a parameter for its numerical derivative, per inertia"""
 _STEP = 1e-4
 _UNBOUNDED = frozenset({"sine", "cosine", "gain"})
 LONGEST_DELAY_S = 0.1
 _MOST: Mapping[str, float] = {
+    "damping": 200.0, "coulomb": 1e4, "stribeck": 1e4, "quadratic": 1e3,
     "stribeck_speed": 10.0, "load": 0.9, "load_stribeck": 0.9, "load_motor": 0.9,
-    "load_motor_stribeck": 0.9, "delay": LONGEST_DELAY_S, "backwards": 10.0,
+    "load_motor_stribeck": 0.9, "delay": LONGEST_DELAY_S,
 }  # fmt: skip
 _SPREADS: Mapping[str, float] = {"sine": 0.02, "cosine": 0.3, "gain": 0.05, "delay": 0.2}
 """Relative spread of the starts that are drawn around one; others 0.5"""
-_LEAST: Mapping[str, float] = {"stribeck_speed": 0.02, "backwards": 0.1}
+_LEAST: Mapping[str, float] = {"stribeck_speed": 0.02}
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +218,8 @@ def _limits(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
 
 def _cost(pieces: Pieces, found: FloatArray) -> FloatArray:
     left = np.where(pieces.held, found - pieces.position, 0.0)
-    squares: FloatArray = np.einsum("vpr,vpr->v", left, left)
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares: FloatArray = np.einsum("vpr,vpr->v", left, left)
     return squares
 
 

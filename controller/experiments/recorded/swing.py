@@ -81,9 +81,8 @@ def positions(
         pieces: The record.
         terms: Parameters by name, each of shape (variants, 1): ``inertia``, those of friction,
             ``sine`` and ``cosine`` (the load's torque over sine and cosine of the angle),
-            ``gain`` and ``delay`` of the torque; and ``drag`` (damping by a driven motor's
-            back-EMF), ``backwards`` (ratio of friction in negative to positive direction), which
-            may be missing.
+            ``gain`` and ``delay`` of the torque; and ``quadratic`` (drag over the speed's
+            square), which may be missing.
         begin: Positions at the first rows [rad], shape (variants, pieces).
         speed: Speeds there [rad/s], shape (variants, pieces).
     """
@@ -97,28 +96,26 @@ def positions(
         push = terms["gain"][..., None] * acting(pieces, terms["delay"][:, 0])
     length = np.diff(pieces.time, axis=1)
     inner = max(1, math.ceil(float(np.max(length, initial=0.0)) / LONGEST_S))
-    body = _Body(dict(terms), pieces.driven)
+    body = _Body(dict(terms))
     lengths = np.ascontiguousarray(length.T) / inner
     pushes = np.ascontiguousarray(np.moveaxis(push, -1, 0))
-    for row in range(rows - 1):
-        for _ in range(inner):
-            q, v = body.step(q, v, pushes[row], lengths[row])
-        out[..., row + 1] = q
+    with np.errstate(over="ignore", invalid="ignore"):  # what no servo does ends as inf or NaN
+        for row in range(rows - 1):
+            for _ in range(inner):
+                q, v = body.step(q, v, pushes[row], lengths[row])
+            out[..., row + 1] = q
     return out
 
 
 class _Body:
     """The servo's forces."""
 
-    def __init__(self, terms: dict[str, FloatArray], driven: NDArray[np.bool_]) -> None:
+    def __init__(self, terms: dict[str, FloatArray]) -> None:
         self._damping = terms["damping"]
-        if "drag" in terms:
-            self._damping = self._damping + terms["drag"] * driven
         self._per_inertia = 1.0 / terms["inertia"]
         self._sine, self._cosine = terms["sine"], terms["cosine"]
         self._terms = terms
         self._plain = set(terms).isdisjoint({"stribeck", "load"})
-        self._backwards = terms.get("backwards")
         self._quadratic = terms.get("quadratic")
 
     def step(
@@ -130,7 +127,7 @@ class _Body:
         if not moving:
             net = u - self._load(q)
             pull = np.sign(net)
-            holds = np.abs(net) <= self._dry(u - net, u, v, pull)
+            holds = np.abs(net) <= self._dry(u - net, u, v)
             way = np.where(way == 0.0, np.where(holds, 0.0, pull), way)
             if not way.any():
                 return q, v
@@ -154,7 +151,7 @@ class _Body:
             stop = q + 0.5 * share * h * v
             net = u - self._load(stop)
             pull = np.sign(net)
-            dry = self._dry(u - net, u, np.zeros_like(v), pull)
+            dry = self._dry(u - net, u, np.zeros_like(v))
             push = np.where(np.abs(net) > dry, (net - pull * dry) * self._per_inertia, 0.0)
             rest = (1.0 - share) * h
             after = np.where(turns, push * rest, after)
@@ -164,20 +161,18 @@ class _Body:
     def _load(self, q: FloatArray) -> FloatArray:
         return self._sine * np.sin(q) + self._cosine * np.cos(q)
 
-    def _dry(self, load: FloatArray, u: FloatArray, v: FloatArray, way: FloatArray) -> FloatArray:
+    def _dry(self, load: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
         if self._plain:
             dry = np.broadcast_to(self._terms["coulomb"], load.shape)
         else:
             dry = dry_friction(self._terms, -load, u, v)
-        if self._backwards is not None:
-            dry = dry * np.where(way < 0.0, self._backwards, 1.0)
         return dry
 
     def _acceleration(
         self, q: FloatArray, v: FloatArray, u: FloatArray, way: FloatArray
     ) -> FloatArray:
         load = self._load(q)
-        torque = u - load - self._damping * v - way * self._dry(load, u, v, way)
+        torque = u - load - self._damping * v - way * self._dry(load, u, v)
         if self._quadratic is not None:
             torque = torque - self._quadratic * v * np.abs(v)
         return torque * self._per_inertia

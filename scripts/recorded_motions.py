@@ -1,0 +1,107 @@
+"""Recorded motions: those of an XL330 in docs/examples, and synthetic ones whose truth is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from haptic_wall.controller.experiments.recorded.estimate import Pendulum
+from haptic_wall.controller.experiments.recorded.record import Stretch, read_record
+from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
+from haptic_wall.controller.theory.checks import FloatArray
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "xl330-pendulum"
+PENDULUM = Pendulum(0.49, 0.1)
+DROPS = ("kp100_lift_and_drop", "kp400_lift_and_drop")
+DRIVEN = tuple(
+    f"{gain}_{motion}"
+    for gain in ("kp100", "kp400")
+    for motion in ("sin_sin", "sin_time_square", "up_and_down")
+)
+FULL_PWM = 885.0
+"""Present PWM of an XL330 at full voltage"""
+STEP = math.tau / 4096
+
+
+def drop(name: str) -> tuple[Stretch, ...]:
+    """Return the free swing of a recording."""
+    return read_record(FOLDER / f"{name}.csv").stretches
+
+
+def driven(name: str) -> Stretch:
+    """Return a recording in position mode; its torque is the motor's mean voltage [V]."""
+    rows = columns(name)
+    duty = rows["load_raw"]
+    duty = np.where(duty >= 2**15, duty - 2**16, duty) / FULL_PWM
+    # the supply is measured in steps of 0.1 V, and jumps: its mean over 50 ms
+    supply = np.convolve(np.pad(rows["supply_v"], 5, "edge"), np.full(11, 1 / 11), "valid")
+    return Stretch(rows["time_s"], rows["position_rad"], duty * supply, True)
+
+
+def columns(name: str) -> dict[str, FloatArray]:
+    """Return all columns of a recording."""
+    path = FOLDER / f"{name}.csv"
+    names = path.read_text(encoding="utf-8").splitlines()[0].split(",")
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    return dict(zip(names, table.T, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A synthetic recording."""
+
+    columns: dict[str, FloatArray]
+    truth: dict[str, float]
+    pendulum: Pendulum
+
+
+def made(seed: int, *, torque: bool, stribeck: bool = False) -> Made:
+    """Return a recording of a servo that is drawn.
+
+    Args:
+        seed: Of the draw.
+        torque: A known torque drives it; else it swings free.
+        stribeck: Half of the friction at rest fades at 0.3 rad/s.
+    """
+    random = np.random.default_rng(seed)
+    pendulum = Pendulum(random.uniform(0.3, 0.7), random.uniform(0.07, 0.14))
+    arm = random.uniform(0.0, 0.1)
+    inertia = random.uniform(0.001, 0.004)
+    damping = math.exp(random.uniform(math.log(0.002), math.log(0.008)))
+    coulomb = math.exp(random.uniform(math.log(0.006), math.log(0.025)))
+    hanging = random.uniform(-0.05, 0.05)
+    total, weight = inertia + pendulum.inertia(arm), pendulum.weight(arm)
+    truth = {"inertia": inertia, "damping": damping, "coulomb": coulomb}
+    interval = random.uniform(0.001, 0.006)
+    count = int(6.0 / interval)
+    time = np.cumsum(interval * (1.0 + 0.3 * np.abs(random.standard_normal(count))))
+    fine = np.interp(np.arange(4 * count) / 4.0, np.arange(count), time)
+    fine += 1e-9 * np.arange(fine.size)  # beyond the last row the time stands still
+    one = np.ones((1, 1))
+    values = {
+        "inertia": total, "damping": damping, "coulomb": coulomb, "gain": 1.0, "delay": 0.0,
+        "sine": weight * math.cos(hanging), "cosine": -weight * math.sin(hanging),
+    }  # fmt: skip
+    begin, sent = hanging, np.zeros(count)
+    if torque:
+        values["delay"] = truth["delay"] = random.uniform(0.001, 0.008)
+        values["gain"] = truth["torque_gain"] = random.uniform(0.8, 1.2)
+        size = random.uniform(0.13, 0.3) * weight
+        for hertz in (0.5, 1.3, 2.2):
+            sent += size * np.sin(math.tau * (hertz * time + random.random()))
+    else:
+        begin = random.uniform(0.3, 1.4) * random.choice([-1.0, 1.0])
+    if stribeck:
+        values |= {"stribeck": 0.5 * coulomb, "stribeck_speed": 0.3}
+    pieces = Pieces(
+        fine[None], np.zeros((1, fine.size)), np.ones((1, fine.size), dtype=bool),
+        np.array([torque]), (time,), (sent,),
+    )  # fmt: skip
+    terms = {name: value * one for name, value in values.items()}
+    found = positions(pieces, terms, begin * one, 0.0 * one)[0, 0, ::4]
+    rows = {"time_s": time, "position_rad": np.round(found / STEP) * STEP}
+    rows |= {"torque_nm": sent} if torque else {"torque_enabled": np.zeros(count)}
+    return Made(rows, truth, pendulum)

@@ -1,0 +1,32 @@
+"""The page on a real servo's recordings is what is computed; synthetic bounds hold the truth."""
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.experiments.recorded.choice import error_of, predicted
+from haptic_wall.controller.experiments.recorded.record import pieces_of
+from scripts.recorded_motions import DROPS, drop
+from scripts.studies.recordings import FIRST, KINDS, STUDY, checked, swings
+from tests.scripts.computed import stale
+
+
+def test_the_tables_are_what_is_computed() -> None:
+    assert stale(STUDY, ["models", "conditions"]) == [], "run scripts/study recordings"
+
+
+def test_the_small_swing_is_predicted_by_the_large_one() -> None:
+    """Coulomb and viscous friction leave 7 mrad of the large one, 11 of the small one."""
+    small, large = DROPS
+    shot = swings((large,), "M1")
+    assert 0.004 < shot.rms < 0.010
+    pieces, _ = pieces_of(drop(small))
+    assert 0.005 < error_of(pieces, predicted(pieces, shot.names, shot.values)) < 0.020
+
+
+@pytest.mark.parametrize("kind", KINDS[:2])
+def test_the_bounds_hold_the_truth(kind: str) -> None:
+    """Of few draws, none lies further out than three standard errors; the page has more."""
+    found = [checked((kind, FIRST + seed)) for seed in range(2)]
+    off = [value for each in found for value in each.off.values()]
+    assert len(off) == 2 * (3 if kind == KINDS[0] else 5)
+    assert np.max(np.abs(off)) < 3.0
