@@ -11,6 +11,7 @@ from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     MAX_LENGTH,
     ErrorCode,
+    ExpectedFastReply,
     ExpectedReply,
     FastReply,
     Frame,
@@ -447,3 +448,25 @@ def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(
     params = bytes(count)
     found = Parser(unstuffed=True).feed(cut_short + raw_instruction(id_, params))
     assert found == ([Frame(id_, Instruction.WRITE, 0, params)] if whole else [])
+
+
+@given(st.lists(st.integers(0, 252), min_size=1, max_size=40, unique=True), st.integers(1, 20))
+def test_a_fast_cycle_recognises_its_own_joint_reply_and_no_other(
+    ids: list[int], size: int
+) -> None:
+    replies = [
+        FastReply(id_, id_ % 128, bytes((id_ + n) % 256 for n in range(size))) for id_ in ids
+    ]
+    wire = encode_fast_status(replies)
+    expected = ExpectedFastReply(ids, size)
+    assert expected.match(wire)
+    assert not expected.match(wire[:-1])
+    assert not expected.match(wire + b"\x00")
+    for at in {*range(9), len(wire) // 2, len(wire) - 2, len(wire) - 1}:
+        for flip in (0x01, 0x80):
+            damaged = bytearray(wire)
+            damaged[at] ^= flip
+            assert not expected.match(bytes(damaged)), f"byte {at} is another"
+    (frame,) = Parser().feed(wire)
+    assert frame is not None
+    assert decode_fast_status(frame, size) == replies
