@@ -50,6 +50,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
     )
     (tmp_path / "config").symlink_to(ROOT / "config")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     yield tmp_path
     gc.enable()  # a run switches it off
@@ -69,6 +71,9 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr(Testbed, "play", interrupted)
+    monkeypatch.setattr(
+        "haptic_wall.controller.experiments.recorded.estimate.identify_record", Nobody().submit
+    )
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
     )
