@@ -55,7 +55,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "my-testbed.yaml").write_text((ROOT / "config" / "xm430-w350.yaml").read_text())
     yield tmp_path
     gc.enable()  # a run switches it off
-    gc.unfreeze()
 
 
 MEASURING = ("delay", "identify", "map", "rendered", "sweep")

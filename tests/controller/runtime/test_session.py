@@ -70,7 +70,6 @@ def call(arguments: list[str]) -> int:
         return status_of(ended)
     finally:
         gc.enable()  # a run switches it off
-        gc.unfreeze()
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])

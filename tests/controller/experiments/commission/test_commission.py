@@ -46,7 +46,6 @@ def call(*words: object) -> int:
         return status_of(ended)
     finally:
         gc.enable()  # a run switches it off
-        gc.unfreeze()
 
 
 ORDINARY = (
