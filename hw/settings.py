@@ -11,6 +11,7 @@ EMULATED: Final = "emulated"
 Kind = Literal["simulated", "emulated", "hardware"]
 HandName = Literal["none", "push", "tap", "lean"]
 Schedule = Literal["immediate", "pipelined"]
+EncoderSide = Literal["output", "motor"]
 
 
 MOST_LOAD_FRICTION: Final = 0.9
@@ -37,7 +38,17 @@ class TrueServo:
     """Torques are rounded to multiples of it [N·m]; 0: none (a simulated servo only; an emulated
     one rounds to its current unit)"""
     backlash: float = 0.0
-    """Between the shaft and the encoder [rad], full width, >= 0"""
+    """Between the shaft and the encoder [rad], full width, >= 0; with a transmission: between the
+    masses"""
+    load_inertia: float = 0.0
+    """Of the output, behind a flexible transmission [kg·m²], >= 0; 0: the servo is rigid.
+    ``inertia`` and friction are then those of the motor's side"""
+    transmission_stiffness: float = 0.0
+    """[N·m/rad], > 0 with a ``load_inertia``, else 0"""
+    transmission_damping: float = 0.0
+    """[N·m·s/rad], >= 0"""
+    encoder: EncoderSide = "output"
+    """Side of the transmission that the encoder measures"""
     static_friction: float = 0.0
     """Torque up to which it stays at rest [N·m], at least ``coulomb``; 0: as much as that"""
     stribeck_speed: float = 0.0
@@ -99,6 +110,11 @@ class TrueServo:
     """Position of the wall for the scripted operator [rad]"""
     hand_direction: int = 1
     """+1: the wall fills the positions above ``hand_origin``; -1: below"""
+
+    @property
+    def flexible(self) -> bool:
+        """Whether a transmission lies between motor and output."""
+        return any((self.load_inertia, self.transmission_stiffness, self.transmission_damping))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,10 @@
 """A servo simulated in the controller's own process, behind the servo interface.
 
 It models the same as ``haptic_wall.hw.plant.mechanism``: inertia, friction at rest and in motion,
-a weight, cogging, a scripted operator, the encoder's rounding, errors and backlash, saturation,
-torque steps, a lag between sending a torque and its action, a loop of current control, and
-back-EMF. It does *not* model a bus (no reply is ever late or lost, and reading and writing take
-no time), a current sensor, or temperature.
+a weight, cogging, a load behind a flexible transmission, a scripted operator, the encoder's
+rounding, errors and backlash, saturation, torque steps, a lag between sending a torque and its
+action, a loop of current control, and back-EMF. It does *not* model a bus (no reply is ever late or
+lost, and reading and writing take no time), a current sensor, or temperature.
 """
 
 from __future__ import annotations

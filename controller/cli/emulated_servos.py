@@ -12,7 +12,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
 from haptic_wall.hw.emulated.values import flag, number, one_of, suggestion, whole
-from haptic_wall.hw.settings import MOST_LOAD_FRICTION, HandName, TrueServo
+from haptic_wall.hw.settings import MOST_LOAD_FRICTION, EncoderSide, HandName, TrueServo
 
 # An MX-64: no identification of an XM430 is published.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
@@ -33,6 +33,10 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "torque_limit": number(0, 1e6, open_low=True),
     "torque_step": number(0, 1e6),
     "backlash": number(0, 1),
+    "load_inertia": number(0, 1e6),
+    "transmission_stiffness": number(0, 1e9),
+    "transmission_damping": number(0, 1e6),
+    "encoder": one_of(*get_args(EncoderSide)),
     "current_bandwidth": number(0, 1e4),
     "current_period": number(0, 0.01),
     "dead_band": number(0, 1e6),

@@ -225,6 +225,24 @@ def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
         )
 
 
+_TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")
+
+
+@_reads(*_KIND, *(f"servo.{name}" for name in _TRANSMISSION))
+def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
+    given = [getattr(config.servo, name) for name in _TRANSMISSION]
+    if config.servo.kind == "hardware" or not any(given):
+        return
+    for name, value in zip(_TRANSMISSION[:2], given, strict=False):
+        if value == 0.0:
+            yield Problem(
+                "found 0",
+                wanted="above 0: a load behind a flexible transmission has both"
+                " servo.load_inertia and servo.transmission_stiffness",
+                field=f"servo.{name}",
+            )
+
+
 @_reads(*_KIND, "servo.encoder_noise", "servo.counts_per_rev")
 def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
     servo = config.servo

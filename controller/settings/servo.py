@@ -31,6 +31,7 @@ from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
     EMULATED,
     MOST_LOAD_FRICTION,
+    EncoderSide,
     HandName,
     Kind,
     Schedule,
@@ -121,11 +122,28 @@ class Servo(Section):
     )
     backlash: float = setting(
         0.0,
-        "True backlash between shaft and encoder, full width",
+        "True backlash between shaft and encoder, full width; with a transmission between motor "
+        "and output",
         "rad",
         ge=0,
         le=1,
         used_by=_TRUTH,
+    )
+    load_inertia: NotNegative = setting(
+        0.0,
+        "True inertia of the output behind a flexible transmission; servo.inertia and friction are "
+        "then the motor's; 0: rigid",
+        "kg·m²",
+        used_by=_TRUTH,
+    )
+    transmission_stiffness: float = setting(
+        0.0, "True stiffness of that transmission", "N·m/rad", ge=0, le=1e9, used_by=_TRUTH
+    )
+    transmission_damping: NotNegative = setting(
+        0.0, "True damping of that transmission", "N·m·s/rad", used_by=_TRUTH
+    )
+    encoder: EncoderSide = setting(
+        "output", "The side of that transmission that the encoder measures", used_by=_TRUTH
     )
     current_bandwidth: float = setting(
         0.0,

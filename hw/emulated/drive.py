@@ -187,7 +187,7 @@ class Drive:
         active = self._active is not None
         if torque == 0.0 and seen == 0.0 and not active:
             return self._offset, 0.0
-        speed, volts = mechanism.velocity, self.table.supply
+        speed, volts = mechanism.motor_velocity, self.table.supply
         duty = self._duty
         if not active and (self._on or torque != 0.0):
             duty = motor.duty(torque / motor.torque_constant, volts, speed)
@@ -226,7 +226,7 @@ class Drive:
         motor = self.motor
         stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
         self.mechanism.command(stalled, now_ns, motor.braking)
-        self.health.load(motor.current(duty, volts, self.mechanism.velocity), now_ns)
+        self.health.load(motor.current(duty, volts, self.mechanism.motor_velocity), now_ns)
 
     def _catch_up(self, now_ns: int) -> None:
         """Compute every step up to ``now_ns``."""
@@ -251,7 +251,7 @@ class Drive:
         if not memory["torque_enable"]:
             self.update(now_ns)
             return
-        speed = self.mechanism.velocity
+        speed = self.mechanism.motor_velocity
         mode = self._active
         cap = None
         if mode == CURRENT_MODE:
@@ -262,7 +262,7 @@ class Drive:
         else:
             inverted = self.table.inverts_current
             sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
-            seen = 0.0 if self.encoder.stuck else sign * speed * _COUNTS_PER_RAD
+            seen = 0.0 if self.encoder.stuck else sign * self.mechanism.velocity * _COUNTS_PER_RAD
             output = self.controllers.output(self.position(), seen, now_ns)
             asked = sign * output / PWM_FULL
             limit = 1.0

@@ -1,8 +1,9 @@
 """The moving servo in time: delayed torques, an operator, and an encoder with backlash.
 
 It moves ``haptic_wall.hw.plant.body``, or ``haptic_wall.hw.plant.substeps`` for a servo with
-effects that the ideal body lacks, from event to event: a torque begins to act, or the operator's
-reference changes its slope. Times are integer nanoseconds of the caller's clock.
+effects that the ideal body lacks, or ``haptic_wall.hw.plant.two_masses`` with a load behind a
+transmission, from event to event: a torque begins to act, or the operator's reference changes its
+slope. Times are integer nanoseconds of the caller's clock.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.plant.substeps import Substeps
+from haptic_wall.hw.plant.two_masses import TwoMasses
 from haptic_wall.hw.settings import TrueServo
 
 OPERATOR_WAIT_S = 1.0
@@ -28,7 +30,8 @@ class Mechanism:
 
     The encoder rounds to the nearest count and counts over turns. With backlash it follows the
     shaft like a backlash of that full width, starting in the middle; turning points of the shaft
-    within a step count. Eccentricity and noise come on top of that.
+    within a step count. Eccentricity and noise come on top of that. With a transmission the
+    backlash is between the masses instead, and the operator acts on the output.
     """
 
     __slots__ = (
@@ -40,9 +43,11 @@ class Mechanism:
         "_followed",
         "_kept",
         "_loop",
+        "_on_motor",
         "_operator",
         "_operator_ns",
         "_origin_ns",
+        "_output",
         "_parameters",
         "_pending",
         "_start_ns",
@@ -52,6 +57,7 @@ class Mechanism:
         "_torque_limit",
         "_torque_step",
         "_true",
+        "_two",
         "time_ns",
     )
 
@@ -69,7 +75,7 @@ class Mechanism:
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
-            velocity: Of the shaft at that time [rad/s].
+            velocity: Of the shaft at that time, of both masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
@@ -82,7 +88,10 @@ class Mechanism:
         ideal = effects.none(true.damping, true.coulomb)
         self._step = step if ideal else Substeps(self._parameters, effects).step
         self._braking = 0.0
-        self._state = State(true.position, velocity)
+        self._state = self._output = State(true.position, velocity)
+        """Of the motor's side, and of the output: the same where the servo is rigid"""
+        self._two = TwoMasses(true) if true.flexible else None
+        self._on_motor = true.encoder == "motor"
         self._true = true
         self._operator = None if operator_waits else operator_of(true)
         self._operator_ns: int | None = None
@@ -97,11 +106,11 @@ class Mechanism:
         self._torque = 0.0
         self._pending: deque[tuple[int, float, float | None]] = deque()
         self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
-        self._backlash = true.backlash
+        self._backlash = 0.0 if true.flexible else true.backlash
         self._followed = true.position
         winding = winding or Winding(true.torque_limit, true.no_load_speed)
         self._loop = current_loop(true, winding, start_ns)
-        self._kept = (self._state, self._followed)
+        self._kept = (self._state, self._output, self._followed)
         """Shaft and encoder where the present step of the current loop began"""
         errors = EncoderErrors(
             true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
@@ -117,12 +126,17 @@ class Mechanism:
 
     @property
     def position(self) -> float:
-        """Return the true position of the shaft [rad], at the present time."""
-        return self._state.position
+        """Return the true position of the output shaft [rad], at the present time."""
+        return self._output.position
 
     @property
     def velocity(self) -> float:
-        """Return the true velocity of the shaft [rad/s], at the present time."""
+        """Return the true velocity of the output shaft [rad/s], at the present time."""
+        return self._output.velocity
+
+    @property
+    def motor_velocity(self) -> float:
+        """Return the true velocity of the motor's side [rad/s]; the shaft's where that is rigid."""
         return self._state.velocity
 
     @property
@@ -270,7 +284,7 @@ class Mechanism:
         """Let a commanded torque begin to act; braking None: the motor is limp."""
         if self._loop is not None:
             self._loop.take(torque, braking, self._state.velocity, self.time_ns)
-            self._kept = (self._state, self._followed)
+            self._kept = (self._state, self._output, self._followed)
             return
         self._torque = torque
         self._brake(braking or 0.0)
@@ -283,7 +297,7 @@ class Mechanism:
             return
         while self.time_ns < until_ns:
             if self.time_ns > loop.begin_ns:  # somebody looked within this step: take it as a whole
-                self._state, self._followed = self._kept
+                self._state, self._output, self._followed = self._kept
                 self.time_ns = loop.begin_ns
             end_ns = until_ns if loop.steady else loop.end_ns
             if self._operator_ns is not None:
@@ -297,7 +311,7 @@ class Mechanism:
             ended = stop_ns == end_ns
             loop.moved(state.position - begin, state.velocity, stop_ns, ended=ended)
             if ended:
-                self._kept = (state, self._followed)
+                self._kept = (state, self._output, self._followed)
 
     def _brake(self, braking: float) -> None:
         if braking != self._braking:
@@ -315,6 +329,9 @@ class Mechanism:
             self._start_ns = begin_ns
             if until_ns == begin_ns:
                 return
+        if self._two is not None:
+            self._move_two(self._two, until_ns)
+            return
         turns: list[float] | None = [] if self._backlash > 0.0 else None
         state, parameters, torque, operator = (
             self._state,
@@ -333,7 +350,7 @@ class Mechanism:
                 duration = (cut_ns - now_ns) * 1e-9
                 state = self._step(state, parameters, torque, duration, pull, turns=turns)
                 now_ns = cut_ns
-        self._state = state
+        self._state = self._output = state
         self.time_ns = until_ns
         if turns is None:
             self._followed = state.position
@@ -341,3 +358,21 @@ class Mechanism:
             half = 0.5 * self._backlash
             for position in (*turns, state.position):
                 self._followed = min(max(self._followed, position - half), position + half)
+
+    def _move_two(self, two: TwoMasses, until_ns: int) -> None:
+        """Move both masses, divided where the operator changes its slope."""
+        motor, output, operator = self._state, self._output, self._operator
+        now_ns, start_ns = self.time_ns, self._start_ns
+        while now_ns < until_ns:
+            pull, cut_ns = None, until_ns
+            if operator is not None:
+                reference, slope, turn_ns = operator.pull(now_ns - start_ns)
+                cut_ns = min(until_ns, start_ns + turn_ns)
+                pull = Pull(STIFFNESS, DAMPING, reference, slope)
+            motor, output = two.step(
+                motor, output, self._parameters, self._torque, cut_ns - now_ns, pull
+            )
+            now_ns = cut_ns
+        self._state, self._output = motor, output
+        self.time_ns = until_ns
+        self._followed = (motor if self._on_motor else output).position

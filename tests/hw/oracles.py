@@ -342,3 +342,138 @@ def integrate_current_loop(
                 velocity = 0.0
         states.append((position, velocity, u - back_emf * velocity))
     return states
+
+
+class Coupled(NamedTuple):
+    """A motor and a load with a transmission between them, friction on the motor's side."""
+
+    inertia: float
+    forth: float
+    back: float
+    coulomb: float
+    static: float
+    stribeck: float
+    load: float
+    gravity: float
+    angle: float
+    cogging: float
+    periods: float
+    phase: float
+    load_inertia: float
+    stiffness: float
+    damping: float
+    gap: float
+    hand_stiffness: float = 0.0
+    hand_damping: float = 0.0
+
+    def contact(self, x: float, v: float, y: float, w: float) -> int:
+        """Return the side on which the transmission pushes; 0: none."""
+        side = 1 if x > y else -1
+        deep = side * (x - y) - 0.5 * self.gap
+        pushes = self.stiffness * deep + self.damping * side * (v - w) > 0.0
+        return side if self.gap == 0.0 or (deep > 0.0 and pushes) else 0
+
+    def passed(self, side: int, x: float, v: float, y: float, w: float) -> float:
+        """Return the transmitted torque [N·m]."""
+        if side == 0:
+            return 0.0
+        twist = x - y - (0.5 * side * self.gap)
+        return self.stiffness * twist + self.damping * (v - w)
+
+    def net(self, stretch: Stretch, side: int, state: Sequence[float]) -> tuple[float, float]:
+        """Return what pushes the motor, without friction, and the load of its gear [N·m]."""
+        passed = self.passed(side, *state)
+        cogs = -self.cogging * math.sin(self.periods * state[0] + self.phase)
+        return stretch.torque + cogs - passed, abs(stretch.torque + passed)
+
+
+def integrate_coupled(
+    body: Coupled, state: Sequence[float], stretches: Sequence[Stretch], tolerance: float = 1e-11
+) -> list[list[float]]:
+    """Positions and velocities, the motor's first, after every stretch; as ``integrate``."""
+    states = []
+    now = list(state)
+    for stretch in stretches:
+        now = _integrate_coupled(body, now, stretch, tolerance)
+        states.append(now)
+    return states
+
+
+def _integrate_coupled(
+    body: Coupled, state: list[float], stretch: Stretch, tolerance: float
+) -> list[float]:
+    time, breaks = 0.0, 0.0
+    for _ in range(1000):
+        x, v, y, w = state
+        side = body.contact(x, v, y, w)
+        push, load = body.net(stretch, side, state)
+        sign = math.copysign(1.0, v) if v != 0.0 else breaks
+        if v == 0.0 and not breaks and abs(push) > body.static + body.load * load:
+            sign = math.copysign(1.0, push)
+
+        def slope(
+            t: float, now: Sequence[float], sign: float = sign, side: int = side
+        ) -> list[float]:
+            x, v, y, w = now
+            push, load = body.net(stretch, side, now)
+            friction = body.coulomb + body.load * load
+            if body.stribeck > 0.0:
+                friction += (body.static - body.coulomb) * math.exp(-abs(v) / body.stribeck)
+            push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
+            reference = stretch.reference + stretch.slope * t
+            outside = body.hand_stiffness * (reference - y) + body.hand_damping * (
+                stretch.slope - w
+            )
+            outside += body.passed(side, x, v, y, w) - body.gravity * math.sin(y - body.angle)
+            acceleration = push / body.inertia if sign else 0.0
+            return [v if sign else 0.0, acceleration, w, outside / body.load_inertia]
+
+        def motor(
+            t: float,
+            now: NDArray[np.float64],
+            sign: float = sign,
+            side: int = side,
+            begun: float = time if v == 0.0 else -1.0,
+        ) -> float:
+            if sign:
+                return 1.0 if t == begun else sign * float(now[1])
+            push, load = body.net(stretch, side, list(map(float, now)))
+            return body.static + body.load * load - abs(push)
+
+        def touch(
+            t: float, now: NDArray[np.float64], side: int = side, begun: float = time
+        ) -> float:
+            x, v, y, w = map(float, now)
+            if body.gap == 0.0 or t == begun:
+                return 1.0
+            if side:
+                return side * body.passed(side, x, v, y, w)
+            return 0.5 * body.gap - (x - y) * math.copysign(1.0, v - w)
+
+        motor.terminal = touch.terminal = True  # type: ignore[attr-defined]
+        motor.direction = touch.direction = -1.0  # type: ignore[attr-defined]
+        found = solve_ivp(
+            slope,
+            (time, stretch.duration),
+            state,
+            method="DOP853",
+            rtol=tolerance,
+            atol=tolerance * 1e-2,
+            events=(motor, touch),
+        )
+        assert found.success, found.message
+        time, last = float(found.t[-1]), found.y[:, -1]
+        stopped, touched = (len(times) > 0 for times in found.t_events)
+        breaks = 0.0
+        if sign == 0.0 and stopped:
+            push, _ = body.net(stretch, side, last.tolist())
+            breaks = math.copysign(1.0, push)
+        if touched:  # a little beyond the contact's begin or end
+            last = last + 1e-10 * np.array(slope(time, last.tolist()))
+            time += 1e-10
+        state = last.tolist()
+        if sign == 0.0 or stopped:
+            state[1] = 0.0
+        if time >= stretch.duration:
+            return state
+    raise AssertionError("the motion has too many events")

@@ -32,7 +32,7 @@ TOLERANCE = 1e-3
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
 
-_NOT_HERE = ("encoder_eccentricity", "encoder_noise")
+_NOT_HERE = ("encoder_eccentricity", "encoder_noise", "load_inertia")
 """Effects of a servo that an array of walls does not have"""
 
 Progress = Callable[[int, int], None]
