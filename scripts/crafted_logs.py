@@ -213,7 +213,7 @@ def dense(random: Random) -> Log:
 
 def other_preset(random: Random) -> Log:
     """A configuration that is right, and not of these rows."""
-    preset = random.choice(("xm430-w350", "xl330-m288", "emulated-xm430", "simulated"))
+    preset = random.choice(("xm430-w350", "xl330-m288", "emulated-ideal", "simulated"))
     head = metadata(preset)
     config: Any = head["config"]
     config["loop"]["rate_hz"] = random.choice((50.0, 1000.0, 10_000.0))

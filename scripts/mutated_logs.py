@@ -194,7 +194,7 @@ def mutated(random: Random) -> tuple[str, Log]:
     """A log of the current format, changed at random; what was done to it, and it."""
     made, other = rows(random.choice((150, 400, 900))), rows(400, hand=0.7)
     parts = blocks_of(made, metadata())
-    others = blocks_of(other, metadata("emulated-xm430"))
+    others = blocks_of(other, metadata("emulated-ideal"))
     done = []
     for _ in range(random.choice((0, 1, 1, 2))):
         change = random.choice(BLOCKS)

@@ -184,7 +184,7 @@ def table(head: list[str], rows: list[list[object]]) -> str:
 
 def situation(config: Config) -> Situation:
     """Situation that the guard decides in; for a real servo that of an emulated one."""
-    preset = "emulated-xm430" if config.servo.kind == "hardware" else ""
+    preset = "emulated-ideal" if config.servo.kind == "hardware" else ""
     seen = load_config(preset).config if preset else config
     facts = open_servo(
         seen.model_copy(
@@ -234,7 +234,7 @@ def delays() -> tuple[list[str], list[list[object]]]:
     """The limits over the delay."""
     ages = [0.0, 0.1e-3, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3]
     rows: list[list[object]] = []
-    for d in decided("emulated-xm430", ages, stiffness=1e6):
+    for d in decided("emulated-ideal", ages, stiffness=1e6):
         limits = d.limits.linear, d.limits.exact, d.limits.one_sided
         rows.append([1e3 * d.delay, *limits, d.damping_ceiling, d.stiffness])
     head = ["delay t_d [ms]", "linear", "exact", "one_sided", "damping ceiling", "K commanded"]
@@ -243,7 +243,7 @@ def delays() -> tuple[list[str], list[list[object]]]:
 
 def intervals() -> tuple[list[str], list[list[object]]]:
     """The limits over the served interval."""
-    config = load_config("emulated-xm430").config
+    config = load_config("emulated-ideal").config
     asked = replace(config.request(), stiffness=1e6)
     rows: list[list[object]] = []
     for interval in (each * 1e-9 for each in interval_bins_ns(config.period_ns)):
@@ -259,7 +259,7 @@ def dampings() -> tuple[list[str], list[list[object]]]:
     """The limits over the virtual damping."""
     rows: list[list[object]] = []
     for asked in (-0.005, 0.0, 0.02, 0.1, 0.2, 0.5, 2.0, 20.0):
-        d = decided("emulated-xm430", [0.25e-3], stiffness=1e6, damping=asked)[0]
+        d = decided("emulated-ideal", [0.25e-3], stiffness=1e6, damping=asked)[0]
         rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
@@ -360,7 +360,7 @@ def safety() -> tuple[list[str], list[list[object]]]:
 
 def checks() -> tuple[list[str], list[list[object]]]:
     """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
-    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     servo = open_servo(config.servo_settings(), SimulatedClock())
     try:
         found = servo.start()

@@ -68,8 +68,9 @@ def rehearse(
     faults: Sequence[str] = (),
     adapter: tuple[int, int] | None = None,
     shift_ns: int = 0,
+    preset: str = "emulated-ideal",
 ) -> Rehearsed:
-    """Run the preset of the emulated servo in memory.
+    """Run a preset of an emulated servo in memory.
 
     Args:
         sets: Changes to it, as for ``--set``.
@@ -78,8 +79,9 @@ def rehearse(
         adapter: Its timer [ns] and its block [bytes]; None: none.
         shift_ns: The loop's grid is so much later than whole milliseconds [ns]; what moves it
             through the phases of the adapter's timer.
+        preset: Its name.
     """
-    config = load_config("emulated-xm430", ("loop.clock=simulated", *sets)).config
+    config = load_config(preset, ("loop.clock=simulated", *sets)).config
     clock = SimulatedClock()
     notes = Notes()
     buses = []

@@ -24,7 +24,7 @@ def _simulated(seconds: float, *sets: str) -> Case:
 
 
 def _emulated(seconds: float, *sets: str) -> Case:
-    return Case("emulated-xm430", seconds, sets)
+    return Case("emulated-ideal", seconds, sets)
 
 
 _LINEAR: tuple[str, ...] = (
@@ -175,5 +175,29 @@ CASES: dict[str, Case] = {
     "trip-servo-lost": _emulated(1.5, "servo.faults=unplug-adapter:at=1.6", _LEAN),
     "unplugged-for-a-while": _emulated(1.5, "servo.faults=unplug:at=1.6,for=0.02", _LEAN),
     "refused-supply": _emulated(1.0, "servo.supply=9"),
+    # What a real servo has besides.
+    "static-friction": _simulated(
+        2.0, _TAP, "servo.static_friction=0.2", "servo.stribeck_speed=1.1"
+    ),
+    "friction-each-way": _simulated(
+        2.0, _TAP, "servo.damping_back=0.03", "servo.load_friction=0.12"
+    ),
+    "weight-and-cogging": _simulated(
+        1.7, _LEAN, "servo.gravity=0.2", "servo.gravity_angle=-0.5", "servo.cogging=0.03"
+    ),
+    "encoder-errors": _simulated(
+        2.0, _TAP, "servo.encoder_eccentricity=0.01", "servo.encoder_noise=0.4"
+    ),
+    "current-loop": _simulated(
+        2.0, _TAP, "servo.current_bandwidth=160", "servo.current_period=0.0002"
+    ),
+    "back-emf": _simulated(
+        2.0, _TAP, "servo.back_emf=true", "servo.current_droop=0.1", "servo.dead_band=0.1"
+    ),
+    "backlash-believed": _simulated(
+        2.0, _TAP, "servo.backlash=0.005", "model.backlash=0.005", "wall.stiffness=1e6"
+    ),
+    "bus-real": Case("emulated-xm430", 1.5, (_TAP,)),
+    "bus-real-guard": Case("emulated-xm430", 1.5, (_LEAN, "wall.stiffness=1e6", "wall.side=below")),
 }
 """By name; a name stays with its run."""

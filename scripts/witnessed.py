@@ -22,7 +22,7 @@ def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) 
     record = folder / "witness.csv"
     report = wall_run(
         folder,
-        "emulated-xm430",
+        "emulated-ideal",
         f"--duration={seconds}",
         f"--witness={record}",
         *with_sets(

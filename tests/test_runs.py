@@ -132,7 +132,7 @@ def shared_words(pid: int) -> memoryview:
 
 def run_arguments(*more: str) -> list[str]:
     picture = () if "--plot" in more else ("--no-plot",)  # it takes most of a second
-    return ["run", "emulated-xm430", "--log", "run.hwlog", *picture, "--json", *PATIENT, *more]
+    return ["run", "emulated-ideal", "--log", "run.hwlog", *picture, "--json", *PATIENT, *more]
 
 
 def witness(folder: Path) -> list[dict[str, str]]:

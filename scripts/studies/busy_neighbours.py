@@ -20,7 +20,7 @@ from typing import Any
 from scripts.study import Found, Given, Option, Part, Study, table
 from scripts.whole_program import middle_and_most, missed_share, run_report
 
-CONFIGS = ("simulated", "emulated-xm430")
+CONFIGS = ("simulated", "emulated-ideal")
 _BUSY = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile True:\n    pass\n"
 
 

@@ -66,7 +66,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "identify": ("identify", *SERVO),
     "run": ("run", *SERVO),
     "run, simulated": ("run", "simulated", "--set", "realtime.profile=off"),
-    "run, emulated": ("run", "emulated-xm430", "--set", "realtime.profile=off"),
+    "run, emulated": ("run", "emulated-ideal", "--set", "realtime.profile=off"),
     "identify, in memory": ("identify", *IN_MEMORY),
     "delay": ("delay", *SERVO),
     "rendered": ("rendered", *SERVO),

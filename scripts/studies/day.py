@@ -224,7 +224,7 @@ def turning(minutes: float) -> Lines:
 def long_uptime(days: int) -> Lines:
     """Ten seconds on a machine that has just been started, and on one long after."""
     differing: list[str] = []
-    for preset in ("simulated", "emulated-xm430"):
+    for preset in ("simulated", "emulated-ideal"):
         shift = days * 86_400 * 10**9
         fresh, late = (_ten_seconds(preset, start_ns) for start_ns in (0, shift))
         for name in fresh.dtype.names or ():
@@ -271,7 +271,7 @@ STUDY = Study(
         ),
         Part(
             "bus",
-            lambda given: [("emulated-xm430", given.bus_hours)],
+            lambda given: [("emulated-ideal", given.bus_hours)],
             long_run,
             lines,
             case_s=600.0,

@@ -71,7 +71,7 @@ class Shaken(NamedTuple):
 def shaken(given: Given) -> list[Shaken]:
     """So many runs of each servo, and a quarter of them on the emulated bus in memory."""
     servos = [(name, sets, "simulated", given.runs) for name, sets in SERVOS.items()]
-    memory = ("emulated bus, in memory", (), "emulated-xm430", math.ceil(given.runs / 4))
+    memory = ("emulated bus, in memory", (), "emulated-ideal", math.ceil(given.runs / 4))
     return [
         Shaken(name, sets, preset, seed, given.bursts)
         for name, sets, preset, runs in (*servos, memory)

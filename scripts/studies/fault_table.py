@@ -52,11 +52,27 @@ FAULTS = (
 )
 
 
-def rehearsed(spec: str | None) -> Rehearsed:
+REAL = "emulated-xm430"
+"""The preset with the effects of a real servo"""
+ON_REAL = (
+    "drop:times=1,way=reply",
+    "drop:for=0.008,way=reply",
+    "drop:way=reply",
+    "late:ms=1,times=1,way=reply",
+    "stuck:for=0.02",
+    "jump:counts=500,for=0.0022",
+    "jump:counts=500",
+    "hardware-error:bits=overload",
+    "brown-out",
+    "unplug-adapter",
+)
+"""Faults that are rehearsed on that servo too"""
+
+
+def rehearsed(spec: str | None, preset: str = "emulated-ideal") -> Rehearsed:
     """The session with one fault, or with none."""
-    if spec is None:
-        return rehearse(SETTINGS, DURATION_S)
-    return rehearse(SETTINGS, DURATION_S, faults=[_at(spec)])
+    faults = [] if spec is None else [_at(spec)]
+    return rehearse(SETTINGS, DURATION_S, faults=faults, preset=preset)
 
 
 def _at(spec: str) -> str:
@@ -64,15 +80,20 @@ def _at(spec: str) -> str:
 
 
 @cache
-def calm() -> dict[int, float]:
+def calm(preset: str) -> dict[int, float]:
     """The torque of a run without any fault."""
-    return true_torque(rehearsed(None))
+    return true_torque(rehearsed(None, preset))
 
 
-def line(fault: tuple[str, str]) -> list[str]:
+def line_on_real(fault: tuple[str, str]) -> list[str]:
+    """Describe the effect of one fault on a servo with the effects of a real one."""
+    return line(fault, REAL)
+
+
+def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
     """Describe the effect of one fault, beside a run without any."""
     name, spec = fault
-    found = rehearsed(spec)
+    found = rehearsed(spec, preset)
     struck_ns = found.given_ns + round(AT_S * 1e9)
     reason = found.result.stop_reason
     counts = found.result.bus or {}
@@ -85,7 +106,7 @@ def line(fault: tuple[str, str]) -> list[str]:
         failed = int(np.count_nonzero(after["outcome"] != Outcome.OK))
         did = f"goes on; {counted}" if counted else "goes on; nothing is counted"
         periods = f"{failed} without a sample"
-        return [name, f"`{spec}`", did, periods, difference(found, calm())]
+        return [name, f"`{spec}`", did, periods, difference(found, calm(preset))]
     trip = reason.label
     ended_ns = int(ticks["deadline_ns"][-1]) + (0 if trip in IN_TICK else PERIOD_NS)
     lasted = -((struck_ns - ended_ns) // PERIOD_NS)
@@ -129,6 +150,13 @@ STUDY = Study(
             line,
             table_of("fault|as asked for|what the program did|periods|torque"),
             case_s=0.4,
+        ),
+        Part(
+            "real",
+            lambda _: [fault for fault in FAULTS if fault[1] in ON_REAL],
+            line_on_real,
+            table_of("fault|as asked for|what the program did|periods|torque"),
+            case_s=0.6,
         ),
     ),
     everywhere=True,

@@ -71,7 +71,7 @@ class Read:
 
 def write_log(path: Path, seconds: float) -> None:
     """A hand that goes in and out of a wall, as a recorder would have written it."""
-    preset = "emulated-xm430"
+    preset = "emulated-ideal"
     metadata = {
         "program": "haptic-wall",
         "name": preset,

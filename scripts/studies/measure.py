@@ -141,7 +141,7 @@ def stopping(number: int) -> tuple[float, float]:
         record = folder / "stop.csv"
         process = subprocess.Popen(
             [
-                *(*PROGRAM, "run", "emulated-xm430", "--duration=60", f"--witness={record}"),
+                *(*PROGRAM, "run", "emulated-ideal", "--duration=60", f"--witness={record}"),
                 *("--set", "servo.hand=lean", "--log", str(folder / "stop.hwlog")),
                 *("--plot", str(folder / "stop.png")),
             ],

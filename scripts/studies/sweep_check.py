@@ -192,7 +192,7 @@ def on_the_bus(case: tuple[float, int]) -> Witnessed:
     """Measure a point in real time, against the bus's own record."""
     damping, steps = case
     config = experiment_config(
-        load_config("emulated-xm430", ("servo.coulomb=0", *FORGIVING)).config
+        load_config("emulated-ideal", ("servo.coulomb=0", *FORGIVING)).config
     )
     servo = config.servo
     assert servo.inertia is not None and servo.damping is not None

@@ -262,7 +262,7 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
 def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    status, out, err = doctor(capsys, "emulated-xm430", *QUIET)
+    status, out, err = doctor(capsys, "emulated-ideal", *QUIET)
     assert status == 1
     assert "No torque was enabled" in out
     assert "return delay" in out

@@ -39,7 +39,7 @@ def test_who_sits_before_a_real_servo_is_asked(asked: list[str]) -> None:
 
 def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     experiment.ask_to_move(REAL, yes=True)
-    experiment.ask_to_move(load_config("emulated-xm430").config.servo, yes=False)
+    experiment.ask_to_move(load_config("emulated-ideal").config.servo, yes=False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
     experiment.ask_to_move(REAL, yes=False)
     assert not asked

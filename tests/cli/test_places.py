@@ -33,7 +33,7 @@ FOLDERS = [
 ]
 FILES = [
     (["run", *SIMULATED], "--log"),
-    (["run", "emulated-xm430"], "--witness"),
+    (["run", "emulated-ideal"], "--witness"),
     (["identify", *SIMULATED], "--out"),
     (["identify", *SIMULATED], "--plot"),
     (BOUNDARY, "--plot"),

@@ -19,7 +19,7 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
 from tests.typed import not_none
 
-EMULATED = "emulated-xm430"
+EMULATED = "emulated-ideal"
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 

@@ -100,7 +100,7 @@ def keys(value: object, path: str = "") -> set[str]:
 
 @pytest.mark.usefixtures("folder")
 def test_every_key_of_the_report_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["run", "emulated-xm430", "--set=loop.clock=simulated", "--duration=0.1", "--json"]
+    words = ["run", "emulated-ideal", "--set=loop.clock=simulated", "--duration=0.1", "--json"]
     assert call(words) == 0
     report = json.loads(capsys.readouterr().out)
     explained = report_keys_named()

@@ -232,6 +232,6 @@ def test_real_time_is_estimated_from_what_will_be_played() -> None:
 
 
 def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
-    effective = config("servo.torque_limit=null", preset="emulated-xm430")
+    effective = config("servo.torque_limit=null", preset="emulated-ideal")
     with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
         Device.of(effective)

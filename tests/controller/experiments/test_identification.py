@@ -126,7 +126,7 @@ def test_without_viscous_friction_and_without_an_encoder(tmp_path: Path) -> None
 
 def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     sets = ("loop.clock=simulated", "servo.delay=0.001")
-    config = load_config("emulated-xm430", sets).config
+    config = load_config("emulated-ideal", sets).config
     found = identify(config, tmp_path)
     assert found.gain_measured
     assert found.torque_gain.value == pytest.approx(1.0, abs=0.01)
@@ -248,7 +248,7 @@ def test_a_reach_that_makes_no_sense_is_refused(reach: float) -> None:
 
 
 def test_a_bus_without_a_torque_limit_is_refused() -> None:
-    config = load_config("emulated-xm430", ["servo.torque_limit=null"]).config
+    config = load_config("emulated-ideal", ["servo.torque_limit=null"]).config
     with pytest.raises(UserError, match=r"servo\.torque_limit: found nothing"):
         bounds_of(config, 0.6)
 

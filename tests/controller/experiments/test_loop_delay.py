@@ -137,7 +137,7 @@ def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> 
         "servo.torque_constant=1.5",
         "model.torque_gain={value: 1, low: 0.7, high: 1.3}",
         "servo.hand=none",
-        preset="emulated-xm430",
+        preset="emulated-ideal",
     )
     fit = shaken(config, tmp_path, bursts=1).fit
     gain = fit.acceleration * not_none(config.servo.inertia)

@@ -258,4 +258,4 @@ def test_what_a_map_would_leave_out_is_refused(setting: str, words: list[str]) -
 
 def test_an_emulated_servo_with_back_emf_is_refused() -> None:
     with pytest.raises(UserError, match=r"set servo\.backend=simulated"):
-        MapSettings.of(load_config("emulated-xm430", ("servo.back_emf=true",)).config)
+        MapSettings.of(load_config("emulated-ideal", ("servo.back_emf=true",)).config)

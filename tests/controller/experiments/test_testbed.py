@@ -56,7 +56,7 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
 
 
 def test_its_log_is_read_whole(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    config = load_config("emulated-xm430", ("loop.clock=simulated",)).config
+    config = load_config("emulated-ideal", ("loop.clock=simulated",)).config
     played = Testbed(config, tmp_path).play("two", [Phase(0.3, torque=0.01), Phase(0.2)])
     _, rows = read_log(played.log)
     assert not caplog.messages

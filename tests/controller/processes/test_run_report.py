@@ -32,7 +32,7 @@ def test_on_a_pseudo_terminal_lost_replies_are_the_emulators(
     link = tmp_path / "bus"
     link.symlink_to(os.ttyname(follower))
     for port in (link, os.ttyname(follower), "emulated"):
-        preset = "emulated-xm430" if port == "emulated" else "emulated-port"
+        preset = "emulated-ideal" if port == "emulated" else "emulated-port"
         said = ended_by(trip, port, preset)
         assert "the emulator was not run in time" in said
         assert setting in said

@@ -327,7 +327,7 @@ def test_a_refused_start_without_torque_is_left_alone(stage: Stage, state: LoopS
 def test_a_start_refused_by_an_emulator_s_death_names_it(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = load_config("emulated-xm430", []).config
+    config = load_config("emulated-ideal", []).config
     stage.plan = replace(stage.plan, config=config)
     monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
     start = stage.child
@@ -369,7 +369,7 @@ def test_a_stop_while_the_emulated_bus_hangs_in_its_start_ends_the_run_at_once(
     stage: Stage,
 ) -> None:
     """Ctrl-C; a bus that is stuck does not even heed a polite end."""
-    stage.plan = replace(stage.plan, config=load_config("emulated-xm430", []).config)
+    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", []).config)
     threading.Timer(0.1, stage.words.__setitem__, (Word.STOP, 1)).start()
     began = time.monotonic()
     ended, report = stage.run()

@@ -86,7 +86,7 @@ def test_a_wall_that_was_let_go_is_not_drawn_as_on(
 ) -> None:
     rows = run_rows()
     rows["flags"][400:] |= FLAG_OFF
-    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"))
     assert "the wall is off: let go, or loaded" in legend(figure.axes[0])
 
 
@@ -95,9 +95,9 @@ def test_one_look_tells_wall_torque_and_timing(
 ) -> None:
     rows = run_rows()
     rows["missed"][300] = 2
-    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-xm430"))
+    figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"))
     assert figure.get_suptitle() == (
-        "emulated-xm430: XM430-W350, emulated\n"
+        "emulated-ideal: XM430-W350, emulated\n"
         "K 8 N·m/rad (as requested)   B 0.02 N·m·s/rad (as requested)   delay 0.30 ms   1000 Hz"
     )
     position, torque, velocity, timing = figure.axes

@@ -33,7 +33,7 @@ RUNS = {
         "wall.stiffness=10",
     ),
     "pipelined on a bad bus": (
-        "emulated-xm430",
+        "emulated-ideal",
         "servo.schedule=pipelined",
         "servo.faults=drop:p=0.02",
         "safety.max_loss=0.9",

@@ -126,6 +126,15 @@ def test_the_hand_feels_the_wall() -> None:
     assert rows[rows["position"] <= 0.0]["torque"].min() == 0.0
 
 
+def test_a_servo_with_the_effects_of_a_real_one_holds_its_wall_in_quiet() -> None:
+    result, rows = session("emulated-xm430", "loop.clock=simulated", duration=2.5)
+    assert (result.stop_reason, result.wall_came_on) == ("duration", True)
+    assert not_none(result.oscillation)["state"] == "quiet"
+    deep = rows[rows["position"] > 0.05]
+    assert len(deep) > 300
+    assert deep["torque"].max() < -0.3
+
+
 @pytest.mark.parametrize("steps", [0, 3])
 @pytest.mark.parametrize("lag", [0.0, 0.0004])
 def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: float) -> None:
@@ -170,7 +179,7 @@ def test_the_guard_can_be_wrong_when_the_belief_is() -> None:
 
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
     _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
-    result, bus = session("emulated-xm430", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    result, bus = session("emulated-ideal", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
     assert (
         not_none(result.bus)["lost"]
         == not_none(result.bus)["late"]
@@ -186,7 +195,7 @@ def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
 def test_rates_and_schedules_on_a_bus_in_memory(rate: int, schedule: str) -> None:
     result, rows = session(
-        "emulated-xm430",
+        "emulated-ideal",
         "loop.clock=simulated",
         f"loop.rate_hz={rate}",
         f"servo.schedule={schedule}",
@@ -210,7 +219,7 @@ def test_a_stop_before_the_start_never_switches_the_torque_on(
     monkeypatch.setattr(DynamixelServo, "start", start)
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1
-    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
     assert result.stop_reason == "interrupted"
     assert result.torque_off, "and read back"
 
@@ -221,7 +230,7 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     def stop(_: object) -> None:
         telemetry.words[Word.STOP] = 1
 
-    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     result = run_session(
         config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=stop)
     )
@@ -242,7 +251,7 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
         return plain(self, age_ns, interval_ns, may_raise)
 
     monkeypatch.setattr(Tick, "_follow_guard", stalling)
-    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     clock = SimulatedClock()
     result = run_session(config, clock, Telemetry.create(), 2.0)
     assert result.ticks + result.missed == round(result.elapsed_s * result.grid_hz)
@@ -252,7 +261,7 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
 def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
     telemetry = Telemetry.create()
     telemetry.words[Word.STOP] = 1
-    result, _ = session("emulated-xm430", "loop.clock=simulated", telemetry=telemetry)
+    result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
     assert result.stop_reason == "interrupted"
     assert result.torque_off
     assert result.ticks == 0
@@ -269,7 +278,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
             telemetry.words[Word.STOP] = 1
 
     sets = ["loop.clock=simulated", "loop.warm_up_s=3", "servo.hand=lean", "servo.kick=-0.001"]
-    config = load_config("emulated-xm430", sets).config
+    config = load_config("emulated-ideal", sets).config
     result = run_session(
         config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
     )
@@ -281,7 +290,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     assert not result.wall_came_on
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
 @pytest.mark.parametrize("turns", [3, -3])
 def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
     told: list[str] = []
@@ -299,7 +308,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
     assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
 def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
     told: list[str] = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
@@ -362,7 +371,7 @@ def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -
 
 def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> None:
     result, _ = session(
-        "emulated-xm430",
+        "emulated-ideal",
         *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
     )
     assert not_none(result.guard)["interval_s"] > 1.01e-3
@@ -377,7 +386,7 @@ def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> N
     assert "ticks late" not in why
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
 def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
@@ -392,7 +401,7 @@ def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
     sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
-    result, rows = session("emulated-xm430", *sets, "safety.engage_torque=0.2", duration=6.0)
+    result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=6.0)
     assert result.wall_came_on
     assert result.ticks == 6000, "time counts from when the wall comes on"
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
@@ -404,7 +413,7 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
 ) -> None:
     """The push that proves the torque's sign moves it by some counts."""
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "wall.stiffness=1e6"]
-    result, rows = session("emulated-xm430", *sets, f"servo.coulomb={friction}", duration=0.5)
+    result, rows = session("emulated-ideal", *sets, f"servo.coulomb={friction}", duration=0.5)
     assert result.wall_came_on
     assert 0.001 < abs(rows["position"][0]) < 0.0175
 
@@ -421,14 +430,14 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
 
     monkeypatch.setattr(DynamixelServo, "collect", leaving)
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none", "safety.max_speed=1000"]
-    result, rows = session("emulated-xm430", *sets, duration=0.5)
+    result, rows = session("emulated-ideal", *sets, duration=0.5)
     assert result.ticks == 500, "the warm-up ended well"
     assert not np.any(rows["torque"])
     assert not result.wall_came_on
     assert "turned to within" in result.waited_for
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
 @pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
 def test_a_dead_man_let_go_inside_the_wall(
     preset: str, more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
@@ -475,7 +484,7 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    arguments = ["run", "emulated-xm430", "--set", f"wall.side={side}", "--duration", "1"]
+    arguments = ["run", "emulated-ideal", "--set", f"wall.side={side}", "--duration", "1"]
     arguments += ["--set", f"servo.kick={kick}", "--set", "loop.clock=simulated", "--no-plot"]
     monkeypatch.chdir(tmp_path)
     assert call(arguments) == 3
@@ -488,12 +497,12 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
     settings = ("loop.clock=simulated", "delay.steps=2")
-    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.0015")
+    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.0015")
     assert not_none(result.delay)["measured"] == 0.0015
     assert not_none(result.delay)["total"] == pytest.approx(
         0.002 + 0.0015 + not_none(result.delay)["device"]
     )
-    result, _ = session("emulated-xm430", *settings, "guard.sample_age=0.00001")
+    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.00001")
     assert not_none(result.delay)["measured"] > 0.00001
 
 
@@ -504,7 +513,7 @@ def test_an_error_in_the_loop_ends_with_torque_off_and_a_name(
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(Tick, "_follow_guard", broken)
-    result, _ = session("emulated-xm430", "loop.clock=simulated")
+    result, _ = session("emulated-ideal", "loop.clock=simulated")
     assert result.stop_reason == "trip:internal_error"
     assert "ZeroDivisionError: boom (in broken, test_session.py line" in result.message
     assert result.torque_off
@@ -520,7 +529,7 @@ def test_a_position_that_is_not_a_number_trips(monkeypatch: pytest.MonkeyPatch) 
         return reading._replace(position=math.nan) if len(seen) == 700 else reading
 
     monkeypatch.setattr(DynamixelServo, "collect", broken)
-    result, rows = session("emulated-xm430", "loop.clock=simulated")
+    result, rows = session("emulated-ideal", "loop.clock=simulated")
     assert result.stop_reason == "trip:not_a_number"
     assert result.torque_off
     assert rows["torque"][-1] == 0.0
@@ -531,19 +540,19 @@ FIRST = ("loop.clock=simulated", "wall.stiffness=7", "wall.damping=0.04")
 
 def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     """The servo's own limit, lowered to the same, leaves none: a count commands too much of it."""
-    result, rows = session("emulated-xm430", *FIRST, "wall.torque_clip=0.2", duration=4.0)
+    result, rows = session("emulated-ideal", *FIRST, "wall.torque_clip=0.2", duration=4.0)
     assert result.stop_reason == "duration"
     assert not_none(result.guard)["commanded"]["stiffness"] == 7.0
     assert np.abs(rows["wall_torque"]).max() == 0.2
     assert np.abs(rows["torque"]).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
     assert np.any(rows["flags"] & FLAG_SATURATED)
-    result, _ = session("emulated-xm430", *FIRST, "servo.torque_limit=0.2", duration=0.1)
+    result, _ = session("emulated-ideal", *FIRST, "servo.torque_limit=0.2", duration=0.1)
     assert not_none(result.guard)["commanded"]["stiffness"] == 0.0
     assert not_none(result.guard)["binding"] == "quantisation"
 
 
 def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
-    result, rows = session("emulated-xm430", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
+    result, rows = session("emulated-ideal", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
     assert result.stop_reason == "duration"
     assert np.abs(np.diff(rows["position"][::10])).max() > 0.01 * 4.82
 
@@ -559,19 +568,19 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> N
     sets += ("wall.damping=-0.1", "servo.kick=0.5", "servo.coulomb=0.001", "wall.stiffness=0.3")
     sets += ("model.coulomb={value: 0.5, low: 0, high: 0.5}",)
     sets += ("model.damping={value: 0.3, low: 0.01, high: 0.3}",)
-    result, rows = session("emulated-xm430", *sets)
+    result, rows = session("emulated-ideal", *sets)
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")
     assert 3.85 < float(result.message.split()[0]) < 4.5
     assert np.abs(np.diff(rows["position"])).max() < 1e-3 * 6.0
     assert rows["torque"][-1] == 0.0
-    unlimited, _ = session("emulated-xm430", *sets, "safety.max_speed=1000")
+    unlimited, _ = session("emulated-ideal", *sets, "safety.max_speed=1000")
     assert unlimited.stop_reason == "duration"
 
 
 def test_an_encoder_that_jumps_trips_without_a_number() -> None:
     sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
-    result, rows = session("emulated-xm430", *sets)
+    result, rows = session("emulated-ideal", *sets)
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
     assert rows["torque"][-1] == 0.0

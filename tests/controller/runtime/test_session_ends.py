@@ -27,7 +27,7 @@ from haptic_wall.hw.errors import (
 )
 from haptic_wall.hw.open import open_servo
 
-CONFIG = load_config("emulated-xm430", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
+CONFIG = load_config("emulated-ideal", ["loop.clock=simulated", "servo.schedule=pipelined"]).config
 
 
 class Scene:

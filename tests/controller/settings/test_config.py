@@ -25,6 +25,7 @@ def test_a_child_process_gets_the_same_configuration_as_json(name: str) -> None:
 
 def test_the_presets_of_the_manual_are_there() -> None:
     assert preset_names() == [
+        "emulated-ideal",
         "emulated-port",
         "emulated-xm430",
         "lwr3",
@@ -33,6 +34,19 @@ def test_the_presets_of_the_manual_are_there() -> None:
         "xl330-m288",
         "xm430-w350",
     ]
+
+
+def test_an_emulated_servo_has_what_a_real_one_has_and_the_ideal_one_does_not() -> None:
+    effects = (
+        "static_friction stribeck_speed load_friction backlash encoder_noise encoder_eccentricity"
+        " current_bandwidth current_period back_emf current_droop dead_band"
+    ).split()
+    true, ideal = (loaded(name).true_servo() for name in ("emulated-xm430", "emulated-ideal"))
+    assert [name for name in effects if not getattr(true, name)] == []
+    assert [name for name in effects if getattr(ideal, name)] == []
+    belief = loaded("emulated-xm430").belief()
+    assert belief.backlash.high == true.backlash
+    assert belief.delay.low > 1.0 / (math.tau * true.current_bandwidth)
 
 
 def test_simulated_belief_defaults_to_the_truth() -> None:
@@ -79,18 +93,18 @@ def test_the_scripted_hand_finds_the_wall() -> None:
 
 
 def test_an_emulated_bus_on_the_simulated_clock_is_in_memory() -> None:
-    settings = loaded("emulated-xm430", "loop.clock=simulated").servo_settings()
+    settings = loaded("emulated-ideal", "loop.clock=simulated").servo_settings()
     assert settings.port == ""
     assert settings.true is not None
     assert settings.true.inertia == 0.011951
 
 
 def test_an_emulated_bus_on_the_monotonic_clock_is_like_a_real_one() -> None:
-    assert loaded("emulated-xm430").servo_settings().port == "emulated"
+    assert loaded("emulated-ideal").servo_settings().port == "emulated"
 
 
 def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
-    config = loaded("emulated-xm430", "servo.torque_constant=2.2", "model.torque_gain=1.2")
+    config = loaded("emulated-ideal", "servo.torque_constant=2.2", "model.torque_gain=1.2")
     settings = config.servo_settings()
     assert settings.torque_constant == 0.0
     assert config.true_servo().torque_constant == 2.2
@@ -163,12 +177,12 @@ def test_travel_survives_the_way_to_the_loops_process() -> None:
     [
         ("xm430-w350", [], 0.0),
         ("xm430-w350", ["wall.side=both"], 0.0),
-        ("emulated-xm430", [], 0.0),
-        ("emulated-xm430", ["wall.side=both"], math.radians(1.0)),
-        ("emulated-xm430", ["wall.side=both", "servo.kick=0.3"], math.tau / 4),
-        ("emulated-xm430", ["wall.side=both", "servo.kick=1.6"], 0.0),
-        ("emulated-xm430", ["wall.side=both", "servo.kick=1.6", "safety.engage=at-once"], math.inf),
-        ("emulated-xm430", ["servo.kick=-0.3"], 0.0),
+        ("emulated-ideal", [], 0.0),
+        ("emulated-ideal", ["wall.side=both"], math.radians(1.0)),
+        ("emulated-ideal", ["wall.side=both", "servo.kick=0.3"], math.tau / 4),
+        ("emulated-ideal", ["wall.side=both", "servo.kick=1.6"], 0.0),
+        ("emulated-ideal", ["wall.side=both", "servo.kick=1.6", "safety.engage=at-once"], math.inf),
+        ("emulated-ideal", ["servo.kick=-0.3"], 0.0),
         ("simulated", ["servo.kick=0.3"], math.tau / 4),
         ("simulated", ["servo.kick=0.3", "loop.clock=simulated"], math.inf),
         ("simulated", ["servo.kick=18.8", "loop.clock=simulated"], 0.0),

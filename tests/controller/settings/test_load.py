@@ -321,14 +321,14 @@ def test_an_unknown_name_comes_with_a_suggestion(change: str, suggestion: str) -
         (HARDWARE, ["model.torque_gain=null"], "model.torque_gain"),
         (HARDWARE, ["servo.port=null"], "servo.port"),
         ("simulated", ["servo.inertia=null"], "servo.inertia"),
-        ("emulated-xm430", ["servo.counts_per_rev=1024"], "servo.counts_per_rev"),
-        ("emulated-xm430", ["servo.torque_constant=2"], "model.torque_gain"),
+        ("emulated-ideal", ["servo.counts_per_rev=1024"], "servo.counts_per_rev"),
+        ("emulated-ideal", ["servo.torque_constant=2"], "model.torque_gain"),
         (
-            "emulated-xm430",
+            "emulated-ideal",
             ["loop.rate_hz=60", "servo.watchdog_s=0.02", "safety.max_silence_s=0.01"],
             "servo.watchdog_s",
         ),
-        ("emulated-xm430", ["safety.max_silence_s=0.11"], "safety.max_silence_s"),
+        ("emulated-ideal", ["safety.max_silence_s=0.11"], "safety.max_silence_s"),
         ("xm430-w350", ["servo.watchdog_s=0.02"], "safety.max_silence_s"),
         ("simulated", ["loop.rate_hz=50", "safety.heartbeat_s=0.03"], "safety.heartbeat_s"),
         ("simulated", ["realtime.spin_us=601"], "realtime.spin_us"),
@@ -348,16 +348,16 @@ def test_fields_that_do_not_go_together(preset: str, changes: list[str], blamed:
     ("preset", "changes"),
     [
         ("simulated", ["servo.kick=0.01"]),
-        ("emulated-xm430", ["servo.kick=-0.01"]),
-        ("emulated-xm430", ["servo.kick=18.8", "wall.reference=start"]),
+        ("emulated-ideal", ["servo.kick=-0.01"]),
+        ("emulated-ideal", ["servo.kick=18.8", "wall.reference=start"]),
         ("simulated", ["safety.travel=[-1, 2]"]),
         ("simulated", ["safety.engage=at-once"]),
         ("simulated", ["safety.engage_torque=100"]),
         (HARDWARE, ["safety.engage_torque=0.1"]),
-        ("emulated-xm430", ["wall.side=both", "servo.kick=0.01"]),
-        ("emulated-xm430", ["loop.rate_hz=50"]),
-        ("emulated-xm430", ["servo.backend=simulated"]),
-        ("emulated-xm430", ["servo.watchdog_s=2.54"]),
+        ("emulated-ideal", ["wall.side=both", "servo.kick=0.01"]),
+        ("emulated-ideal", ["loop.rate_hz=50"]),
+        ("emulated-ideal", ["servo.backend=simulated"]),
+        ("emulated-ideal", ["servo.watchdog_s=2.54"]),
         (HARDWARE, ["realtime.profile=best-effort"]),
     ],
 )
@@ -373,7 +373,7 @@ def test_a_broken_field_is_not_blamed_twice() -> None:
 
 @pytest.mark.parametrize("port", ["Emulated", '" emulated "', '"a\\0b"'])
 def test_a_port_that_cannot_be_one_is_the_only_thing_told(port: str) -> None:
-    problem = only("emulated-xm430", f"servo.port={port}")
+    problem = only("emulated-ideal", f"servo.port={port}")
     assert problem.startswith("servo.port (from --set): found")
     assert problem.endswith("wanted a serial device such as /dev/ttyUSB0, or emulated")
 
@@ -420,7 +420,7 @@ def test_a_file_that_is_not_text(tmp_path: Path) -> None:
 
 
 def test_an_unknown_preset_comes_with_a_suggestion_and_the_list() -> None:
-    with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-port,"):
+    with pytest.raises(UserError, match=r"did you mean simulated\?; presets are emulated-ideal,"):
         load_config("simulatd")
 
 
@@ -569,6 +569,6 @@ def test_the_manual_shows_the_messages_as_they_are() -> None:
 
 def test_the_warm_up_over_a_bus_is_long_enough_to_measure_it() -> None:
     with pytest.raises(ConfigError, match=r"loop\.warm_up_s.*found 0\.01 s.*at least 0\.02 s"):
-        load_config("emulated-xm430", ["loop.warm_up_s=0.01"])
-    load_config("emulated-xm430", ["loop.warm_up_s=0.02"])
+        load_config("emulated-ideal", ["loop.warm_up_s=0.01"])
+    load_config("emulated-ideal", ["loop.warm_up_s=0.02"])
     load_config("simulated", ["loop.warm_up_s=0"])

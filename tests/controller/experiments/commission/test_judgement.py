@@ -47,7 +47,7 @@ def test_the_wall_of_the_configuration_is_judged_too() -> None:
 
 
 def test_the_measured_age_makes_it_softer() -> None:
-    config = load_config("emulated-xm430").config
+    config = load_config("emulated-ideal").config
     parts = {"parts": {"age": {"guard": 0.0006}}}
     late = {"parts": {"age": {"guard": 0.003}}}
     young, old = (

@@ -173,7 +173,7 @@ def test_an_explanation_is_not_explained(ticks: LateTicks, readings: Readings) -
 def test_ticks_whose_replies_are_lost_count_as_late() -> None:
     """They wait for 0.8 of a period, less what they took to ask."""
     sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
-    config = load_config("emulated-xm430", sets).config
+    config = load_config("emulated-ideal", sets).config
     with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
         result = run_session(
             config,
@@ -246,7 +246,7 @@ def test_a_run_tells_when_and_how_long(
     """The tick that ends a run is explained like any other: its delay may be why it ended."""
     clock = SimulatedClock()
     Stall(monkeypatch, clock, 700, error)
-    config = load_config("emulated-xm430", ["loop.clock=simulated"]).config
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
     with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
         result = run_session(
             config,
