@@ -28,7 +28,9 @@ from haptic_wall.controller.theory.loop import HeldLoop
 
 _AMPLITUDES, _LARGEST = 24, 1.0
 """Amplitudes that are looked at, up to this one [rad]"""
-_FREQUENCIES = 240
+_FREQUENCIES = 80
+_NEAR = np.linspace(-1.0, 2.0, 10)
+"""Then frequencies about the least of each amplitude, in steps between these"""
 _SLOWEST, _FASTEST = 1e-3, 2.5
 """Frequencies that are looked at [rad/sample], in periods of one delay and one sample"""
 _CHUNK = 64
@@ -103,22 +105,29 @@ def _least(
 ) -> FloatArray:
     """Return the limits of settings along the first of three axes: settings, amplitudes, w."""
     begin = np.maximum(amplitude, 0.501 * width)
-    part = np.linspace(0.0, 1.0, _AMPLITUDES)[:, None]
-    a = begin * (np.maximum(_LARGEST, 2.0 * begin) / begin) ** part
+    ratio = np.maximum(_LARGEST, 2.0 * begin) / begin
     late = 1.0 + delay / period
-    part = np.linspace(0.0, 1.0, _FREQUENCIES)
-    w = _SLOWEST * (_FASTEST / _SLOWEST) ** part / late
-    b = damping + 4.0 * coulomb / (np.pi * a * w / period)
-    delta = b * period / inertia
-    loop = HeldLoop.of(delta, np.broadcast_to(delay / period, delta.shape), velocity_samples)
-    unit = inertia / period**2
-    balance = loop.inverse_plant(w) * unit / backlash_gain(a, width)
-    balance = balance - virtual_damping / period * loop.difference(w)
-    imaginary, stiffness = balance.imag, balance.real
-    before, after = imaginary[..., :-1], imaginary[..., 1:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = before / (before - after)
-    at = stiffness[..., :-1] + share * (stiffness[..., 1:] - stiffness[..., :-1])
-    crossing = (np.sign(before) != np.sign(after)) & (at > 0)
-    least: FloatArray = np.where(crossing, at, np.inf).min(axis=(1, 2))
+    every_a, every_w = (np.linspace(0.0, 1.0, n) for n in (_AMPLITUDES, _FREQUENCIES))
+
+    def crossings(part_a: FloatArray, part_w: FloatArray) -> FloatArray:
+        """Stiffness of cycles between neighbouring frequencies; infinite where there is none."""
+        a = begin * ratio**part_a
+        w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
+        b = damping + 4.0 * coulomb / (np.pi * a * w / period)
+        delta = b * period / inertia
+        loop = HeldLoop.of(delta, np.broadcast_to(delay / period, delta.shape), velocity_samples)
+        balance = loop.inverse_plant(w) * (inertia / period**2) / backlash_gain(a, width)
+        balance = balance - virtual_damping / period * loop.difference(w)
+        imaginary, stiffness = balance.imag, balance.real
+        before, after = imaginary[..., :-1], imaginary[..., 1:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = before / (before - after)
+            at = stiffness[..., :-1] + share * (stiffness[..., 1:] - stiffness[..., :-1])
+        found: FloatArray = np.where((np.sign(before) != np.sign(after)) & (at > 0), at, np.inf)
+        return found
+
+    coarse = crossings(every_a[:, None], every_w)
+    cell = coarse.argmin(axis=2)[..., None] + _NEAR
+    fine = crossings(every_a[:, None], np.clip(cell / (_FREQUENCIES - 1), 0.0, 1.0))
+    least: FloatArray = np.minimum(coarse.min(axis=(1, 2)), fine.min(axis=(1, 2)))
     return least

@@ -37,10 +37,19 @@ def test_the_presets_of_the_manual_are_there() -> None:
 
 
 def test_an_emulated_servo_has_what_a_real_one_has_and_the_ideal_one_does_not() -> None:
-    effects = (
-        "static_friction stribeck_speed load_friction backlash encoder_noise encoder_eccentricity"
-        " current_bandwidth current_period back_emf current_droop dead_band"
-    ).split()
+    effects = [
+        "static_friction",
+        "stribeck_speed",
+        "load_friction",
+        "backlash",
+        "encoder_noise",
+        "encoder_eccentricity",
+        "current_bandwidth",
+        "current_period",
+        "back_emf",
+        "current_droop",
+        "dead_band",
+    ]
     true, ideal = (loaded(name).true_servo() for name in ("emulated-xm430", "emulated-ideal"))
     assert [name for name in effects if not getattr(true, name)] == []
     assert [name for name in effects if getattr(ideal, name)] == []
