@@ -1,48 +1,61 @@
 """Identifies simulated servos whose truth is known.
 
-    scripts/study identify_check [--seeds N] [--ordinary N] [--quick]
+    scripts/study identify_check [--seeds N] [--servos N] [--quick]
 
 Each seed draws a servo: inertia, damping and friction up to 20 % from those of its model, a lag
 from 0 to 5 ms, and a position between two counts of the encoder. The belief stays that of the
 model. On the simulated clock: the same seeds give the same figures on every machine.
 
-Then ordinary servos, with friction at rest, cogging, a weight, and all together: what matters is
-whether the bounds that the guard works with hold the truth, and how wide they are.
+Then servos with the effects of real ones, each alone and all together: what matters is whether the
+bounds that the guard works with hold the truth jointly, and how wide they are.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import replace
+from collections import Counter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import beta
 
 from haptic_wall.controller.experiments.commission.verdict import ASKED, GuardQuestion
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
-from haptic_wall.controller.experiments.identify.identification import (
-    Estimated,
-    Identified,
-    identify,
-)
+from haptic_wall.controller.experiments.identify.identification import Identified, identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from scripts.ordinary_servos import GROUPS, drawn_effects
+from scripts.real_servos import ALL, EFFECTS, IDEAL, drawn_servo
+from scripts.real_servos import KINDS as REAL_KINDS
+from scripts.real_servos import Kind as RealKind
 from scripts.study import Found, Option, Part, Study, table
 
 SEEDS = 50
 FIRST = 7000
-"""Seed of the first ordinary servo"""
+"""Seed of the first servo with an effect"""
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")
 WANTED = 0.05, 0.1, 0.9
 """Share of a value, share of a period, share of the seeds within two standard errors"""
-HELD, WIDER = 0.93, 3.0
-"""Share of the ordinary servos whose bounds hold the truth; their width beside the ideal ones'"""
+BOUNDED = ("inertia", "damping", "delay")
+"""Quantities whose bounds the guard uses"""
+IDEAL_WIDTHS = (0.04, 0.1, 0.1)
+"""Of the bounds of an ideal servo: of inertia and damping over the value, of the delay [ms]"""
+NAMED = {
+    "sticks": "it sticks",
+    "fades": "friction fades",
+    "drag": "square of the speed",
+    "gear": "the gear adds",
+    "direction": "the smaller one counts",
+    "dead band": "less than commanded",
+    "cogs": "it cogs",
+    "with the angle": "a torque goes",
+    "residual": "the residual",
+}
+"""Names of the warnings, and words in them"""
 
 
 class Kind(NamedTuple):
@@ -109,40 +122,71 @@ def identified(case: tuple[Kind, int]) -> Result:
 
 
 class Bounded(NamedTuple):
-    """An ordinary servo: bounds of inertia and damping over the truth, and what they allow."""
+    """A servo with an effect: the bounds that the guard works with, and what they hold."""
 
-    low: tuple[float, float]
-    high: tuple[float, float]
-    ideal: tuple[float, float]
-    """Width of the bounds of the same servo without its effects, if found to the digit"""
+    low: tuple[float, ...]
+    """Of ``BOUNDED``, over the truth; that of the delay in milliseconds from it"""
+    high: tuple[float, ...]
     stiffness: float
-    """Commanded without virtual damping, beside what those bounds allow"""
+    """Commanded without virtual damping, over what exact bounds would allow"""
+    named: tuple[str, ...]
+    """Names of the warnings"""
+
+    @property
+    def held(self) -> bool:
+        """Whether all bounds hold the truth."""
+        middle = (1.0, 1.0, 0.0)
+        return all(a <= m <= b for a, m, b in zip(self.low, middle, self.high, strict=True))
 
 
-Ordinary = tuple[Kind, str, int]
+Drawn = tuple[RealKind, str, int]
 """Servo, effect and seed"""
 
 
-def ordinary_identified(case: Ordinary) -> Bounded | str:
-    """Identify an ordinary servo; a text says why that failed."""
-    kind, group, seed = case
-    config = drawn_effects(group, kind.coulomb, seed).on(drawn(kind, seed))
+def truth_of(kind: RealKind, config: Config) -> tuple[float, float, float]:
+    """Return inertia, damping and delay as the guard must not overestimate what they allow.
+
+    The damping is that in the direction where it is less. A current loop counts as a delay of its
+    time constant and half its period, and the back-EMF that it takes away so late as inertia.
+    """
+    servo = config.servo
+    damping, inertia = servo.damping, servo.inertia
+    assert damping is not None and inertia is not None, "the drawn servo has both"
+    back = damping if servo.damping_back is None else servo.damping_back
+    bandwidth = servo.current_bandwidth or 0.0
+    lag = 1.0 / (math.tau * bandwidth) if bandwidth else 0.0
+    motor = kind.torque_limit / kind.no_load_speed if servo.back_emf else 0.0
+    delay = (servo.delay or 0.0) + lag + 0.5 * (servo.current_period or 0.0)
+    return inertia + motor * lag, min(damping, back), delay
+
+
+def effect_identified(case: Drawn) -> Bounded | str:
+    """Identify a servo with an effect; a text says why that failed."""
+    kind, effect, seed = case
+    config = drawn_servo(kind, effect, seed)
     with tempfile.TemporaryDirectory() as folder:
         try:
             found = identify(config, Path(folder))
         except UnidentifiableError as error:
             return str(error)
-    truth = {name: getattr(config.servo, name) for name in NAMES}
-    sure: dict[str, Any] = {name: Estimated(value, 0.0) for name, value in truth.items()}
-    exact = replace(found, **sure)
-    models = [identified_model(each, config.period_s) for each in (found, exact)]
+    truth = truth_of(kind, config)
+    model = identified_model(found, config)
+    exact = dict(model)
+    for name, value, width in zip(BOUNDED, truth, (0.02, 0.05, 0.0), strict=True):
+        away = width * value or 0.05 * config.period_s
+        exact[name] = {"value": value, "low": max(value - away, 0.0), "high": value + away}
     ends = {
-        end: tuple(models[0][name][end] / truth[name] for name in NAMES[:2])
+        end: (
+            *(model[name][end] / value for name, value in zip(BOUNDED[:2], truth, strict=False)),
+            1e3 * (model["delay"][end] - truth[2]),
+        )
         for end in ("low", "high")
     }
-    ideal = tuple((models[1][n]["high"] - models[1][n]["low"]) / truth[n] for n in NAMES[:2])
-    mine, best = (_commanded(config, model) for model in models)
-    return Bounded(ends["low"], ends["high"], ideal, mine / best)
+    stiffness = _commanded(config, model) / _commanded(config, exact)
+    named = tuple(
+        name for name, begin in NAMED.items() if any(begin in text for text in found.warnings)
+    )
+    return Bounded(ends["low"], ends["high"], stiffness, named)
 
 
 def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
@@ -153,51 +197,48 @@ def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
     return decided.stiffness
 
 
-def _good(rows: list[Bounded | str]) -> list[Bounded]:
-    return [each for each in rows if isinstance(each, Bounded)]
+def least_share(held: int, count: int) -> float:
+    """Return the lower bound of a share by Clopper and Pearson, at 95 %."""
+    return float(beta.ppf(0.05, held, count - held + 1)) if held else 0.0
 
 
-def _held(rows: list[Bounded | str], n: int) -> int:
-    return sum(each.low[n] <= 1.0 <= each.high[n] for each in _good(rows))
-
-
-def _wider(rows: list[Bounded | str], n: int) -> float:
-    """Median width of the bounds, over the ideal one's."""
-    return float(np.median([(c.high[n] - c.low[n]) / c.ideal[n] for c in _good(rows)]))
-
-
-def ordinary_cells(kind: Kind, group: str, rows: list[Bounded | str]) -> list[str]:
-    """How often the bounds hold the truth, how wide they are, what they allow."""
-    stiffness = [each.stiffness for each in _good(rows)]
+def effect_cells(effect: str, rows: list[Bounded | str]) -> list[str]:
+    """How often the bounds hold the truth, how wide they are, what they allow, what is said."""
+    good = [each for each in rows if isinstance(each, Bounded)]
+    held = sum(each.held for each in good)
+    count = len(rows)
+    widths = [
+        float(np.median([each.high[n] - each.low[n] for each in good])) / IDEAL_WIDTHS[n]
+        for n in range(3)
+    ]
+    low = float(np.median([each.low[1] for each in good]))
+    stiffness = [each.stiffness for each in good]
+    said = Counter(name for each in good for name in each.named)
     return [
-        *(kind.name, group, f"{len(stiffness)} of {len(rows)}"),
-        *(f"{_held(rows, n)} of {len(rows)}" for n in range(2)),
-        *(f"{_wider(rows, n):.2f}" for n in range(2)),
-        *(f"{np.median(stiffness):.2f}", f"{min(stiffness):.2f}"),
+        *(effect, f"{len(good)} of {count}", f"{held} of {count}"),
+        f"{100 * least_share(held, count):.0f} %",
+        *(f"{width:.2f}" for width in widths),
+        *(f"{low:.2f}", f"{np.median(stiffness):.2f}", f"{min(stiffness):.2f}"),
+        ", ".join(f"{name} {number}" for name, number in said.most_common()) or "none",
     ]
 
 
-def ordinary_hold(found: Found[Ordinary, Bounded | str]) -> bool:
-    """Whether all that is wanted of ordinary servos was met."""
-    rows = [row for _, row in found]
-    return all(_held(rows, n) >= HELD * len(rows) and _wider(rows, n) <= WIDER for n in range(2))
-
-
-def ordinary_lines(found: Found[Ordinary, Bounded | str]) -> list[str]:
-    """The part of the page on ordinary servos."""
-    head = ["servo", "with", "a result", "inertia in its bounds", "damping"]
-    head += ["width, inertia, median", "damping", "stiffness, median", "least"]
-    cells = [
-        ordinary_cells(kind, group, [row for case, row in found if case[:2] == (kind, group)])
-        for kind in KINDS
-        for group in GROUPS
+def effect_lines(found: Found[Drawn, Bounded | str]) -> list[str]:
+    """The part of the page on servos with effects."""
+    head = ["effect", "a result", "bounds hold the truth", "at least"]
+    head += ["width, inertia", "damping", "delay", "lower bound of the damping"]
+    head += ["stiffness, median", "least", "named in `warnings`"]
+    every = [
+        (effect, [row for case, row in found if case[1] == effect])
+        for effect in (IDEAL, *EFFECTS, ALL)
     ]
+    cells = [effect_cells(effect, rows) for effect, rows in every if rows]
+    held = sum(isinstance(row, Bounded) and row.held for _, row in found)
     return [
         *table(head, *cells),
         "",
-        f"Wanted: of all {len(found)} the truth of inertia and of damping in the bounds in"
-        f" {100 * HELD:g} % or more, and a median width of {WIDER:g} times the ideal one's at most."
-        f" {'It holds.' if ordinary_hold(found) else 'It does not hold.'}",
+        f"Of all {len(found)} the bounds hold the truth jointly in {held}: in"
+        f" {100 * least_share(held, len(found)):.1f} % at least.",
     ]
 
 
@@ -264,21 +305,20 @@ STUDY = Study(
             wanted=all_hold,
         ),
         Part(
-            "ordinary",
+            "effects",
             lambda given: [
-                (kind, group, FIRST + n)
-                for kind in KINDS
-                for group in GROUPS
-                for n in range(given.ordinary)
+                (kind, effect, FIRST + n)
+                for n in range(given.servos)
+                for effect in (IDEAL, *EFFECTS, ALL)
+                for kind in REAL_KINDS
             ],
-            ordinary_identified,
-            ordinary_lines,
-            case_s=15.0,
-            wanted=ordinary_hold,
+            effect_identified,
+            effect_lines,
+            case_s=4.0,
         ),
     ),
     (
         Option("seeds", SEEDS, "simulated servos of each kind", quick=5),
-        Option("ordinary", 25, "ordinary servos of each kind and effect", quick=1),
+        Option("servos", 38, "servos of each kind with each effect", quick=1),
     ),
 )

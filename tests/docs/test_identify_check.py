@@ -5,19 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.ordinary_servos import GROUPS
+from scripts.real_servos import ALL, EFFECTS
+from scripts.real_servos import KINDS as REAL_KINDS
 from scripts.studies.identify_check import (
     FIRST,
-    HELD,
     KINDS,
     NAMES,
     SEEDS,
     Bounded,
     Kind,
     cells,
+    effect_identified,
     holds,
     identified,
-    ordinary_identified,
 )
 from scripts.study import table
 
@@ -44,13 +44,10 @@ def test_a_seed_is_found_as_well_as_the_page_says(kind: Kind, thorough: bool) ->
         assert error <= said + 5e-4 * (1e-3 if unit == "ms" else 1e-2 * truth)
 
 
-def test_the_bounds_of_an_ordinary_servo_hold_it(thorough: bool) -> None:
+def test_the_bounds_of_a_real_servo_hold_it(thorough: bool) -> None:
     """The first of those that the page counts."""
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
-    found = [ordinary_identified((k, group, FIRST)) for k in KINDS for group in GROUPS]
-    good = [each for each in found if isinstance(each, Bounded)]
-    held = [
-        each for each in good if all(np.less(each.low, 1.0)) and all(np.greater(each.high, 1.0))
-    ]
-    assert len(held) >= HELD * len(found)
+    cases = [(kind, effect, FIRST) for kind in REAL_KINDS for effect in (*EFFECTS, ALL)]
+    found = [effect_identified(case) for case in cases]
+    assert [each for each in found if not isinstance(each, Bounded) or not each.held] == []

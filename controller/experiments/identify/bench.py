@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,8 +19,10 @@ from haptic_wall.controller.experiments.identify.excitation import (
     pulses,
 )
 from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
-from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded
+from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, is_hinted
 from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.identify.one_way import fit_one_way
+from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.laws.program import Phase
 
@@ -43,8 +45,8 @@ _ROUNDING = 1.0 / math.sqrt(12.0)
 _UNQUANTISED = 1e-5
 """Largest negligible residual of a servo without an encoder step [rad]"""
 _LOADED, _BETTER = 1.2, 0.9
-"""Residual, as a multiple of the rounding's, from which loads are fitted; and the largest fraction
-of it that they may leave"""
+"""Residual, as a multiple of the rounding's, from which effects are fitted; and the largest
+fraction of it that they may leave where a backlash explains it too"""
 SPOILT = 3.0
 """Residual, as a multiple of the rounding's, from which a motion is repeated: the shaft was
 disturbed"""
@@ -62,47 +64,61 @@ class UnidentifiableError(HapticWallError):
 class Bench:
     """Executes the motions, repeats them smaller where necessary, and keeps the logs' names."""
 
-    def __init__(self, testbed: Testbed, bounds: Bounds, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        testbed: Testbed,
+        bounds: Bounds,
+        tell: Callable[[str], None],
+        priors: Mapping[str, Prior] | None = None,
+    ) -> None:
         self._testbed = testbed
         self._bounds = bounds
         self._tell = tell
+        self._priors = priors
         self._age = 0.0
-        self._loaded: Fit | None = None
-        """Fit of the last motion, where loads were found"""
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
         """Find the friction with growing pulses, until the shaft follows the torque both ways."""
         bounds = self._bounds
         least = max(_MOVED * bounds.step, _MOVED_RAD)
-        torque = first_pulse(guess, bounds)
+        # Each way by itself: a weight makes one need more than the other.
+        torques = [first_pulse(guess, bounds)] * 2
         tried: list[float] = []
         one_way = 0
         while True:
-            self._tell(f"pulses of {torque:.3g} N·m")
-            phases = pulses(torque, bounds)
+            strongest = max(torques)
+            self._tell(f"pulses of {' and '.join(f'{t:.3g}' for t in dict.fromkeys(torques))} N·m")
+            phases = pulses(torques[0], torques[1], bounds)
             played = self._play(f"pulse-{len(tried) + 1}", phases)
             furthest = _furthest(played)
             if furthest > bounds.reach:
                 raise UnidentifiableError(
-                    f"a pulse of {torque:.3g} N·m sent the shaft {furthest:.2g} rad away",
+                    f"a pulse of {strongest:.3g} N·m sent the shaft {furthest:.2g} rad away",
                     wanted=f"at most {bounds.reach:.2g}: something else moves it (a weight, a "
                     "spring, a hand), or it is far lighter than model.inertia says",
                     advice="take it off, or correct model.inertia",
                 )
             moved = [_moved(played, pulse) for pulse in (0, 2)]
-            tried.append(torque)
+            tried.append(strongest)
             if min(map(abs, moved)) >= least:
                 one_way += moved[0] * moved[1] > 0.0
                 if moved[0] * moved[1] < 0.0 or one_way > _ONE_WAY:
                     break
-            if torque >= bounds.torque:
+            if strongest >= bounds.torque:
                 raise _unmoved(tried, moved, bounds)
-            torque = min(_STRONGER * torque, bounds.torque)
-        _check_sign(moved, torque)
-        way = 0.5 * sum(abs(_moved(played, pulse, coast=True)) for pulse in (0, 2))
+            weak = [abs(way) < least for way in moved]
+            torques = [
+                min(_STRONGER * torque, bounds.torque) if each or not any(weak) else torque
+                for torque, each in zip(torques, weak, strict=True)
+            ]
+        _check_sign(moved, strongest)
         # Driven for PULSE_S, then decelerated by friction alone: u (u - c) / c = 2 m x / t².
-        friction = torque**2 / (torque + 2.0 * guess.inertia * way / PULSE_S**2)
+        ways = [abs(_moved(played, pulse, coast=True)) for pulse in (0, 2)]
+        friction = 0.5 * sum(
+            torque**2 / (torque + 2.0 * guess.inertia * way / PULSE_S**2)
+            for torque, way in zip(torques, ways, strict=True)
+        )
         if friction > _FRICTION_SHARE * bounds.torque:
             raise UnidentifiableError(
                 f"friction takes {friction:.2g} N·m of the torque limit of {bounds.torque:.2g} N·m",
@@ -112,7 +128,9 @@ class Bench:
             )
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
 
-    def fitted(self, name: str, guess: Guess, amplitude: float) -> tuple[Played, Fit]:
+    def fitted(
+        self, name: str, guess: Guess, amplitude: float, *, rough: bool = False
+    ) -> tuple[Played, Fit]:
         """Execute a program within the reach, and fit the model to its motion.
 
         A motion is repeated if it was too large, too small, or does not fit.
@@ -121,6 +139,7 @@ class Bench:
             name: Of the log.
             guess: Parameters for scaling the motions.
             amplitude: Wanted excursion to each side [rad].
+            rough: The fit is for scaling other motions.
 
         Raises:
             UnidentifiableError: It stays too large, or cannot be fitted.
@@ -135,7 +154,7 @@ class Bench:
             furthest = _furthest(played)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             try:
-                fit = self._explained(motion_of(played.rows))
+                fit = self._explained(motion_of(played.rows), rough)
             except NoFitError as error:
                 unfit = f"the motion in {played.log} cannot be fitted: {error}"
                 self._tell(f"{unfit}; once more")
@@ -160,27 +179,34 @@ class Bench:
             advice="give it more --reach, or see what else moves it",
         )
 
-    def _explained(self, motion: Motion) -> Fit:
-        """Return the model's fit; with loads where the residual is large and they reduce it."""
+    def _explained(self, motion: Motion, rough: bool) -> Fit:
+        """Return the model's fit; with the effects of a real servo where the motion has them.
+
+        Args:
+            motion: As recorded.
+            rough: The fit of motion in one direction will do.
+        """
         step = self._bounds.step
-        before, enough = self._loaded, _LOADED * rounding_of(self._bounds)
-        plain: Fit | None = None
-        if before is None:
-            with suppress(NoFitError):  # a weight may hide the torque's effect
-                plain = fit_motion(motion, step)
-        if plain is not None and plain.residual <= enough:
-            return plain
-        fit = fit_loaded(motion, step, before)
-        if plain is not None and fit.residual > _BETTER * plain.residual:
-            return plain
-        self._loaded = fit
-        return fit
+        start: Fit | None = None
+        with suppress(NoFitError):
+            start = fit_one_way(motion, step, self._priors, rough=rough)
+        if start is not None and rough:
+            return start
+        if start is None or not start.effects.fitted:
+            plain = fit_motion(motion, step)
+            explained = plain.residual <= _LOADED * rounding_of(self._bounds)
+            if start is None or (explained and not is_hinted(plain)):
+                return plain
+            fit = fit_loaded(motion, step, start, self._priors)
+            return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
+        return fit_loaded(motion, step, start, self._priors)
 
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""
         least = 0.1 * fit.inertia  # stable even without friction
+        friction = fit.coulomb + fit.effects.dead_band
         return Guess(
-            fit.inertia, max(fit.damping, least), fit.coulomb, max(fit.delay, 0.0) + self._age
+            fit.inertia, max(fit.damping, least), friction, max(fit.delay, 0.0) + self._age
         )
 
     def _play(self, name: str, phases: list[Phase]) -> Played:

@@ -2,8 +2,8 @@
 
 Pulses in both directions grow until the shaft moves: they verify the torque's sign and find the
 torque that overcomes friction. The program follows: a frequency sweep from fast and small to slow
-and large about a soft spring, torque steps to and fro, and free oscillations about a spring after
-travelling to each side.
+and large about a soft spring, torque steps to and fro, and throws from each side, after which the
+shaft coasts without torque.
 """
 
 from __future__ import annotations
@@ -18,16 +18,19 @@ PULSE_S = 0.06
 """Length of a pulse [s]"""
 PULSE = 0.02
 """Wanted travel during one pulse [rad]"""
-COAST_S = 0.3
-"""Time for coasting after a pulse [s]"""
+COAST_S = 0.8
+"""Longest coasting after a pulse [s]"""
 SHAKE_S = 4.0
 """Length of the frequency sweep [s]"""
 QUICKER = 6.0
 """Ratio of the sweep's first frequency to its last"""
 STEP_S = 0.1
 """Half the length of a torque step [s]"""
-RELEASE_S = 1.2
-"""Duration of a free oscillation after a release [s]"""
+COASTING_S = 0.8
+"""Longest coasting after a throw [s]"""
+COAST_TRAVEL, COAST = 0.8, 0.6
+"""Travel of a throw over the way from one side to the other; that of the smaller throws over the
+larger ones'"""
 _LOST = 2.0
 """Excursion at which the shaft is released, as a multiple of the reach. From one reach it is still
 brought back: a motion that was too large ends there, and a smaller one begins."""
@@ -69,18 +72,19 @@ def first_pulse(guess: Guess, bounds: Bounds) -> float:
     return min(guess.coulomb + guess.inertia * speed / PULSE_S, bounds.torque)
 
 
-def pulses(torque: float, bounds: Bounds) -> list[Phase]:
+def pulses(forward: float, back: float, bounds: Bounds) -> list[Phase]:
     """Return a pulse each way, with coasting after each.
 
     Args:
-        torque: [N·m]
+        forward: Torque of the first [N·m].
+        back: Torque of the second, counted the other way [N·m].
         bounds: The first pulse ends at a quarter of the reach.
     """
     coast = Phase(COAST_S, still_s=0.1, still_band=2.0 * bounds.step)
     return [
-        Phase(PULSE_S, torque=torque, reach=0.25 * bounds.reach),
+        Phase(PULSE_S, torque=forward, reach=0.25 * bounds.reach),
         coast,
-        Phase(PULSE_S, torque=-torque, reach=bounds.reach),
+        Phase(PULSE_S, torque=-back, reach=bounds.reach),
         coast,
     ]
 
@@ -96,7 +100,7 @@ def motions(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     return [
         *_shaking(guess, bounds, amplitude),
         *_steps(guess, bounds, amplitude),
-        *_releases(guess, bounds, amplitude),
+        *_coasts(guess, bounds, amplitude),
     ]
 
 
@@ -142,15 +146,23 @@ def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     ]
 
 
-def _releases(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
-    """Return slow travel to each side, which shows friction alone, and a release at a spring."""
-    width = min(12.0, bounds.speed / amplitude)
-    spring = _spring(guess, bounds, width, friction_at=amplitude)
+def _coasts(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
+    """Return slow travel to each side, and throws across, after which the shaft coasts.
+
+    No torque acts then: the friction is that of each direction by itself, without the part that
+    grows with the gear's load.
+    """
     phases = []
-    for side in (1.0, -1.0):
+    for side, share in ((1.0, 1.0), (-1.0, 1.0), (1.0, COAST), (-1.0, COAST)):
+        way = COAST_TRAVEL * share * 2.0 * amplitude
+        speed = min(math.sqrt(2.0 * way * guess.coulomb / guess.inertia), bounds.speed)
+        torque = guess.coulomb + guess.damping * speed / 2.0 + guess.inertia * speed / STEP_S
+        torque = side * min(torque, 0.7 * bounds.torque)
+        reach, band = 2.0 * bounds.reach, 1.5 * bounds.step  # it starts from the other side
         phases += [
-            *_held(guess, bounds, side * amplitude),
-            Phase(RELEASE_S, stiffness=spring, reach=bounds.reach),
+            *_held(guess, bounds, -side * amplitude),
+            Phase(STEP_S, torque=torque, reach=reach),
+            Phase(COASTING_S, reach=reach, still_s=0.05, still_band=band),
         ]
     return [*phases, *_home(guess, bounds)]
 
@@ -182,17 +194,8 @@ def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
     ]
 
 
-def _spring(guess: Guess, bounds: Bounds, width: float, friction_at: float = 0.0) -> float:
-    """Return the stiffness [N·m/rad] for that angular frequency, or the largest stable one.
-
-    Args:
-        guess: Of the servo.
-        bounds: For the period.
-        width: [rad/s]
-        friction_at: Amplitude whose friction damping may be used for stability [rad]; 0: none.
-    """
-    damping = guess.damping
-    if friction_at > 0.0:
-        damping += 4.0 * guess.coulomb / (math.pi * friction_at * width)
-    most = float(critical_stiffness(guess.inertia, damping, 0.0, bounds.period, guess.delay))
+def _spring(guess: Guess, bounds: Bounds, width: float) -> float:
+    """Return the stiffness [N·m/rad] for that angular frequency [rad/s], or the largest stable."""
+    loop = (guess.inertia, guess.damping)
+    most = float(critical_stiffness(*loop, 0.0, bounds.period, guess.delay))
     return min(guess.inertia * width**2, 0.4 * most)

@@ -8,15 +8,20 @@ smoothed data, which assumes only the form of the model.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy.signal import savgol_filter
 
-from haptic_wall.controller.experiments.identify.loads import Loads
+from haptic_wall.controller.experiments.identify.effects import NONE, Effects
 from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces, pieces_of
-from haptic_wall.controller.experiments.identify.output_error import OutputError, least_squares
-from haptic_wall.controller.experiments.identify.standard_errors import standard_errors
+from haptic_wall.controller.experiments.identify.output_error import (
+    OutputError,
+    Prior,
+    least_squares,
+)
+from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.theory.checks import FloatArray
 
 PIECE_S = 0.4
@@ -48,7 +53,7 @@ class Fit:
     inertia: float
     """[kg·m²]"""
     damping: float
-    """[N·m·s/rad]"""
+    """Mean of both directions [N·m·s/rad]"""
     coulomb: float
     """[N·m]"""
     delay: float
@@ -62,8 +67,14 @@ class Fit:
     pieces: Pieces
     fitted: FloatArray
     """Positions of the model [rad], shape as the pieces'"""
-    loads: Loads | None = None
-    """None: none were fitted"""
+    speeds: FloatArray
+    """At the beginning of each piece [rad/s]"""
+    effects: Effects = NONE
+    weaker: tuple[float, float] = (0.0, 0.0)
+    """Damping in the direction where it is less, and its standard error"""
+    least: float | None = None
+    """Damping at least, where friction that fades with the speed may hide more [N·m·s/rad]; None:
+    the standard error says how far off it may be"""
 
 
 def fit_motion(motion: Motion, step: float) -> Fit:
@@ -81,20 +92,20 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     start = start_of(motion, speed, acceleration)
     pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
-    without, speeds = fitted(pieces, start, speeds, with_backlash=False)
+    without = fitted(replace(start, pieces=pieces, speeds=speeds))
     # Neglected backlash looks like delay: half a count like a third of a millisecond.
-    return visible_backlash(without, speeds) or without
+    return visible_backlash(without) or without
 
 
-def visible_backlash(without: Fit, speeds: FloatArray) -> Fit | None:
+def visible_backlash(without: Fit, priors: Mapping[str, Prior] | None = None) -> Fit | None:
     """Return the fit with backlash; None: no backlash is visible.
 
     Args:
         without: The fit without.
-        speeds: Of its pieces [rad/s].
+        priors: As for it.
     """
     begun = replace(without, backlash=max(2.0 * without.residual, _LEAST_BACKLASH))
-    found, _ = fitted(without.pieces, begun, speeds, with_backlash=True)
+    found = fitted(begun, priors)
     return found if found.backlash > _VISIBLE * found.stderr[4] + _LEAST_BACKLASH else None
 
 
@@ -181,56 +192,83 @@ def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit
     # Values that cannot be distinguished at the start begin just above zero.
     least = 0.05 * inertia
     return Fit(
-        inertia, max(damping, least), max(coulomb, least), best[1], 0.0, (), 0.0, nothing, empty
+        inertia,
+        max(damping, least),
+        max(coulomb, least),
+        best[1],
+        0.0,
+        stderr=(),
+        residual=0.0,
+        pieces=nothing,
+        fitted=empty,
+        speeds=np.zeros(1),
     )
 
 
-def fitted(
-    pieces: Pieces, start: Fit, speeds: FloatArray, *, with_backlash: bool, thorough: bool = True
-) -> tuple[Fit, FloatArray]:
-    """Return the fit that starts at another one, and the initial speeds of the pieces.
+def model_of(fit: Fit, names: tuple[str, ...], priors: Mapping[str, Prior] | None) -> OutputError:
+    """Return the residuals of a fit's pieces, by the values of these names."""
+    values = {name: getattr(fit, name) for name in NAMES}
+    values.update({n: v for n, v in asdict(fit.effects).items() if isinstance(v, float)})
+    return OutputError(fit.pieces, values, names, fit.effects.center, priors, fit.residual)
+
+
+def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool = True) -> Fit:
+    """Return the fit that starts at another one, to the same pieces.
 
     Args:
-        pieces: The recorded motion.
-        start: Its loads are fitted too, where it has any.
-        speeds: Initial guess for each piece [rad/s].
-        with_backlash: Fit the backlash.
+        start: A backlash above zero is fitted too, and the values that its effects name.
+        priors: What is known of values beforehand, by name.
         thorough: Iterate to convergence; else until an iteration brings little.
     """
-    count = 5 if with_backlash else 4
-    begin = np.array([getattr(start, name) for name in NAMES[:count]])
-    model = OutputError(pieces, begin, start.loads)
-    values, speeds = least_squares(model, speeds, thorough)
+    count = 5 if start.backlash > 0.0 else 4
+    names = (*NAMES[:count], *start.effects.fitted)
+    model = model_of(start, names, priors)
+    values, speeds = least_squares(model, start.speeds, thorough)
+    return made(start, model, values, speeds)
+
+
+def made(start: Fit, model: OutputError, values: FloatArray, speeds: FloatArray) -> Fit:
+    """Return the fit with these values, and its standard errors."""
     linear = model.linear(values, speeds)
-    left = linear.left[pieces.held]
-    five = [*values[:count].tolist(), *([] if with_backlash else [0.0])]
-    inertia, damping, coulomb, delay, backlash = five
-    period = float(np.median(np.diff(pieces.motion.sampled)))
-    all_errors = standard_errors(linear, period)
-    errors = [*all_errors[:count], *([] if with_backlash else [0.0])]
-    loads = start.loads
-    if loads is not None:
-        static, fading, *weights = values[count:].tolist()
-        loads = replace(
-            loads,
-            static=static,
-            fading=fading,
-            weights=tuple(weights),
-            errors=tuple(all_errors[count:]),
-        )
-    fit = Fit(
-        inertia,
-        damping,
-        coulomb,
-        delay,
-        backlash,
-        stderr=tuple(
-            float(np.hypot(error, share * value))
-            for error, share, value in zip(errors, _SURE, five, strict=True)
-        ),
-        residual=float(np.sqrt(np.mean(left**2))),
-        pieces=pieces,
-        fitted=pieces.position + linear.left,
-        loads=loads,
+    left = linear.left[start.pieces.held]
+    period = float(np.median(np.diff(start.pieces.motion.sampled)))
+    every = dict(zip(model.names, values.tolist(), strict=True))
+    covariance = standard_covariance(linear, period)
+    errors = dict(zip(model.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    shares = dict(zip(NAMES, _SURE, strict=True))
+    stderr = tuple(
+        float(np.hypot(errors.get(name, 0.0), shares[name] * every.get(name, 0.0)))
+        for name in NAMES
     )
-    return fit, speeds
+    effects = replace(
+        start.effects,
+        **{name: every[name] for name in start.effects.fitted},
+        errors={name: errors[name] for name in start.effects.fitted},
+    )
+    return Fit(
+        every["inertia"],
+        every["damping"],
+        every["coulomb"],
+        every["delay"],
+        every.get("backlash", 0.0),
+        stderr=stderr,
+        residual=float(np.sqrt(np.mean(left**2))),
+        pieces=start.pieces,
+        fitted=start.pieces.position + linear.left,
+        speeds=speeds,
+        effects=effects,
+        weaker=_weaker(model.names, every, covariance, stderr[1]),
+    )
+
+
+def _weaker(
+    names: tuple[str, ...], values: Mapping[str, float], covariance: FloatArray, stderr: float
+) -> tuple[float, float]:
+    """Return the damping in the direction where it is less, and its standard error."""
+    if "uneven" not in names:
+        return values["damping"], stderr
+    one, other = names.index("damping"), names.index("uneven")
+    sign = -1.0 if values["uneven"] > 0.0 else 1.0
+    variance = covariance[one, one] + covariance[other, other]
+    variance += 2.0 * sign * covariance[one, other]
+    return values["damping"] - abs(values["uneven"]), float(np.sqrt(max(variance, 0.0)))

@@ -24,6 +24,7 @@ from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
 from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.misfit import misfit
 from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
+from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.settings.config import Config
@@ -38,6 +39,13 @@ _SPEED = 0.4
 """Fraction of ``safety.max_speed`` for which they are planned"""
 _ERRORS = 2.0
 """Standard errors within which an inertia counts as zero"""
+_DROOP, _DRIVEN = 0.015, 0.64
+"""Drag expected of a drive, over its stall torque at the no-load speed: 0.02 fits an MX-106; and
+the planned speed over the no-load speed"""
+_FADING = (1.8, 0.8)
+"""Speed over which friction fades, and its deviation [rad/s]: 1.1 to 2.6 in bam's fits"""
+_LEAST = 1e-12
+"""Least deviation of a prior"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +63,10 @@ class Identified:
     inertia: Estimated
     """[kg·m²]"""
     damping: Estimated
-    """[N·m·s/rad]"""
+    """In the direction where it is less [N·m·s/rad]"""
+    damping_least: float | None
+    """Its lower bound, where friction that fades with the speed may hide more of it; None: the
+    standard error tells"""
     coulomb: Estimated
     """[N·m]"""
     delay: Estimated
@@ -145,9 +156,9 @@ def identify(
     if config.servo.kind != "hardware":
         raw["servo"]["hand"] = "none"
     bed = Testbed(Config.model_validate(raw), folder, tell, option="--logs")
-    bench = Bench(bed, bounds, tell)
+    bench = Bench(bed, bounds, tell, _priors(config, bounds))
     guess = bench.find_moving_torque(_believed(config))
-    _, fit = bench.fitted("gentle", guess, GENTLE * reach)
+    _, fit = bench.fitted("gentle", guess, GENTLE * reach, rough=True)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     return _judged(played, fit, bounds, tuple(bench.logs))
 
@@ -167,6 +178,19 @@ def _believed(config: Config) -> Guess:
     )
 
 
+def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
+    """Return what is known of values that a short motion can hardly tell apart."""
+    belief = config.belief()
+    damping = Prior(belief.damping.value, max(belief.damping.high - belief.damping.low, _LEAST))
+    drag = _DROOP * bounds.torque / (bounds.speed / _DRIVEN) ** 2
+    gain = belief.torque_gain.value
+    return {
+        "damping": Prior(damping.mean / gain, damping.deviation / gain),
+        "drag": Prior(drag, drag),
+        "fading": Prior(*_FADING),
+    }
+
+
 def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) -> Identified:
     rounding = rounding_of(bounds)
     warnings = tuple(misfit(fit, rounding))
@@ -177,13 +201,15 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
         )
     gain = torque_gain(played.rows, fit.delay)
     scale = 1.0 if gain is None else gain.value
-    values = [scale * v for v in (fit.inertia, fit.damping, fit.coulomb)]
-    errors = [scale * e for e in fit.stderr[:3]]
-    inertia, damping, coulomb = map(Estimated, values, errors)
+    damping, its_error = fit.weaker
+    values = [scale * v for v in (fit.inertia, max(damping, 0.0), fit.coulomb)]
+    errors = [scale * e for e in (fit.stderr[0], its_error, fit.stderr[2])]
+    three = list(map(Estimated, values, errors))
     return Identified(
-        inertia=inertia,
-        damping=damping,
-        coulomb=coulomb,
+        inertia=three[0],
+        damping=three[1],
+        damping_least=None if fit.least is None else scale * fit.least,
+        coulomb=three[2],
         delay=Estimated(max(fit.delay, 0.0), fit.stderr[3]),
         torque_gain=Estimated(1.0, 0.0) if gain is None else Estimated(gain.value, gain.stderr),
         gain_measured=gain is not None,

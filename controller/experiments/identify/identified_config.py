@@ -9,8 +9,8 @@ import yaml
 from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
 from haptic_wall.controller.settings.config import Config
 
-_ERRORS = 2.0
-"""Standard errors between a value and its bounds"""
+_ERRORS = 3.0
+"""Standard errors between a value and its bounds: those of all values hold the truth together"""
 FLOORS = {"inertia": 0.02, "damping": 0.05, "coulomb": 0.05}
 """Least relative distance of a value's bounds: servos warm up and wear between runs"""
 _LEAST = 0.05
@@ -28,7 +28,7 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
         source: Origin of ``config``, for people.
     """
     data = config.model_dump(mode="json", exclude_none=True)
-    data["model"] = identified_model(identified, config.period_s)
+    data["model"] = identified_model(identified, config)
     unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
     floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())
     head = [
@@ -45,12 +45,12 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
     return "".join(f"# {line}\n" for line in head) + "\n" + text
 
 
-def identified_model(identified: Identified, period: float) -> dict[str, dict[str, float]]:
+def identified_model(identified: Identified, config: Config) -> dict[str, dict[str, float]]:
     """Return value and bounds of each quantity of the model section.
 
     Args:
         identified: The result.
-        period: Sampling period [s].
+        config: Its configuration, for the period and for what was believed of the damping.
     """
     gain = identified.torque_gain.value
     model = {
@@ -58,10 +58,36 @@ def identified_model(identified: Identified, period: float) -> dict[str, dict[st
         for name, share in FLOORS.items()
     }
     model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
-    model["delay"] = _bounded(identified.delay, DELAY_FLOOR * period)
+    before = config.belief()
+    scale = gain / before.torque_gain.value
+    believed = scale * before.damping.low, scale * before.damping.high
+    if identified.damping_least is not None:
+        most = max(model["damping"]["high"], believed[1])
+        model["damping"] |= {"low": _short(identified.damping_least), "high": _short(most)}
+    unsure = identified.damping_least is not None or identified.fit.effects.excess > 0.0
+    model["damping"] = _not_wider(model["damping"], *believed, unsure=unsure)
+    model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
     return model
+
+
+def _not_wider(
+    found: dict[str, float], low: float, high: float, *, unsure: bool
+) -> dict[str, float]:
+    """Return the bounds within those believed before, where the motion tells less than these.
+
+    Args:
+        found: Value and bounds of the motion.
+        low: Bound that was believed.
+        high: Bound that was believed.
+        unsure: Friction that fades with the speed hides the damping.
+    """
+    apart = found["high"] <= low or found["low"] >= high
+    if apart or not (unsure or found["high"] - found["low"] > high - low):
+        return found
+    low, high = _short(max(low, found["low"])), _short(min(high, found["high"]))
+    return {"value": min(max(found["value"], low), high), "low": low, "high": high}
 
 
 def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:

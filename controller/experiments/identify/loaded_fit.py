@@ -1,115 +1,182 @@
-"""Fits an ordinary servo: external loads on its shaft are fitted together with the model.
+"""Fits a real servo: its effects are fitted together with the model that the guard works with.
 
-It adds a weight first; then the cogging that reduces the residual most; then the friction at rest
-that leaves the smallest residual. The guard's model has none of them: fitted separately, they
-cannot be mistaken for inertia, friction or delay.
+The start is the fit of motion in one direction, which says what effects there may be. All of them
+are simulated through the turns, and those that the motion does not need are taken out.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter, savgol_filter
 
+from haptic_wall.controller.experiments.identify.effects import ALWAYS, COGGING, FADING
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
     cuts_of,
     fitted,
+    model_of,
     smoothed,
-    start_of,
-    torque_on,
     visible_backlash,
-    window_of,
 )
-from haptic_wall.controller.experiments.identify.loads import Loads
-from haptic_wall.controller.experiments.identify.motion_model import (
-    Motion,
-    Pieces,
-    pieces_of,
-    taken,
-)
-from haptic_wall.controller.experiments.identify.output_error import OutputError, weights_of
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.experiments.identify.motion_model import Motion, pieces_of, taken
+from haptic_wall.controller.experiments.identify.output_error import Prior
+from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 
-MOST_PERIODS = 200
-"""Largest number of cogging periods in a turn"""
 _RATIOS = np.concatenate([np.arange(1.0, 2.0, 0.05), np.arange(2.0, 4.05, 0.1)])
-"""Tried ratios of friction at rest to friction in motion"""
-_FADINGS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Tried speeds over which that excess fades [rad/s]"""
-_FADES = 0.97
-"""Largest fraction of the squares that fading must leave to be accepted"""
-_LOWER = 0.7
-"""Initial fraction of the friction that remains at high speed"""
+"""Tried ratios of friction at rest to friction in slow motion"""
+_STICKS = 0.95
+"""Largest fraction of the squares that more friction at rest must leave"""
 _LEFT, _UNQUANTISED = 1.1, 1e-5
-"""Least residual for a search of fading: as a multiple of the rounding's; and in [rad]"""
-_SURE_OF_STICTION = 0.95
-"""Largest fraction of the squares that more friction at rest must leave to be reported"""
-_KNOWN = 1.2
-"""Largest multiple of the residual at which earlier loads still explain the motion"""
+"""Residual that is explained: as a multiple of that in one direction; at least this [rad]"""
+_FEW = 20
+"""Least number of stretches in one direction"""
 _TRIMS, _OUTLIER = 3, 3.0
 """Number of times that pieces are omitted, and the outlier limit in medians of the residuals"""
-_ROUNDS = 5
-_BETTER = 0.98
-"""Largest fraction of the squares that another round, or a cogging, must leave"""
-_NEAR = 3.0
-"""Distance in periods per turn within which two coggings cannot be distinguished"""
+_DOUBTFUL = (1.5, 3.0)
+"""Standard errors below which an effect is taken out: at first, and in the end"""
+_NEEDED = 1.002
+"""Residual without friction that fades, over that with it, from which the motion needs it"""
+_HINT = 4.0
+"""Standard errors from which an effect that was not fitted must be"""
 
 
-def fit_loaded(motion: Motion, step: float, before: Fit | None = None) -> Fit:
-    """Fit the model together with the loads of an ordinary servo.
+def fit_loaded(
+    motion: Motion, step: float, start: Fit, priors: Mapping[str, Prior] | None = None
+) -> Fit:
+    """Fit the model together with the effects of a real servo.
 
     Args:
         motion: At least two seconds in which the shaft moves.
         step: One count of the encoder [rad]; 0: not quantised.
-        before: Fit of another motion of the same servo: its loads are tried first.
+        start: Fit of the motion in one direction, with the effects to be tried.
+        priors: What is known of values beforehand, by name.
 
     Raises:
         NoFitError: The motion is not sufficient.
     """
-    speed, acceleration = smoothed(motion)
+    speed, _ = smoothed(motion)
     cuts = cuts_of(motion, speed, max(step, 1e-6))
-    pieces = pieces_of(motion, cuts)
     speeds = np.array([speed[begin] for begin, _ in cuts])
-    explained = _LEFT * max(step / math.sqrt(12.0), _UNQUANTISED)
-    known: tuple[Fit, FloatArray] | None = None
-    if before is not None and before.loads is not None:
-        known = fitted(pieces, _restarted(before), speeds, with_backlash=False, thorough=False)
-        known = _trimmed(*known, explained)
-    if known is None or known[0].residual > _KNOWN * explained:
-        start = _weighed_start(motion, speed, acceleration)
-        found = _searched(start, pieces, speeds)
-        if found[0].residual > explained:
-            found = _trimmed(*_with_fading(*found), explained)
-        if known is None or found[0].residual < known[0].residual:
-            known = found
-    fit, speeds = known
-    played = visible_backlash(fit, speeds) if fit.residual > explained else None
-    return played or _without_doubtful_stiction(fit, speeds)
+    explained = _LEFT * max(start.residual, _UNQUANTISED)
+    begun = _every_effect(replace(start, pieces=pieces_of(motion, cuts), speeds=speeds))
+    fit = fitted(begun, priors, thorough=False)
+    if fit.residual > explained:
+        fit = _trimmed(_with_stiction(fit, priors), explained, priors)
+    if fit.residual > explained and start.pieces.position.shape[0] >= _FEW:
+        # What the shaft does at rest is left out.
+        sticking = replace(fit.effects, errors={})
+        moving = replace(fit, pieces=start.pieces, speeds=start.speeds, effects=sticking)
+        moving = fitted(moving, priors, thorough=False)
+        fit = min(fit, moving, key=lambda each: each.residual)
+    for least in _DOUBTFUL:
+        kept = _needed(fit, least)
+        if kept != fit.effects.fitted:
+            fit = fitted(_only(fit, kept), priors, thorough=False)
+    fit = fitted(fit, priors)
+    if fit.residual > explained:
+        fit = visible_backlash(fit, priors) or fit
+    return _without_doubtful_fading(fit, priors)
 
 
-def _without_doubtful_stiction(fit: Fit, speeds: FloatArray) -> Fit:
-    """Return the fit without excess friction at rest, where that improves nothing."""
-    assert fit.loads is not None
-    model = OutputError(fit.pieces, np.array([getattr(fit, n) for n in NAMES[:4]]), fit.loads)
-    tried = np.tile(model.begin, (2, 1))
-    tried[1, 4] = fit.coulomb
-    with_it, without = model.costs(tried, speeds).tolist()
-    if with_it < _SURE_OF_STICTION * without:
+def _without_doubtful_fading(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
+    """Return the fit without friction that fades, where the motion does not need it.
+
+    Such friction hides viscous friction, whose upper bound contains it still; the lower one is that
+    without, because friction does not grow at low speeds.
+    """
+    effects = fit.effects
+    if "drag" not in effects.fitted:
         return fit
-    return replace(fit, loads=replace(fit.loads, static=fit.coulomb, fading=0.0))
+    if "excess" not in effects.fitted:
+        return replace(fit, least=_least(fit))
+    if effects.excess > _DOUBTFUL[1] * effects.error("excess"):
+        return fit
+    kept = tuple(name for name in effects.fitted if name not in FADING)
+    without = fitted(_only(fit, kept), priors, thorough=False)
+    if without.residual > _NEEDED * fit.residual:
+        return fit
+    least = max(_least(without), _least(fit))
+    value, error = without.weaker
+    return replace(without, weaker=(max(value, least), error), least=least)
 
 
-def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, FloatArray]:
+def _least(fit: Fit) -> float:
+    value, error = fit.weaker
+    return max(value - _DOUBTFUL[1] * error, 0.0)
+
+
+def is_hinted(fit: Fit) -> bool:
+    """Return whether a fit without effects must be one with them, by a step from its end."""
+    every = _every_effect(fit)
+    model = model_of(every, (*NAMES[:4], *every.effects.fitted), None)
+    linear = model.linear(model.begin, every.speeds)
+    rest = linear.without_own()
+    normal = np.einsum("psn,qsn->pq", rest * linear.weights, rest)
+    right = np.sum(rest * linear.weights * linear.left, axis=(1, 2))
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    step = -np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+    moved = linear.left + np.tensordot(step, linear.shared, axes=1)
+    pull = np.sum(linear.weights * linear.own * moved, axis=1) / linear.own_square()
+    after = replace(linear, left=moved - pull[:, None] * linear.own)
+    period = float(np.median(np.diff(fit.pieces.motion.sampled)))
+    errors = np.sqrt(np.diag(standard_covariance(after, period)))
+    return bool(np.any(np.abs(step[4:]) > _HINT * errors[4:]))
+
+
+def _every_effect(fit: Fit) -> Fit:
+    """Return the fit with every effect that is always tried among those to be fitted."""
+    names = dict.fromkeys([*(n for group in ALWAYS for n in group), *fit.effects.fitted])
+    return replace(fit, effects=replace(fit.effects, fitted=tuple(names)))
+
+
+def _only(fit: Fit, names: tuple[str, ...]) -> Fit:
+    """Return the fit without the effects that are not named."""
+    gone = {name: 0.0 for name in fit.effects.fitted if name not in names}
+    return replace(fit, effects=replace(fit.effects, fitted=names, errors={}, **gone))
+
+
+def _needed(fit: Fit, least: float) -> tuple[str, ...]:
+    """Return the names of the effects that the motion needs.
+
+    Friction that fades, and drag beside it, stay: what the speed adds to one it takes from the
+    other, so that neither seems to be needed where both are.
+    """
+    effects = fit.effects
+    kept: list[str] = []
+    for group in (*ALWAYS, COGGING, FADING):
+        sized = [name for name in group if name not in ("periods", "fading")]
+        if group[0] not in effects.fitted:
+            continue
+        fades = "excess" in effects.fitted and group in (FADING, ("drag",))
+        size = math.hypot(*(getattr(effects, name) for name in sized))
+        if fades or size > least * effects.error(*sized):
+            kept += group
+    return tuple(kept)
+
+
+def _with_stiction(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
+    """Return the fit with the friction at rest that leaves the smallest residual."""
+    model = model_of(fit, (*NAMES[:4], *fit.effects.fitted), priors)
+    slow = fit.coulomb + max(fit.effects.excess, 0.0)
+    costs = model.costs("static", _RATIOS * slow, fit.speeds)
+    lowest = int(np.argmin(costs))
+    if float(costs[lowest]) > _STICKS * float(costs[0]):
+        return fit
+    static = float(_RATIOS[lowest]) * slow
+    return fitted(replace(fit, effects=replace(fit.effects, static=static)), priors, thorough=False)
+
+
+def _trimmed(fit: Fit, explained: float, priors: Mapping[str, Prior] | None) -> Fit:
     """Return the fit without outlier pieces: a shaft that nearly sticks may move or not.
 
     Args:
         fit: Of all pieces.
-        speeds: Of each.
         explained: Residual at which no piece is omitted [rad].
+        priors: As for the fit.
     """
     for _ in range(_TRIMS):
         pieces = fit.pieces
@@ -118,125 +185,6 @@ def _trimmed(fit: Fit, speeds: FloatArray, explained: float) -> tuple[Fit, Float
         kept = each <= max(_OUTLIER * float(np.median(each)), explained)
         if np.all(kept):
             break
-        pieces = taken(pieces, kept)
-        fit, speeds = fitted(
-            pieces, _restarted(fit), speeds[kept], with_backlash=False, thorough=False
-        )
-    return fitted(fit.pieces, _restarted(fit), speeds, with_backlash=False)
-
-
-def _restarted(fit: Fit) -> Fit:
-    """Return the fit as a new start, with the cogging's period corrected."""
-    assert fit.loads is not None
-    return replace(fit, loads=fit.loads.settled())
-
-
-def _searched(start: Fit, pieces: Pieces, speeds: FloatArray) -> tuple[Fit, FloatArray]:
-    """Return the fit with friction at rest and cogging, and the speeds of its pieces."""
-    fit, speeds = fitted(pieces, start, speeds, with_backlash=False, thorough=False)
-    for _ in range(_ROUNDS):
-        before = fit.residual
-        stuck = _with_stiction(fit, speeds)
-        fit, speeds = fitted(pieces, stuck, speeds, with_backlash=False, thorough=False)
-        begun = _with_cogging(fit)
-        cogged, its_speeds = fitted(pieces, begun, speeds, with_backlash=False, thorough=False)
-        if cogged.residual**2 < _BETTER * fit.residual**2:
-            fit, speeds = cogged, its_speeds
-        if fit.residual**2 > _BETTER * before**2:
-            break
-    return fitted(pieces, _with_stiction(fit, speeds), speeds, with_backlash=False)
-
-
-def _with_fading(fit: Fit, speeds: FloatArray) -> tuple[Fit, FloatArray]:
-    """Return the fit with friction that fades over a range of speeds, where that is better."""
-    assert fit.loads is not None
-    best = fit, speeds
-    for fading in _FADINGS[1::2]:
-        loads = replace(fit.loads, static=fit.coulomb, fading=fading)
-        begun = replace(fit, coulomb=_LOWER * fit.coulomb, loads=loads)
-        found = fitted(fit.pieces, begun, speeds, with_backlash=False, thorough=False)
-        if found[0].residual ** 2 < _BETTER * best[0].residual ** 2:
-            best = found
-    return best if best[0] is fit else fitted(fit.pieces, best[0], best[1], with_backlash=False)
-
-
-def _weighed_start(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit:
-    """Return the start of the fit as ``start_of``, with a weight."""
-    plain = start_of(motion, speed, acceleration)
-    moving = np.abs(speed) > 0.15 * np.max(np.abs(speed))
-    middle = 0.5 * float(np.min(motion.position) + np.max(motion.position))
-    loads = Loads(plain.coulomb, 0.0, middle)
-    window = window_of(motion)
-    smooth = [savgol_filter(wave, window, 3) for wave in loads.waves(motion.position)]
-    columns = np.column_stack([acceleration, speed, np.sign(speed), *smooth])[moving]
-    torque = torque_on(motion, [plain.delay])[0][moving]
-    found = np.linalg.lstsq(columns, torque, rcond=None)[0].tolist()
-    inertia, damping, coulomb = (max(v, 0.05 * plain.inertia) for v in found[:3])
-    loads = replace(loads, static=coulomb, weights=tuple(found[3:]))
-    return replace(plain, inertia=inertia, damping=damping, coulomb=coulomb, loads=loads)
-
-
-def _with_cogging(fit: Fit) -> Fit:
-    """Return the fit with the cogging that improves it most, or with its own one refined.
-
-    To small torques the body responds as one without Coulomb friction, from the beginning of its
-    piece on; effects of the initial state are not counted.
-    """
-    pieces, loads = fit.pieces, fit.loads
-    assert loads is not None
-    period = float(np.median(np.diff(pieces.motion.sampled)))
-    kept = math.exp(-fit.damping / fit.inertia * period)
-    push = 0.5 * period**2 / fit.inertia
-    root = np.sqrt(weights_of(pieces))
-    time = pieces.sampled - pieces.sampled[:, :1]
-    own = np.stack([np.ones(time.shape), time, time**2])
-    base = np.linalg.qr(np.moveaxis(own * root, 0, 2))[0]
-
-    def told(shown: FloatArray) -> FloatArray:
-        shown = shown * root
-        shown = shown - np.einsum("sni,si->sn", base, np.einsum("sni,sn->si", base, shown))
-        return shown.ravel()
-
-    def effects(loads: Loads) -> FloatArray:
-        waves = -loads.waves(pieces.position)[2:4]
-        shown = lfilter([push, push], [1.0, -1.0 - kept, kept], waves)
-        return np.stack([told(each) for each in shown], axis=1)
-
-    target = told(pieces.position - fit.fitted)
-    if loads.periods:
-        target = target + effects(loads) @ np.array(loads.weights[2:4])
-    most, best = 0.0, loads
-    for periods in range(2, MOST_PERIODS + 1, 2):
-        tried = replace(loads, periods=float(periods), weights=(*loads.weights[:2], 0.0, 0.0))
-        columns = effects(tried)
-        weights = np.linalg.lstsq(columns, target, rcond=1e-6)[0]
-        explained = float(np.sum((columns @ weights) ** 2))
-        if explained > most:
-            found = (*loads.weights[:2], *weights.tolist(), 0.0)
-            most, best = explained, replace(tried, weights=found)
-    if loads.periods and abs(best.periods - loads.periods) <= _NEAR:
-        best = loads.settled()
-    return replace(fit, loads=best)
-
-
-def _with_stiction(fit: Fit, speeds: FloatArray) -> Fit:
-    """Return the fit with the friction at rest, and its fading, of the smallest residual."""
-    loads = fit.loads
-    assert loads is not None
-    begin = np.array([getattr(fit, name) for name in NAMES[:4]])
-    model = OutputError(fit.pieces, begin, loads)
-    at = begin.size
-    best, least = (loads.static, loads.fading), math.inf
-    fadings = _FADINGS if loads.fading == 0.0 else (0.0, loads.fading)
-    for fading in fadings:
-        ratios = _RATIOS if fading in (0.0, loads.fading) else _RATIOS[::4]
-        tried = np.tile(model.begin, (ratios.size, 1))
-        tried[:, at] = ratios * fit.coulomb
-        tried[:, at + 1] = fading
-        if fading and fading != loads.fading:  # the friction at high speed was part of the mean
-            tried[:, 2] = fit.coulomb
-        costs = model.costs(tried, speeds)
-        lowest = int(np.argmin(costs))
-        if float(costs[lowest]) < (_FADES if fading else 1.0) * least:
-            least, best = float(costs[lowest]), (float(tried[lowest, at]), fading)
-    return replace(fit, loads=replace(loads, static=best[0], fading=best[1]))
+        fewer = replace(fit, pieces=taken(pieces, kept), speeds=fit.speeds[kept])
+        fit = fitted(fewer, priors, thorough=False)
+    return fit

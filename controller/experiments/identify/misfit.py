@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 
 from haptic_wall.controller.experiments.identify.fitting import Fit
-from haptic_wall.controller.experiments.identify.loads import Loads
 
 STRUCTURED = 1.5
 """Least reported residual, as a multiple of the rounding's"""
-_ERRORS, _SHARE = 4.0, 0.02
-"""Least reported load: in standard errors, and as a fraction of the Coulomb friction"""
+_SHARE = 0.02
+"""Least reported torque, as a fraction of the Coulomb friction; and least fraction of the load"""
+_UNEVEN = 0.05
+"""Least reported difference of the damping between the directions, over the damping"""
 _STUCK = 1.15
 """Least reported ratio of friction at rest to friction in motion"""
 END = "the bounds allow for it, the model does not know it"
@@ -24,31 +25,55 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
         fit: Of the servo.
         rounding: Root mean square of the rounding's residual [rad].
     """
-    if fit.loads is not None:
-        yield from (f"{text}; {END}" for text in _loads(fit.loads, fit.coulomb))
+    yield from (f"{text}; {END}" for text in _frictions(fit))
+    yield from (f"{text}; {END}" for text in _torques(fit))
     if fit.residual > STRUCTURED * rounding:
         yield (
             f"the residual is {1e3 * fit.residual:.2g} mrad where rounding leaves"
             f" {1e3 * rounding:.2g}: something moves the shaft that is not known (a loose horn, a"
-            " hand, a friction that changes, or grows with the torque); the bounds are wider for"
+            " hand, a friction that changes), or the readings are noisy; the bounds are wider for"
             " it, and may still miss the truth"
         )
 
 
-def _loads(loads: Loads, coulomb: float) -> Iterator[str]:
-    errors = [*loads.errors, *[0.0] * 6]
-    excess = loads.static - coulomb
-    if loads.static > _STUCK * coulomb and excess > _ERRORS * errors[0]:
-        yield (f"it sticks: friction is {loads.static:.2g} N·m at rest and {coulomb:.2g} in motion")
-    if loads.cogging > max(_ERRORS * math.hypot(*errors[4:6]), _SHARE * coulomb):
+def _frictions(fit: Fit) -> Iterator[str]:
+    effects, coulomb = fit.effects, fit.coulomb
+    slow = coulomb + max(effects.excess, 0.0)
+    if effects.static > _STUCK * slow:
+        yield f"it sticks: friction is {effects.static:.2g} N·m at rest and {slow:.2g} in motion"
+    if effects.excess:
         yield (
-            f"it cogs: {loads.cogging:.2g} N·m to and fro, about {loads.periods:.0f} periods per"
-            " turn"
+            f"friction fades with the speed: {effects.excess:.2g} N·m of it over"
+            f" {effects.fading:.2g} rad/s, from which viscous friction can hardly be told"
         )
-    if loads.gravity > max(_ERRORS * math.hypot(*errors[2:4]), _SHARE * coulomb):
-        angle = loads.hanging
+    elif effects.drag:
         yield (
-            f"a torque goes with the angle, {loads.gravity:.2g} N·m at most: a weight that hangs at"
-            f" {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging of a few periods"
+            "torque is lost with the square of the speed, as by a drive that falls behind its"
+            f" back-EMF: {effects.drag:.2g} N·m at 1 rad/s"
+        )
+    if abs(effects.gear) > _SHARE:
+        yield f"the gear adds {100.0 * effects.gear:.2g} % of its load to the friction"
+    if abs(effects.uneven) > 0.5 * _UNEVEN * fit.damping:
+        ways = [fit.damping + sign * effects.uneven for sign in (1.0, -1.0)]
+        yield (
+            f"viscous friction is {ways[0]:.2g} N·m·s/rad forwards and {ways[1]:.2g} backwards; the"
+            " smaller one counts"
+        )
+    if effects.dead_band > _SHARE * coulomb:
+        yield f"the motor makes {effects.dead_band:.2g} N·m less than commanded"
+
+
+def _torques(fit: Fit) -> Iterator[str]:
+    effects, coulomb = fit.effects, fit.coulomb
+    if effects.cogging > _SHARE * coulomb:
+        yield (
+            f"it cogs: {effects.cogging:.2g} N·m to and fro, about {effects.periods:.0f} periods"
             " per turn"
+        )
+    if effects.gravity > _SHARE * coulomb:
+        angle = effects.hanging
+        yield (
+            f"a torque goes with the angle, {effects.gravity:.2g} N·m at most: a weight that hangs"
+            f" at {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging of a few"
+            " periods per turn"
         )

@@ -5,9 +5,10 @@ follow with backlash::
 
     m x'' = u(t - delay) - b x' - c sign(x')
 
-Torques are held, so the motion between two changes of the torque has a closed form, even if the
-body stops or reverses in between. Samples and torques have their recorded instants, which need not
-lie on the grid of the periods.
+The effects of a real servo can be added. Torques are held, so the motion between two changes of the
+torque has a closed form, even if the body stops or reverses in between; what depends on speed and
+position besides is held over that time. Samples and torques have their recorded instants, which
+need not lie on the grid of the periods.
 """
 
 from __future__ import annotations
@@ -75,10 +76,22 @@ class Parameters:
     """Backlash between shaft and encoder, full width [rad]"""
     static: FloatArray | None = None
     """Friction at rest [N·m]; None: as in motion"""
+    slow: FloatArray | None = None
+    """Friction in slow motion [N·m]; None: as in fast motion"""
     fading: FloatArray | None = None
-    """Speed at which the excess has fallen to a third [rad/s]; 0 or None: none in motion"""
+    """Speed at which the excess in slow motion has fallen to a third [rad/s]"""
     load: FloatArray | None = None
     """Torque against the shaft from each sample to the next [N·m], (v, s, n - 1); None: none"""
+    weight: FloatArray | None = None
+    """The part of it that loads the gear [N·m], as ``load``; None: none"""
+    gear: FloatArray | None = None
+    """Fraction of the gear's load that adds to the friction; None: none"""
+    uneven: FloatArray | None = None
+    """Half the difference of the damping forwards and backwards [N·m·s/rad]; None: none"""
+    drag: FloatArray | None = None
+    """Friction with the square of the speed [N·m·s²/rad²]; None: none"""
+    dead_band: FloatArray | None = None
+    """Torque that is missing of what is commanded [N·m]; None: none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,16 +140,14 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     Returns:
         Shape (v, s, n).
     """
-    lengths, torques = _schedule(pieces, parameters.delay)
-    if parameters.load is not None:
-        torques = torques - parameters.load[:, :, :, None]
+    lengths, torques, gears = _torques(pieces, parameters)
     inertia, coulomb = parameters.inertia, parameters.coulomb
     static = np.broadcast_to(
         coulomb if parameters.static is None else np.maximum(parameters.static, coulomb),
         speeds.shape,
     )
     fading = None
-    if parameters.fading is not None and np.any(parameters.fading > 0.0):
+    if parameters.slow is not None and parameters.fading is not None:
         fading = np.broadcast_to(np.maximum(parameters.fading, _NO_SPEED), speeds.shape)
     decay = parameters.damping / inertia
     response = held_response(decay[:, :, None, None], lengths)
@@ -148,9 +159,10 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
     half = np.broadcast_to(0.5 * parameters.backlash, speeds.shape)
     loose = bool(np.any(half))
+    by_speed_too = parameters.uneven is not None or parameters.drag is not None
     drag, first = coulomb, coulomb
-    if fading is not None:
-        first = np.where(fading > _NO_SPEED, static, coulomb)
+    if parameters.slow is not None and fading is not None:
+        first = np.broadcast_to(parameters.slow, speeds.shape)
     x, v = np.zeros(speeds.shape), speeds.copy()
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
@@ -160,11 +172,15 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
             u, by_speed = held[k, j], phi[k, j]
             sign = np.sign(v)
             moving = bool(sign.all())
+            more = 0.0 if gears is None else gears[k, j]
             if not moving:
-                sign = np.where(sign == 0.0, np.where(np.abs(u) > static, np.sign(u), 0.0), sign)
+                free = np.abs(u) > static + more
+                sign = np.where(sign == 0.0, np.where(free, np.sign(u), 0.0), sign)
             if fading is not None:
                 drag = coulomb + (first - coulomb) * np.exp(-np.abs(v) / fading)
-            push = u - sign * drag
+            push = u - sign * (drag + more)
+            if by_speed_too:
+                push -= _lost(parameters, v)
             if not moving:
                 push[sign == 0.0] = 0.0
             push /= inertia
@@ -177,7 +193,12 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
                     push[turned],
                     decay[turned],
                     lengths[k, j][turned],
-                    _breakaway(u[turned], first[turned], static[turned]) / inertia[turned],
+                    _breakaway(
+                        u[turned],
+                        (first + more)[turned],
+                        (static + more)[turned],
+                    )
+                    / inertia[turned],
                 )
                 if loose:
                     at = x[turned] + rest
@@ -187,6 +208,35 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         shown = np.minimum(np.maximum(shown, x - half), x + half) if loose else x
         out[k + 1] = shown
     return np.moveaxis(out, 0, 2)
+
+
+def _torques(
+    pieces: Pieces, parameters: Parameters
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return lengths [s] and torques as ``_schedule``, and the gear's friction, time first."""
+    lengths, torques = _schedule(pieces, parameters.delay)
+    if parameters.dead_band is not None:
+        missing = np.maximum(parameters.dead_band, 0.0)[:, :, None, None]
+        torques = torques - np.clip(torques, -missing, missing)
+    gears = None
+    if parameters.gear is not None:
+        gears = torques if parameters.weight is None else torques + parameters.weight[:, :, :, None]
+        gears = parameters.gear[:, :, None, None] * np.abs(gears)
+        gears = np.ascontiguousarray(np.moveaxis(gears, (2, 3), (0, 1)))
+    if parameters.load is not None:
+        torques = torques - parameters.load[:, :, :, None]
+    return lengths, torques, gears
+
+
+def _lost(parameters: Parameters, speed: FloatArray) -> FloatArray:
+    """Return the torque that goes with the speed in other ways than viscous friction [N·m]."""
+    fast = np.abs(speed)
+    lost: FloatArray = np.zeros(speed.shape)
+    if parameters.uneven is not None:
+        lost = lost + parameters.uneven * fast
+    if parameters.drag is not None:
+        lost = lost + parameters.drag * speed * fast
+    return lost
 
 
 def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:

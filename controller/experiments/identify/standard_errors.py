@@ -12,6 +12,8 @@ _CORRELATED_S = 0.05
 """Assumed correlation time of errors [s]"""
 _FELT_S = 3e-3
 """Change of position per initial speed below which that speed is not fitted [s]"""
+CORRELATED = 9.0
+"""Variance of correlated errors over that of independent ones, by which a prior is weighed"""
 _FEW = 1.25
 """Correction of standard errors from some twenty pieces, few of which dominate"""
 
@@ -27,6 +29,8 @@ class Linear:
     own: FloatArray
     """Per unit of the piece's own initial speed"""
     weights: FloatArray
+    precision: FloatArray | None = None
+    """Weight of what is known of each shared value beforehand; None: nothing is"""
 
     @property
     def cost(self) -> float:
@@ -45,11 +49,12 @@ class Linear:
         return np.where(square > _FELT_S**2 * np.sum(self.weights, axis=1), square, np.inf)
 
 
-def standard_errors(linear: Linear, period: float) -> list[float]:
-    """Return standard errors of the shared values, robust to correlated errors.
+def standard_covariance(linear: Linear, period: float) -> FloatArray:
+    """Return the covariance of the shared values, robust to correlated errors.
 
-    The largest of three estimates of the covariance counts: independent errors; errors correlated
-    over ``_CORRELATED_S`` (Bartlett's weights); errors correlated within a whole piece.
+    Of three estimates each variance is the largest: independent errors; errors correlated
+    over ``_CORRELATED_S`` (Bartlett's weights); errors correlated within a whole piece. The
+    correlation is that of the first.
 
     Args:
         linear: About the fitted values.
@@ -61,20 +66,31 @@ def standard_errors(linear: Linear, period: float) -> list[float]:
     rest, weights, left = linear.without_own(), linear.weights, linear.left
     count, groups = rest.shape[0], rest.shape[1]
     scale = np.sqrt(np.sum(weights * rest**2, axis=(1, 2)))
-    rest = rest / np.where(scale > 0.0, scale, 1.0)[:, None, None]
-    inverse = np.linalg.pinv(np.einsum("psn,qsn->pq", rest * weights, rest))
+    if linear.precision is not None:
+        scale = np.hypot(scale, np.sqrt(linear.precision))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    rest = rest / unit[:, None, None]
+    known = np.zeros((count, count))
+    if linear.precision is not None:
+        known[np.diag_indices_from(known)] = linear.precision / unit**2
+    inverse = np.linalg.pinv(np.einsum("psn,qsn->pq", rest * weights, rest) + known)
     scores = rest * weights * left
     samples = float(np.sum(weights))
     free = max(1.0, samples - count - 2 * groups)
     sums = scores.sum(axis=2)
-    independent = linear.cost / free * inverse
-    clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count)
+    level = linear.cost / free
+    independent = level * inverse
+    prior = inverse @ (CORRELATED * level * known) @ inverse
+    clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count) + prior
     lags = round(_CORRELATED_S / period)
     meat = np.einsum("psn,qsn->pq", scores, scores)
     for lag in range(1, lags + 1):
         cross = np.einsum("psn,qsn->pq", scores[:, :, lag:], scores[:, :, :-lag])
         meat += (1.0 - lag / (lags + 1)) * (cross + cross.T)
-    correlated = inverse @ meat @ inverse * samples / free
+    correlated = inverse @ meat @ inverse * samples / free + prior
     variance = np.max([np.diag(c) for c in (independent, clustered, correlated)], axis=0)
-    errors = _FEW * np.sqrt(np.maximum(variance, 0.0)) / np.where(scale > 0.0, scale, 1.0)
-    return [float(e) for e in errors]
+    errors = _FEW * np.sqrt(np.maximum(variance, 0.0)) / unit
+    own = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    covariance: FloatArray = inverse / np.outer(own, own) * np.outer(errors, errors)
+    covariance[np.diag_indices_from(covariance)] = errors**2
+    return covariance

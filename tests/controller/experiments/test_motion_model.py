@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,6 +62,27 @@ def test_it_moves_as_the_exact_plant_does(delay: float, coulomb: float) -> None:
     for begin, end in ((0, 600), (123, 480)):
         expected = motion.position[begin:end] - motion.position[begin]
         assert shown(motion, true, begin, end, speed) == pytest.approx(expected, abs=1e-9)
+
+
+def test_it_moves_as_a_real_servo_does() -> None:
+    """Load friction, a dead band, another damping each way: held over a sample, so not exact."""
+    random = np.random.default_rng(3)
+    true = TrueServo(0.0018, 0.0037, 0.008, counts_per_rev=0, delay=0.0007, torque_limit=1.0)
+    true = replace(true, load_friction=0.1, dead_band=0.004, damping_back=0.0029)
+    torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
+    motion, speed = moved(true, torques)
+    one = np.ones((1, 1))
+    real = replace(
+        model(replace(true, damping=0.0033)),
+        gear=0.1 * one,
+        uneven=0.0004 * one,
+        dead_band=0.004 * one,
+    )
+    pieces = pieces_of(motion, [(123, 480)])
+    found = simulated(pieces, real, np.array([[speed[123]]]))[0, 0]
+    assert found == pytest.approx(motion.position[123:480] - motion.position[123], abs=2e-5)
+    ideal = shown(motion, true, 123, 480, speed)
+    assert np.max(np.abs(ideal - found)) > 1e-3
 
 
 def test_a_stuck_shaft_stays_and_breaks_away() -> None:
