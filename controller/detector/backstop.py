@@ -27,6 +27,7 @@ from haptic_wall.controller.detector.evidence import (
     sighting,
 )
 from haptic_wall.controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.load_hold import LoadHold
 from haptic_wall.controller.detector.probe import Probe, Verdict
 from haptic_wall.controller.detector.steady import Steadiness
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
@@ -127,6 +128,7 @@ class Backstop:
         "_gaining",
         "_gentle",
         "_hands",
+        "_hold",
         "_largest",
         "_largest_before",
         "_motion",
@@ -160,14 +162,18 @@ class Backstop:
         "suspected",
     )
 
-    def __init__(self, settings: BackstopSettings, motion: Repeated) -> None:
+    def __init__(
+        self, settings: BackstopSettings, motion: Repeated, hold: LoadHold | None = None
+    ) -> None:
         """Start to watch.
 
         Args:
             settings: Thresholds and permitted actions.
             motion: The observed motion; its owner reports each end to ``update``.
+            hold: Holds the load while the wall is softer; None: nothing does.
         """
         self._settings = settings
+        self._hold = hold
         self._motion = motion
         tuning = settings.tuning
         self._tuning, self._evidence = tuning.backstop, tuning.evidence
@@ -195,7 +201,7 @@ class Backstop:
 
         Args:
             span: Time since the last sample [s].
-            elongation: Of the wall's spring, either sign [rad].
+            elongation: Of the wall's spring, signed [rad].
             stiffness: K without this object's scale [N·m/rad].
             ended: A half-cycle, or a contact, has ended.
         """
@@ -204,6 +210,9 @@ class Backstop:
         phase, last = self.phase, self._elongation
         lets_go = abs(elongation) < abs(last)
         self._elongation = elongation
+        hold = self._hold
+        if hold is not None and hold.torque:
+            self._follow_load(hold, elongation)
         if phase == Phase.WATCHING:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
@@ -221,22 +230,73 @@ class Backstop:
             if self._gaining >= self._tuning.throws:
                 self._probe_what_throws()
 
+    def _follow_load(self, hold: LoadHold, elongation: float) -> None:
+        """Drop the hold where the load has gone.
+
+        Args:
+            hold: Holds a load.
+            elongation: Of the spring [rad].
+        """
+        rests = self._motion.elapsed > self._still * self._motion.interval
+        if hold.left(elongation) or (rests and hold.gone(self._spring(elongation))):
+            hold.drop()
+            if self.phase == Phase.PROBING:
+                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
+
+    def _spring(self, elongation: float) -> float:
+        """Return the torque of the present spring, with what holds a load [N·m].
+
+        Args:
+            elongation: Of the spring [rad].
+        """
+        scale, limit = self.stiffness_scale, self._settings.torque_limit
+        torque = scale * min(max(-self._stiffness * elongation, -limit), limit)
+        hold = self._hold
+        if hold is not None:
+            torque += hold.acts(elongation, self._stiffness, scale)
+        return torque
+
+    def _missing(self, elongation: float) -> float:
+        """Return the torque by which the whole spring's differs from the present one's [N·m].
+
+        Args:
+            elongation: Of the spring [rad].
+        """
+        missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
+        hold = self._hold
+        if hold is not None:
+            missing += hold.acts(elongation, self._stiffness, self.stiffness_scale)
+        return missing
+
     def _return(self, elongation: float, last: float) -> None:
-        """Restore the gains if the wall's spring is at rest.
+        """Restore the gains where that does not change the torque: the spring is at rest there.
 
         Args:
             elongation: Of the spring [rad].
             last: At the last sample; a fast motion is at rest between two samples [rad].
         """
-        missing = abs((1.0 - self.stiffness_scale) * self._stiffness * elongation)
+        missing = self._missing(elongation)
         most = self._settings.rest_torque
-        if elongation * last < 0.0:
+        if missing * self._missing(last) < 0.0:
             most *= self._tuning.rest_between
         least = self._tuning.rest_counts * self._settings.position_step
-        if missing <= most or abs(elongation) <= least:
+        softer = 1.0 - self.stiffness_scale
+        if abs(missing) <= max(most, least * softer * self._stiffness):
             self.stiffness_scale = self.damping_scale = 1.0
+            self._let_go()
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
+
+    def _take_load(self) -> None:
+        """Hold the load of the last cycle from now on."""
+        if self._hold is not None:
+            whole = self.stiffness_scale == 1.0
+            self._hold.begin(self._stiffness if whole else math.inf)
+
+    def _let_go(self) -> None:
+        """Hold no load."""
+        if self._hold is not None:
+            self._hold.drop()
 
     def raise_again(self) -> None:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
@@ -249,6 +309,7 @@ class Backstop:
         """Restart the watch after a pause; reductions stay."""
         self._streak = self._count = 0
         self.alarm = False
+        self._let_go()
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
 
@@ -280,10 +341,17 @@ class Backstop:
             self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
+            self._check_load()
         elif self.steady and size >= settings.threshold:
             self._begun = self._since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
+
+    def _check_load(self) -> None:
+        """Drop the hold on the reduced wall if its mean torque shows that the load has gone."""
+        hold = self._hold
+        if hold is not None and hold.torque and hold.gone(self._motion.load):
+            hold.drop()
 
     def _watch(self, size: float) -> None:
         """React to a regular motion that does not decay.
@@ -417,8 +485,10 @@ class Backstop:
 
     def _gives_way(self, steps: int) -> bool:
         """Whether the load would push through a wall reduced ``steps`` times."""
-        limit = self._probing.scale**steps * self._settings.torque_limit
-        return abs(self._motion.load) > self._tuning.loaded * limit
+        load, limit = abs(self._motion.load), self._settings.torque_limit
+        if self._hold is not None:
+            return load > self._tuning.loaded * limit
+        return load > self._tuning.loaded_contacts * self._probing.scale**steps * limit
 
     @property
     def _softest(self) -> bool:
@@ -462,6 +532,7 @@ class Backstop:
         self.phase = Phase.PROBING
         self._asks_again = False
         self.probes += 1
+        self._take_load()
         self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self.damping_scale = self._probing.scale
 
@@ -508,6 +579,8 @@ class Backstop:
         if not self._settings.acts:
             return
         self._cause = cause
+        if self.phase == Phase.WATCHING:
+            self._take_load()
         self.phase = Phase.REDUCED
         self._step, self._count = 1, 0
         self.stiffness_scale = self._probing.scale
@@ -543,6 +616,7 @@ class Backstop:
         else:
             self.damping_scale = self._probing.scale**self._step
             self._step += 1
+            self._take_load()
             self.stiffness_scale = self._probing.scale**self._step
             self._count = 0
 

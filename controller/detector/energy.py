@@ -26,6 +26,7 @@ class EnergyBalance:
         surface: Position of the wall [rad]; NaN: not known.
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
+        held: Constant torque that holds a load beside the spring [N·m].
         lag: Believed delay from a sample until its torque acts [s].
         moves: The torque's moment was that of this servo's inertia, in the last half-cycle.
         pays: Its work was that of friction: there was no other source or sink.
@@ -46,6 +47,7 @@ class EnergyBalance:
         "_stiffness",
         "_tuning",
         "growth",
+        "held",
         "lag",
         "left",
         "moves",
@@ -77,7 +79,7 @@ class EnergyBalance:
         self._limit = limit
         self._stiffness = self._natural = math.nan
         self.surface = math.nan
-        self.virtual_damping = 0.0
+        self.virtual_damping = self.held = 0.0
         self.side = 0
         self.lag = 0.0
         self.growth = math.nan
@@ -132,6 +134,7 @@ class EnergyBalance:
         stored = self.potential(since[0])
         lost = self._damping * square + self._coulomb * way
         given = now[2] - since[2] + self.potential(now[0]) - stored
+        given -= self.held * (now[0] - since[0])
         late = self._stiffness * self.lag
         left = given - (1.0 + tuning.wrong) * lost - tuning.delay * late * square
         # A delayed damper gives energy in the middle of a half-cycle, as if the body were lighter;
@@ -151,7 +154,8 @@ class EnergyBalance:
         """Whether over this whole half-cycle the wall gave more than the believed friction."""
         lost = self._damping * half_cycle.square + self._coulomb * half_cycle.path
         start, end = self.potential(half_cycle.start), self.potential(half_cycle.end)
-        return half_cycle.work + end - start > lost
+        work = half_cycle.work - self.held * (half_cycle.end - half_cycle.start)
+        return work + end - start > lost
 
     def judge(self, half_cycle: HalfCycle, before: HalfCycle | None) -> None:
         """Judge what moves the servo over this half-cycle, and the source of its energy.

@@ -54,6 +54,7 @@ class HalfCycles:
         interval: Between the last two turning points [s].
         gain: 0; only contacts have one. ``gaining``: likewise.
         load: Mean torque over the last four half-cycles [N·m]: the load that the wall holds.
+        turned: Last turning point [rad]; ``turned_2`` and ``turned_3``: those before it.
     """
 
     __slots__ = (
@@ -96,6 +97,9 @@ class HalfCycles:
         "pull",
         "pull_2",
         "pull_3",
+        "turned",
+        "turned_2",
+        "turned_3",
     )
 
     def __init__(self, period: float, position_step: float, tuning: HalfCycleTuning) -> None:
@@ -127,6 +131,7 @@ class HalfCycles:
         self.elapsed = 0.0
         self.interval = self.gain = self.load = 0.0
         self.gaining = 0
+        self.turned = self.turned_2 = self.turned_3 = 0.0
         self._hysteresis = self._least
         self._largest = 0.0
         self._rippled = 0
@@ -150,6 +155,21 @@ class HalfCycles:
         self.known = 0
         self._direction = 0
         self._hysteresis = self._least
+
+    def mean_torque(self) -> float:
+        """Return the mean torque of the last cycle [N·m].
+
+        Where two cycles are known it is the lesser of both; 0 if they disagree in sign: a load that
+        has come or gone is none.
+        """
+        impulses = self._impulses
+        last = (impulses[-1] + impulses[-2]) / (self.duration + self.duration_2)
+        if self.known < 4:
+            return last
+        before = (impulses[-3] + impulses[-4]) / (self.duration_3 + self.duration_4)
+        if last * before <= 0.0:
+            return 0.0
+        return last if abs(last) < abs(before) else before
 
     def update(self, position: float, torque: float, span: float) -> bool:
         """Take a sample; return whether a half-cycle has ended since the last one.
@@ -224,6 +244,7 @@ class HalfCycles:
         impulses.append(self._impulse_then)
         spanned = self.duration + self.duration_2 + self.duration_3 + self.duration_4
         self.load = sum(impulses) / spanned
+        self.turned, self.turned_2, self.turned_3 = end, start, self.turned_2
         # Shift the sums from the old start to the new one.
         impulse = self._impulse - self._impulse_then
         self._moment = self._moment - self._moment_then - (end - start) * impulse

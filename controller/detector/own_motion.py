@@ -7,6 +7,7 @@ import math
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.half_cycles import HalfCycles, Repeated
+from haptic_wall.controller.detector.load_hold import LoadHold
 
 
 class OwnMotion:
@@ -18,6 +19,7 @@ class OwnMotion:
     Attributes:
         scale: Of the elastic torque and of its limit [1].
         damping_scale: Of the damping [1].
+        hold: The torque that holds a load on a softer wall.
     """
 
     __slots__ = (
@@ -30,6 +32,7 @@ class OwnMotion:
         "_still_for",
         "_threshold",
         "damping_scale",
+        "hold",
         "scale",
     )
 
@@ -48,7 +51,9 @@ class OwnMotion:
         tuning = settings.tuning
         self._still_for = tuning.half_cycles.still
         self._half_cycles = HalfCycles(settings.period, settings.position_step, tuning.half_cycles)
-        self._backstop = Backstop(settings, self._half_cycles)
+        limit = settings.torque_limit
+        self.hold = LoadHold(self._half_cycles, limit, tuning.hold, one_sided=side != 0)
+        self._backstop = Backstop(settings, self._half_cycles, self.hold)
         self._contacts = Contacts(settings.position_step, tuning.contacts)
         self._bounces = None if bounces is None else Backstop(bounces, self._contacts)
         self._inside = True
@@ -72,7 +77,7 @@ class OwnMotion:
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
             return
         depth = away * self._side
-        elongation = depth if depth > 0.0 else 0.0
+        elongation = away if depth > 0.0 else 0.0
         if depth <= 0.0:
             self._inside = False
         whole = ended and self._inside

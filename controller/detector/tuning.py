@@ -546,9 +546,17 @@ class BackstopTuning:
         "chosen: about three counts of 4096",
     )
     loaded: float = tuned(
+        0.6,
+        "1",
+        "A motion with a mean torque above this fraction of the limit is not probed: the wall holds"
+        " the load, but has little torque left beyond it.",
+        "arithmetic: a tenth of the limit is left on the load's side",
+        off=ANY,
+    )
+    loaded_contacts: float = tuned(
         0.24,
         "1",
-        "A motion with a mean torque above this fraction of the limit is not probed: its load"
+        "Contacts with a mean torque above this fraction of the limit are not probed: their load"
         " pushes through the probed wall.",
         "arithmetic: just below the scale of the probe",
         off=ANY,
@@ -765,6 +773,27 @@ class BackstopTuning:
         "1",
         "A motion that does not die ends the run after this fraction of that time.",
         "chosen: a half-cycle must end before the time is over",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HoldTuning:
+    """How a load is held while the wall is softer."""
+
+    room: float = tuned(
+        0.25,
+        "1",
+        "The load is held up to this fraction of the amplitude beyond the turning points; the"
+        " middle of a motion is known as well.",
+        "chosen: a motion that grows by half in each half-cycle is still about its middle",
+        off=ANY,
+    )
+    gone: float = tuned(
+        0.5,
+        "1",
+        "The load has gone where the wall pushes with less than this fraction of the hold.",
+        "chosen: a leaning person's push varies by less",
+        off=0.0,
     )
 
 
@@ -1137,6 +1166,7 @@ class Tuning:
     evidence: EvidenceTuning = EvidenceTuning()
     probe: ProbeTuning = ProbeTuning()
     backstop: BackstopTuning = BackstopTuning()
+    hold: HoldTuning = HoldTuning()
     belief: BeliefTuning = BeliefTuning()
     streaks: StreakTuning = StreakTuning()
     energy: EnergyTuning = EnergyTuning()

@@ -167,6 +167,7 @@ class Watch:
         balance = detector.balance
         balance.virtual_damping = self._damping = (law.damping + law.injected) * law.damping_scale
         balance.surface = law.position
+        balance.held = law.held
         self.current = state = detector.update(position, torque, periods)
         if not detector.alarm and isnan(self.first_alarm_s):
             self._before = self.state, self.frequency_hz, self.amplitude, math.nan
@@ -269,6 +270,16 @@ class Watch:
     def scale(self) -> float:
         """Return the scale of the wall's elastic torque and of its limit, by the backstop [1]."""
         return 1.0 if self.own is None else self.own.scale
+
+    @property
+    def carried(self) -> float:
+        """Return the torque about which the spring is softened [N·m]: it holds a load."""
+        return 0.0 if self.own is None else self.own.hold.torque
+
+    @property
+    def carried_to(self) -> float:
+        """Return the distance from the surface up to which it acts in full [rad]."""
+        return 0.0 if self.own is None else self.own.hold.reach
 
     @property
     def damping_scale(self) -> float:

@@ -88,12 +88,15 @@ class Program:
         "_ticks",
         "_wall",
         "_wave_phase",
+        "carried",
+        "carried_to",
         "clip",
         "damping",
         "damping_scale",
         "done",
         "elastic_limit",
         "guarded",
+        "held",
         "injected",
         "one_sided",
         "phase",
@@ -117,6 +120,7 @@ class Program:
         self.stiffness = self.damping = self.injected = self.position = 0.0
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
+        self.carried = self.carried_to = self.held = 0.0
         self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position

@@ -24,6 +24,9 @@ class Law(Protocol):
         scale: Derating of the stiffness after an oscillation [1].
         damping_scale: Derating of the damping [1].
         elastic_limit: Largest torque of the spring alone [N·m].
+        carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
+        carried_to: Distance from its zero up to which it is added in full [rad].
+        held: Torque added for the load in the last tick [N·m].
     """
 
     guarded: bool
@@ -39,6 +42,9 @@ class Law(Protocol):
     scale: float
     damping_scale: float
     elastic_limit: float
+    carried: float
+    carried_to: float
+    held: float
 
     def in_contact(self, position: float) -> bool:
         """Whether it acts at ``position`` [rad]."""
@@ -47,6 +53,36 @@ class Law(Protocol):
     def torque(self, position: float, velocity: float) -> float:
         """Return the torque [N·m] at a position [rad] and a velocity [rad/s]; call once a tick."""
         ...
+
+
+def held_torque(
+    carried: float, carried_to: float, away: float, stiffness: float, scale: float
+) -> float:
+    """Return the torque that holds a load while the spring has only a part of its stiffness [N·m].
+
+    With it a spring ``s K`` acts as ``tau0 + s (tau - tau0)``, where ``tau`` is the torque of the
+    whole spring and ``tau0`` that at the load's working point: the load stays where it is. The
+    torque is constant up to a place on the way to the wall's surface. Beyond it, where only a
+    shaft without the load comes, it falls by ``(1 - s) K`` per radian down to zero, so that the
+    slope of both together is never above K.
+
+    Args:
+        carried: tau0 [N·m].
+        carried_to: That place [rad].
+        away: Distance from the spring's zero, signed; likewise [rad].
+        stiffness: K [N·m/rad].
+        scale: s [1].
+    """
+    rest = 1.0 - scale
+    if carried > 0.0:
+        past = away - carried_to
+        if past > 0.0:
+            carried -= stiffness * past
+        return rest * carried if carried > 0.0 else 0.0
+    past = carried_to - away
+    if past > 0.0:
+        carried += stiffness * past
+    return rest * carried if carried < 0.0 else 0.0
 
 
 class Wall:
@@ -66,16 +102,22 @@ class Wall:
         damping_scale: Derating of the damping, the injected included [1].
         elastic_limit: Largest torque of the spring alone [N·m]. Where it is lowered along with the
             stiffness, a spring that saturates gets softer too.
+        carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
+        carried_to: Distance from its zero up to which it is added in full [rad].
+        held: Torque added for the load in the last tick [N·m].
     """
 
     __slots__ = (
         "_sign",
+        "carried",
+        "carried_to",
         "clip",
         "damping",
         "damping_scale",
         "done",
         "elastic_limit",
         "guarded",
+        "held",
         "injected",
         "one_sided",
         "phase",
@@ -102,6 +144,7 @@ class Wall:
         self.guarded, self.phase, self.done = True, 0, False
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
+        self.carried = self.carried_to = self.held = 0.0
 
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
@@ -109,12 +152,18 @@ class Wall:
 
     def torque(self, position: float, velocity: float) -> float:
         """Return the wall's torque [N·m] at a position [rad] and an estimated velocity [rad/s]."""
-        torque = -self.stiffness * self.scale * (position - self.position)
+        away = position - self.position
+        torque = -self.stiffness * self.scale * away
         limit = self.elastic_limit
         if torque > limit:
             torque = limit
         elif torque < -limit:
             torque = -limit
+        if self.carried:
+            self.held = held = held_torque(
+                self.carried, self.carried_to, away, self.stiffness, self.scale
+            )
+            torque += held
         torque -= (self.damping + self.injected) * self.damping_scale * velocity
         clip = self.clip
         if torque > clip:
@@ -126,6 +175,6 @@ class Wall:
             return torque
         # A one-sided wall is zero outside and never pulls inside. NaN falls through the
         # comparisons, so that the safety checks see it.
-        if sign * (position - self.position) <= 0.0 or sign * torque >= 0.0:
+        if sign * away <= 0.0 or sign * torque >= 0.0:
             return 0.0
         return torque

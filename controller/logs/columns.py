@@ -26,6 +26,7 @@ COLUMNS = {
     "phase": "phase",
     "oscillation": "oscillation",
     "measured_torque_nm": "measured_torque",
+    "held_torque_nm": "held_torque",
 }
 """Each column, and the field of a row that it comes from."""
 

@@ -23,6 +23,7 @@ _FIELDS = (
     "damping",
     "delay_s",
     "measured_torque",
+    "held_torque",
 )
 
 
@@ -86,6 +87,7 @@ class Replay:
         damping: float,
         delay_s: float,
         measured: float,
+        held: float,
     ) -> None:
         watch, law = self.watch, self._law
         periods = 1
@@ -106,7 +108,7 @@ class Replay:
         watch.sent(torque)
         if flags & FLAG_RAISED:
             watch.raise_again()
-        law.scale, law.damping_scale = watch.scale, watch.damping_scale
+        law.scale, law.damping_scale, law.held = watch.scale, watch.damping_scale, held
         self._last = seq, deadline_ns
         self._left = stiffness, damping, delay_s
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.runtime.telemetry import ROW
 
-_LATER: Final = {"phase": 0, "oscillation": 0, "measured_torque": math.nan}
+_LATER: Final = {"phase": 0, "oscillation": 0, "measured_torque": math.nan, "held_torque": 0.0}
 """Columns that the first logs lacked, with the values that applied then: no program, no watch, no
-measurement"""
+measurement, nothing held"""
 
 
 def upgraded(rows: NDArray[Any], path: Path) -> NDArray[np.void]:

@@ -97,14 +97,20 @@ class Gains:
         self.damping = decision.damping
         self.in_force = True
 
-    def scale(self, stiffness_scale: float, damping_scale: float) -> None:
+    def scale(
+        self, stiffness_scale: float, damping_scale: float, carried: float, carried_to: float
+    ) -> None:
         """Scale the law at once: the derating after an oscillation.
 
         Args:
             stiffness_scale: Of the stiffness, and of the largest torque of the spring [1].
             damping_scale: Of the damping [1].
+            carried: Torque about which the spring is softened [N·m].
+            carried_to: Distance from its zero up to which it is added in full [rad].
         """
         law = self._law
+        if carried != law.carried or carried_to != law.carried_to:
+            law.carried, law.carried_to, law.held = carried, carried_to, 0.0
         if stiffness_scale != law.scale or damping_scale != law.damping_scale:
             law.scale, law.damping_scale = stiffness_scale, damping_scale
             law.elastic_limit = stiffness_scale * min(self._torque_limit, law.clip)

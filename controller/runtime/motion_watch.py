@@ -74,18 +74,23 @@ class MotionWatch:
         if sampler.outcome is not _OK:
             return None
         position = sampler.position
+        held = law.held
         watch.sample(position, law, sampler.measured_torque)
         trip = None
         if self.driven.too_fast(position, sampler.sampled_ns or 0, watch.commanded, contact, law):
             trip = Trip.OVERSPEED
         elif watch.failed:
             trip = Trip.OSCILLATION
-        self._gains.scale(watch.scale, watch.damping_scale)
+        self._gains.scale(watch.scale, watch.damping_scale, watch.carried, watch.carried_to)
         injected = 0.0
         if self._passivity is not None:
             penetration = position - law.position if contact else 0.0
             injected = self._passivity.update(
-                position, penetration, law.stiffness * law.scale, watch.acted, watch.spanned
+                position,
+                penetration,
+                law.stiffness * law.scale,
+                watch.acted - held,
+                watch.spanned,
             )
         law.injected = injected
         return trip

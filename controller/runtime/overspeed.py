@@ -87,6 +87,7 @@ class DrivenSpeed:
         "_count",
         "_damping",
         "_given",
+        "_holding",
         "_instants_ns",
         "_kicked",
         "_own",
@@ -116,6 +117,8 @@ class DrivenSpeed:
         """Index of the last sample in the window"""
         self._count = 0
         """Number of intervals in the window"""
+        self._holding = False
+        """The wall is softer, and holds a load"""
         self._given = math.nan
         """Work of the torque less friction's, not below the negative energy in the spring [J]"""
 
@@ -146,6 +149,10 @@ class DrivenSpeed:
                 way = moved if moved > 0.0 else -moved
                 eaten = (self._coulomb + self._damping * way / (sampled_ns - before_ns or 1)) * way
                 given = self._given + moved * torque - eaten
+                if self._holding != (law.carried != 0.0):
+                    self._holding = not self._holding
+                    if not self._holding and contact:  # the load has loaded the whole spring
+                        given = min(given, -self._held(position, law))
                 if given < 0.0:
                     held = self._held(position, law) if contact else 0.0
                     given = max(given, -held)
@@ -184,12 +191,13 @@ class DrivenSpeed:
         return True
 
     def _held(self, position: float, law: Law) -> float:
-        """Return the energy in the spring, with its torque limited [J]."""
+        """Return the energy in the limited spring, and in what holds a load [J]."""
         depth = position - law.position
         if depth < 0.0:
             depth = -depth
         stiffness, limit = law.stiffness, law.clip
         limit = min(limit, self._torque_limit)
+        held = abs(law.held) * depth
         if stiffness * depth > limit:
-            return limit * (depth - 0.5 * limit / stiffness)
-        return 0.5 * stiffness * depth * depth
+            return held + limit * (depth - 0.5 * limit / stiffness)
+        return held + 0.5 * stiffness * depth * depth

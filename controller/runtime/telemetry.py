@@ -41,13 +41,15 @@ FLOAT_FIELDS = (
     "damping",
     "delay_s",
     "measured_torque",
+    "held_torque",
 )
 ROW = np.dtype([(name, "<i8") for name in INT_FIELDS] + [(name, "<f8") for name in FLOAT_FIELDS])
 """One tick: times [ns]; position [rad], velocity [rad/s], torques [N·m], commanded stiffness
 [N·m/rad] and damping [N·m·s/rad], the total delay that the guard uses [s], the torque that the
-servo measured (NaN: it gives none). ``work_ns`` and ``bus_ns`` are those of the tick before, so
-that they include the writing of its row. ``phase`` is that of a program (-1 before it begins; 0
-without one), ``oscillation`` the detector's state."""
+servo measured (NaN: it gives none), and the part of the law's torque that holds a load while the
+wall is softer [N·m]. ``work_ns`` and ``bus_ns`` are those of the tick before, so that they include
+the writing of its row. ``phase`` is that of a program (-1 before it begins; 0 without one),
+``oscillation`` the detector's state."""
 
 FLAG_SATURATED = 1
 """The wall's torque was limited."""
@@ -103,6 +105,8 @@ class Row:
     """The total delay that the guard uses [s]"""
     measured_torque: float = 0.0
     """[N·m]; NaN: the servo measures none"""
+    held_torque: float = 0.0
+    """Part of ``wall_torque`` that holds a load while the wall is softer [N·m]"""
 
 
 _ROW_STRUCT = struct.Struct(f"<{len(INT_FIELDS)}q{len(FLOAT_FIELDS)}d")
@@ -225,6 +229,7 @@ class Telemetry:
             row.damping,
             row.delay_s,
             row.measured_torque,
+            row.held_torque,
         )
         self._head = self.words[_HEAD] = head + 1
 

@@ -205,6 +205,7 @@ class Tick:
         row.oscillation = parts.motion.watch.current
         row.stiffness = law.stiffness * law.scale
         row.damping = (law.damping + law.injected) * law.damping_scale
+        row.held_torque = law.held
         row.delay_s = self._delay_s
         parts.telemetry.write(row)
 

@@ -65,6 +65,8 @@ class Trial:
     """Commanded K [N·m/rad]"""
     damping: FloatArray
     """Commanded B, the injected included [N·m·s/rad]"""
+    held: FloatArray
+    """Part of the commanded torque that holds a load while the wall is softer [N·m]"""
     state: IntArray
     """Of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
     saturated: NDArray[np.bool_]
@@ -174,6 +176,7 @@ def run_trial(
         torque=rows["torque"],
         stiffness=rows["stiffness"],
         damping=rows["damping"],
+        held=rows["held_torque"],
         state=rows["oscillation"],
         saturated=(rows["flags"] & FLAG_SATURATED) != 0,
         first_alarm_s=parts.motion.watch.first_alarm_s,

@@ -48,6 +48,7 @@ def made_up(output: np.ndarray, state: int = 0, alarm_s: float = math.nan) -> Tr
         torque=np.zeros(n),
         stiffness=np.full(n, 8.0),
         damping=np.zeros(n),
+        held=np.zeros(n),
         state=np.full(n, state),
         saturated=np.zeros(n, dtype=np.bool_),
         first_alarm_s=alarm_s,

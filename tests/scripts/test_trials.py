@@ -56,6 +56,7 @@ def made_up(output: np.ndarray, state: int = 0, trip: str | None = None) -> Tria
         torque=np.zeros(n),
         stiffness=np.full(n, 8.0),
         damping=np.zeros(n),
+        held=np.zeros(n),
         state=np.full(n, state),
         saturated=np.zeros(n, dtype=np.bool_),
         first_alarm_s=math.nan,

@@ -1,6 +1,7 @@
 """The backstop in closed loops on servos that are not what is believed, and with hands."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
+from haptic_wall.controller.laws.wall import Side
 from scripts.trials.draws import bench_of
 from scripts.trials.judges import own_oscillation
 from scripts.trials.operators import NOBODY, Operator, operator_of
@@ -500,22 +502,109 @@ def test_a_wall_that_bears_a_load_ends_the_run_if_a_regular_motion_grows(
     assert (k if stop.failed else 0) == half_cycles
 
 
+def rests(trial: Trial, load: float) -> None:
+    """It has come to rest on the reduced wall, where the load was: the wall still carries it."""
+    assert trial.trip is None
+    assert trial.counts[2] == 1
+    assert np.ptp(trial.output[-300:]) < 0.02
+    assert trial.torque[-1] == pytest.approx(-load, abs=0.25 * load)
+    assert trial.output[-1] == pytest.approx(load / trial.stiffness[0], rel=0.4)
+
+
 @pytest.mark.parametrize("mass", [0.03, 0.054])
-def test_a_weight_that_swings_at_its_wall_ends_the_run(mass: float) -> None:
-    """It is heavier than the believed servo, and its wall is not probed: it would give way."""
+def test_a_weight_that_swings_at_its_wall_is_held_and_comes_to_rest(mass: float) -> None:
+    """It is heavier than the believed servo, and the wall holds it with a third of its torque."""
     truth = Truth(0.017927, 0.011692, 0.045195, delay=0.0067)
-    load = operator_of(0.0, 0.0, np.zeros(15000), push=1.2, mass=mass)
-    trial = run(truth, 0.04, operator=load, stiffness=14.0, kick=0.19, duration_s=14.0)
-    assert trial.trip == "oscillation"
-    assert np.abs(trial.output).max() < 1.0
+    load = operator_of(0.0, 0.0, np.zeros(7000), push=1.2, mass=mass)
+    trial = run(truth, 0.04, operator=load, stiffness=14.0, kick=0.19, duration_s=6.5)
+    rests(trial, 1.2)
+    assert np.abs(trial.output).max() < 0.5
 
 
-def test_an_oscillation_under_a_load_ends_the_run_within_five_seconds() -> None:
-    """It grows to more than a radian; the detector, whose lag is four times too short, is quiet."""
+def test_an_oscillation_under_a_load_decays() -> None:
+    """It grows fast; the detector, whose lag is four times too short, is quiet."""
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
     load = operator_of(0.0, 0.0, np.zeros(5000), push=1.1)
-    trial = run(truth, 0.04, operator=load, stiffness=40.0)
-    assert trial.trip == "oscillation"
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, duration_s=3.0)
+    rests(trial, 1.1)
+    assert np.abs(trial.output).max() < 0.5
+
+
+def test_a_load_just_below_a_quarter_of_the_limit_does_not_sink_in_the_probe() -> None:
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.235 * 0.52, mass=0.0018142)
+    wall = WallAsked(1e6, 0.01, forced=False)
+    trial = run_trial(
+        XL330, bench_of("xl330-m288").sets, wall, load, duration_s=5.0, position=0.303
+    )
+    asked = int(np.flatnonzero(trial.stiffness < trial.stiffness[0])[0])
+    before, after = np.abs(trial.output[:asked]).max(), np.abs(trial.output[asked:]).max()
+    assert trial.counts[0] == 1
+    assert after < 1.6 * before, "it still grew; it sank by 350 degrees"
+    rests(trial, 0.235 * 0.52)
+
+
+def test_a_heavy_weight_that_swings_at_a_third_of_the_limit_is_seen() -> None:
+    """It has 4.6 times the inertia that is believed, and swung by a whole turn as quiet."""
+    truth = replace(XL330, torque_gain=1.84, stall_torque=0.957, delay=0.0173)
+    load = operator_of(0.0, 0.0, np.zeros(4000), push=0.325, mass=0.01247)
+    wall = WallAsked(1e6, 0.01, forced=False)
+    trial = run_trial(truth, bench_of("xl330-m288").sets, wall, load, duration_s=3.7, position=0.5)
+    assert trial.first_alarm_s < 3.5
+    assert np.abs(trial.output).max() < 2.5
+
+
+def leaning(mean: float, seconds: float) -> Operator:
+    """A person who leans with ``mean`` N·m, and sways with half of it at 2.5 Hz."""
+    time = np.arange(round(seconds * 1e3)) * 1e-3
+    push = mean * (1.0 + 0.5 * np.sin(math.tau * 2.5 * time)) * (1.0 - np.exp(-time / 0.3))
+    return operator_of(0.95, 0.08, np.full(time.size, mean / 19.0), push=push, mass=0.005)
+
+
+def test_a_leaning_person_is_not_let_down_by_a_probe() -> None:
+    trial = run(VALUE, 0.02, operator=leaning(0.82, 3.0), stiffness=19.0, kick=0.0, duration_s=3.0)
+    asked = int(np.flatnonzero(trial.stiffness < 19.0)[0])
+    before, after = trial.output[:asked].max(), trial.output[asked:].max()
+    assert after < before + math.radians(6.0), "a quarter of the stiffness lets the sway grow"
+    assert trial.stiffness[-1] == 19.0
+    assert trial.trip is None
+
+
+@pytest.mark.parametrize("side", ["both", "above"])
+def test_whoever_lets_go_in_a_probe_is_not_pushed(side: Side) -> None:
+    """What holds the load ends near the surface, and the whole wall comes back there."""
+
+    def moved(operator: Operator) -> Trial:
+        wall = WallAsked(19.0, 0.02, side)
+        return run_trial(VALUE, BENCH.sets, wall, operator, duration_s=2.2, position=0.0)
+
+    stays = moved(leaning(0.82, 3.0))
+    asked = int(np.flatnonzero(stays.stiffness < 19.0)[0])
+    for later in (20, 80, 140):
+        left = asked + later
+        trial = moved(leaning(0.82, 1e-3 * left))
+        out = -np.diff(trial.output[left:]).min() * 1e3
+        # At most what the whole wall gives to whoever lets go at the deepest place until then.
+        deepest = trial.output[left - 400 : left].max()
+        inertia = VALUE.inertia
+        assert 0.5 * inertia * out**2 < 1.2 * 0.5 * 19.0 * deepest**2
+        assert trial.held[asked:left].all()
+        assert trial.output[left:].min() > -1.5 * deepest or side == "above"
+        assert trial.stiffness[-1] == 19.0
+        assert trial.held[-1] == 0.0
+
+
+def test_the_log_says_what_was_commanded_while_a_load_is_held() -> None:
+    truth = replace(VALUE, delay=0.004)
+    load = operator_of(0.0, 0.0, np.zeros(3000), push=1.1)
+    trial = run(truth, 0.04, operator=load, stiffness=40.0, duration_s=1.0)
+    softer = trial.stiffness < 40.0
+    assert softer.any()
+    assert (trial.held[~softer] == 0.0).all()
+    scale = trial.stiffness / 40.0
+    spring = np.clip(-trial.stiffness * trial.measured, -4.1 * scale, 4.1 * scale)
+    speed = np.diff(trial.measured, prepend=trial.measured[0]) * 1e3
+    commanded = np.clip(spring + trial.held - trial.damping * speed, -4.1, 4.1)
+    assert trial.torque[1:] == pytest.approx(commanded[1:], abs=0.005)
 
 
 def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone() -> None:

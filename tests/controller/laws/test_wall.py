@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.controller.laws.wall import Side, Wall
+from haptic_wall.controller.laws.wall import Side, Wall, held_torque
 
 number = st.floats(-100, 100)
 
@@ -50,6 +50,55 @@ def test_nan_comes_out_as_nan(side: Side) -> None:
     assert math.isnan(Wall(10.0, 0.1, 0.0, side, 1.0).torque(math.nan, 0.0))
     inside = {"above": 1.0, "below": -1.0, "both": 1.0}[side]
     assert math.isnan(wall.torque(inside, math.nan))
+
+
+share = st.sampled_from([1 / 4, 1 / 16, 1 / 64])
+
+
+def softer(side: Side, load: float, reach: float, scale: float, limit: float = 4.0) -> Wall:
+    """A wall with 10 N·m/rad at 0 that holds a load."""
+    wall = Wall(10.0, 0.0, 0.0, side)
+    wall.scale, wall.elastic_limit = scale, scale * limit
+    wall.carried, wall.carried_to = load, reach
+    return wall
+
+
+@given(st.floats(0.01, 0.38), share, st.sampled_from([1.0, -1.0]))
+def test_a_load_stays_where_it_is_on_a_softer_wall(depth: float, scale: float, side: float) -> None:
+    load = -10.0 * depth * side
+    for reach in (0.0, 0.5 * depth * side):
+        wall = softer("both", load, reach, scale)
+        assert wall.torque(depth * side, 0.0) == pytest.approx(load)
+        deeper = wall.torque((depth + 0.01) * side, 0.0)
+        assert deeper == pytest.approx(load - 0.1 * scale * side), "softer about the load"
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4), share, st.floats(0, 20))
+def test_what_holds_a_load_makes_no_wall_stiffer_than_the_whole_one(
+    away: float, reach: float, load: float, scale: float, stiffness: float
+) -> None:
+    def torque(position: float) -> float:
+        return held_torque(load, reach, position, stiffness, scale)
+
+    rise = torque(away) - torque(away + 1e-3)
+    assert -1e-9 <= rise <= (1.0 - scale) * stiffness * 1e-3 + 1e-9
+    assert abs(torque(away)) <= (1.0 - scale) * abs(load)
+
+
+@given(st.floats(-2, 2), st.floats(-4, 4), share)
+def test_a_load_that_is_held_is_within_the_torque_limit(
+    position: float, load: float, scale: float
+) -> None:
+    assert abs(softer("both", load, 0.0, scale).torque(position, 0.0)) <= 4.0 + 1e-9
+
+
+@given(st.floats(-1, 1), st.floats(-4, 4), st.floats(-10, 10))
+def test_a_one_sided_wall_that_holds_a_load_never_pulls_and_is_nothing_outside(
+    position: float, load: float, velocity: float
+) -> None:
+    torque = softer("above", load, 0.0, 0.25).torque(position, velocity)
+    assert torque <= 0.0
+    assert position > 0.0 or torque == 0.0
 
 
 def test_contact() -> None:

@@ -1,0 +1,106 @@
+"""Holds the load on a wall while its spring is softer: the spring is softened about its torque.
+
+The velocity is zero at both ends of a whole cycle, so that the wall's mean torque in it is that of
+the load, whether or not the torque saturates; friction cancels. The torque is chosen where the
+stiffness falls, and then only dropped: the loop is that of the softer spring. The hold ends where
+the load has gone: at the wall's surface, or where the wall pushes with less than half of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.controller.detector.half_cycles import HalfCycles
+from haptic_wall.controller.detector.tuning import HoldTuning
+from haptic_wall.controller.laws.wall import held_torque
+
+
+class LoadHold:
+    """The torque that holds a load.
+
+    Attributes:
+        torque: About which the spring is softened [N·m]; 0: there is no load.
+        inside: The load's motion has stayed clear of the surface.
+        reach: Distance from the surface up to which it acts in full, on the side without the load
+            [rad].
+    """
+
+    __slots__ = ("_limit", "_motion", "_one_sided", "_tuning", "inside", "reach", "torque")
+
+    def __init__(
+        self, motion: HalfCycles, torque_limit: float, tuning: HoldTuning, *, one_sided: bool
+    ) -> None:
+        """Hold nothing.
+
+        Args:
+            motion: The observed motion.
+            torque_limit: Of the servo [N·m].
+            tuning: Numbers for the hold.
+            one_sided: The wall has an outside, where nothing is held.
+        """
+        self._motion = motion
+        self._limit = torque_limit
+        self._tuning = tuning
+        self._one_sided = one_sided
+        self.inside = False
+        self.torque = self.reach = 0.0
+
+    def begin(self, stiffness: float) -> None:
+        """Hold the mean torque of the last cycle.
+
+        Args:
+            stiffness: Of the whole spring, if it acted until now [N·m/rad]; else infinite. It
+                carries the load in the middle of the motion: where the middle of the last
+                half-cycle is clearly nearer to the surface, the load is just leaving.
+        """
+        self.drop()
+        motion = self._motion
+        if motion.known < 2:
+            return  # friction has its part in a single half-cycle
+        load = motion.mean_torque()
+        side = math.copysign(1.0, load)
+        turned, turned_2, turned_3 = motion.turned, motion.turned_2, motion.turned_3
+        room = self._tuning.room * max(motion.amplitude, motion.amplitude_2)
+        depth = room - 0.5 * side * (turned + turned_2)
+        if depth <= 0.0:
+            return
+        load = side * min(abs(load), stiffness * depth)
+        turns = turned, turned_2, turned_3
+        shallow = max(turns) if load > 0.0 else min(turns)
+        self.torque = load
+        self.reach = shallow + room if load > 0.0 else shallow - room
+        self.inside = self.reach * load < 0.0
+
+    def drop(self) -> None:
+        """Hold nothing any more."""
+        self.torque = self.reach = 0.0
+
+    def acts(self, away: float, stiffness: float, scale: float) -> float:
+        """Return the torque that is added at a distance from the surface [N·m].
+
+        Args:
+            away: [rad]
+            stiffness: K [N·m/rad].
+            scale: Of it [1].
+        """
+        if not self.torque:
+            return 0.0
+        return held_torque(self.torque, self.reach, away, stiffness, scale)
+
+    def left(self, away: float) -> bool:
+        """Whether the shaft is past the surface where nothing must be held.
+
+        That is outside a one-sided wall, and where the load's motion has not come near before.
+
+        Args:
+            away: Distance from the surface [rad].
+        """
+        return (self.inside or self._one_sided) and away * self.torque >= 0.0
+
+    def gone(self, torque: float) -> bool:
+        """Whether the wall pushes with less than half of the hold: the load has gone.
+
+        Args:
+            torque: Mean or resting torque of the wall [N·m].
+        """
+        return torque * self.torque < self._tuning.gone * self.torque * self.torque
