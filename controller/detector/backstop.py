@@ -346,6 +346,8 @@ class Backstop:
             self._begun = self._since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
+        elif self._hold is not None and self._hold.torque:
+            self._take_load()  # a load that has changed keeps the shaft away from where it returns
 
     def _check_load(self) -> None:
         """Drop the hold on the reduced wall if its mean torque shows that the load has gone."""

@@ -1,9 +1,9 @@
 """Holds the load on a wall while its spring is softer: the spring is softened about its torque.
 
 The velocity is zero at both ends of a whole cycle, so that the wall's mean torque in it is that of
-the load, whether or not the torque saturates; friction cancels. The torque is chosen where the
-stiffness falls, and then only dropped: the loop is that of the softer spring. The hold ends where
-the load has gone: at the wall's surface, or where the wall pushes with less than half of it.
+the load, whether or not the torque saturates; friction cancels. It is constant from one half-cycle
+to the next at least, so that the loop is that of the softer spring. The hold ends where the load
+has gone: at the wall's surface, or where the wall pushes with less than half of it.
 """
 
 from __future__ import annotations

@@ -48,3 +48,33 @@ def test_a_suspicion_does_not_outlive_a_pause() -> None:
     own.suspect()
     own.resume()
     assert not own.suspected
+
+
+def leaned_on(own: OwnMotion, place: float, amplitude: float, seconds: float) -> list[float]:
+    """Somebody moves the shaft about a place deep in the wall, whatever it does: all scales."""
+    scales = []
+    for k in range(round(seconds * 1e3)):
+        away = place + amplitude * math.sin(math.tau * 5.0 * k * 1e-3)
+        away = round(away / COUNT) * COUNT
+        torque = -10.0 * own.scale * away + own.hold.acts(away, 10.0, own.scale)
+        own.update(away, torque, 1e-3, 10.0)
+        scales.append(own.scale)
+    return scales
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_wall_comes_back_to_somebody_who_leans_where_it_changes_no_torque(side: int) -> None:
+    own = OwnMotion(SETTINGS, SETTINGS if side else None, side)
+    scales = leaned_on(own, 0.2, 0.1, 2.0)
+    assert own.counts == (1, 1, 0, 0)
+    assert 0.1 < scales.count(0.25) * 1e-3 < 0.4, "for two half-cycles, and half of one"
+
+
+def test_a_wall_comes_back_to_somebody_who_leans_more_than_before() -> None:
+    own = OwnMotion(SETTINGS, None, 0)
+    leaned_on(own, 0.2, 0.1, 0.72)
+    assert own.scale == 0.25
+    assert own.hold.torque == pytest.approx(-2.0, abs=0.05)
+    leaned_on(own, 0.3, 0.04, 3.0)
+    assert own.scale == 1.0
+    assert own.hold.torque == 0.0
