@@ -221,6 +221,7 @@ class Backstop:
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation, last)
+            self._raise_load(span)
         elif self._motion.elapsed > self._still * self._motion.interval:
             self._died()  # the reduced wall is at rest
         if ended:
@@ -287,11 +288,23 @@ class Backstop:
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
 
+    def _raise_load(self, span: float) -> None:
+        """Raise a load that rests on a wall that waits to come back, slowly, to where it returns.
+
+        Args:
+            span: Time since the last sample [s].
+        """
+        hold = self._hold
+        rests = self._motion.elapsed > self._still * self._motion.interval
+        if hold is None or not rests or self.phase != Phase.RETURNING:
+            return
+        most = self._settings.rest_torque * span / self._tuning.raised_s
+        hold.approach(self._spring(self._elongation), most, self._stiffness)
+
     def _take_load(self) -> None:
         """Hold the load of the last cycle from now on."""
         if self._hold is not None:
-            whole = self.stiffness_scale == 1.0
-            self._hold.begin(self._stiffness if whole else math.inf)
+            self._hold.begin(self._stiffness, whole=self.stiffness_scale == 1.0)
 
     def _let_go(self) -> None:
         """Hold no load."""
@@ -346,8 +359,9 @@ class Backstop:
             self._begun = self._since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
-        elif self._hold is not None and self._hold.torque:
-            self._take_load()  # a load that has changed keeps the shaft away from where it returns
+        elif self._hold is not None:
+            # A load that has changed keeps the shaft away from where the wall comes back.
+            self._hold.follow(settings.rest_torque, self._stiffness)
 
     def _check_load(self) -> None:
         """Drop the hold on the reduced wall if its mean torque shows that the load has gone."""

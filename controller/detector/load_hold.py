@@ -45,31 +45,71 @@ class LoadHold:
         self.inside = False
         self.torque = self.reach = 0.0
 
-    def begin(self, stiffness: float) -> None:
+    def begin(self, stiffness: float, *, whole: bool) -> None:
         """Hold the mean torque of the last cycle.
 
         Args:
-            stiffness: Of the whole spring, if it acted until now [N·m/rad]; else infinite. It
-                carries the load in the middle of the motion: where the middle of the last
-                half-cycle is clearly nearer to the surface, the load is just leaving.
+            stiffness: K of the whole spring [N·m/rad].
+            whole: The whole spring acted until now. It carries the load in the middle of the
+                motion: where the middle of the last half-cycle is clearly nearer to the surface,
+                the load is just leaving.
         """
         self.drop()
         motion = self._motion
         if motion.known < 2:
             return  # friction has its part in a single half-cycle
         load = motion.mean_torque()
-        side = math.copysign(1.0, load)
-        turned, turned_2, turned_3 = motion.turned, motion.turned_2, motion.turned_3
-        room = self._tuning.room * max(motion.amplitude, motion.amplitude_2)
-        depth = room - 0.5 * side * (turned + turned_2)
-        if depth <= 0.0:
+        if whole:
+            side = math.copysign(1.0, load)
+            depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
+            load = side * min(abs(load), stiffness * max(depth, 0.0))
+        if abs(load) > self._least:
+            self._hold(load, stiffness)
+
+    def follow(self, most: float, stiffness: float) -> None:
+        """Change the hold toward the mean torque of the last cycle.
+
+        Args:
+            most: Largest change [N·m].
+            stiffness: K of the whole spring [N·m/rad].
+        """
+        if self._motion.known >= 2:
+            self.approach(self._motion.mean_torque(), most, stiffness)
+
+    def approach(self, load: float, most: float, stiffness: float) -> None:
+        """Change the hold toward a load on the softer wall.
+
+        Args:
+            load: Torque of the wall, on the mean of a cycle or at rest [N·m].
+            most: Largest change [N·m].
+            stiffness: K of the whole spring [N·m/rad].
+        """
+        if not self.torque and abs(load) <= self._least:
             return
-        load = side * min(abs(load), stiffness * depth)
-        turns = turned, turned_2, turned_3
-        shallow = max(turns) if load > 0.0 else min(turns)
-        self.torque = load
-        self.reach = shallow + room if load > 0.0 else shallow - room
-        self.inside = self.reach * load < 0.0
+        self._hold(self.torque + min(max(load - self.torque, -most), most), stiffness)
+
+    @property
+    def _least(self) -> float:
+        return self._tuning.least * self._limit
+
+    @property
+    def _room(self) -> float:
+        return self._tuning.room * max(self._motion.amplitude, self._motion.amplitude_2)
+
+    def _hold(self, torque: float, stiffness: float) -> None:
+        """Hold a torque, up to its place in the whole spring or the turning points, and some more.
+
+        Args:
+            torque: [N·m]
+            stiffness: K of the whole spring [N·m/rad].
+        """
+        motion = self._motion
+        if stiffness <= 0.0:
+            return
+        places = motion.turned, motion.turned_2, motion.turned_3, -torque / stiffness
+        self.torque = torque
+        self.reach = max(places) + self._room if torque > 0.0 else min(places) - self._room
+        self.inside = self.reach * torque < 0.0
 
     def drop(self) -> None:
         """Hold nothing any more."""

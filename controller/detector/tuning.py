@@ -751,6 +751,14 @@ class BackstopTuning:
         "physics: a fast motion passes the surface between two samples",
         off=1.0,
     )
+    raised_s: float = tuned(
+        0.5,
+        "s",
+        "A load that rests on a softer wall is raised to where the wall comes back: in this time"
+        " the wall pushes by what may come back at once more.",
+        "chosen: slow beside the motion that was probed",
+        off=ANY,
+    )
     rest_counts: float = tuned(
         2.0,
         "counts",
@@ -780,6 +788,14 @@ class BackstopTuning:
 class HoldTuning:
     """How a load is held while the wall is softer."""
 
+    least: float = tuned(
+        0.05,
+        "1",
+        "A load below this fraction of the torque limit is not held.",
+        "chosen: it sinks by an eighth of what saturates the whole spring; the mean torque of a"
+        " motion without a load is seldom more",
+        off=ANY,
+    )
     room: float = tuned(
         0.25,
         "1",

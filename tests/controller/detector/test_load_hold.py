@@ -25,7 +25,7 @@ def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float =
 
 def holding(seen: HalfCycles, *, one_sided: bool = False) -> LoadHold:
     hold = LoadHold(seen, LIMIT, TUNING.hold, one_sided=one_sided)
-    hold.begin(STIFFNESS)
+    hold.begin(STIFFNESS, whole=True)
     return hold
 
 

@@ -39,6 +39,7 @@ def both(
         ("safety.on_oscillation=reduce", "wall.side=above", "servo.hand=lean"),
         ("safety.on_oscillation=reduce", "wall.passivity_control=true"),
         ("safety.on_oscillation=reduce", "servo.hand=push", "wall.reference=start"),
+        ("servo.gravity=0.8", "servo.gravity_angle=1.57", "servo.kick=0.3"),
     ],
 )
 def test_detect_on_the_log_says_what_the_run_said(
