@@ -221,7 +221,6 @@ class Backstop:
                 self._stopped()
         elif phase == Phase.RETURNING:
             self._return(elongation, last)
-            self._raise_load(span)
         elif self._motion.elapsed > self._still * self._motion.interval:
             self._died()  # the reduced wall is at rest
         if ended:
@@ -287,19 +286,6 @@ class Backstop:
             self._let_go()
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
-
-    def _raise_load(self, span: float) -> None:
-        """Raise a load that rests on a wall that waits to come back, slowly, to where it returns.
-
-        Args:
-            span: Time since the last sample [s].
-        """
-        hold = self._hold
-        rests = self._motion.elapsed > self._still * self._motion.interval
-        if hold is None or not rests or self.phase != Phase.RETURNING:
-            return
-        most = self._settings.rest_torque * span / self._tuning.raised_s
-        hold.approach(self._spring(self._elongation), most, self._stiffness)
 
     def _take_load(self) -> None:
         """Hold the load of the last cycle from now on."""

@@ -67,26 +67,15 @@ class LoadHold:
             self._hold(load, stiffness)
 
     def follow(self, most: float, stiffness: float) -> None:
-        """Change the hold toward the mean torque of the last cycle.
+        """Change what is held toward the mean torque of the last cycle.
 
         Args:
             most: Largest change [N·m].
             stiffness: K of the whole spring [N·m/rad].
         """
-        if self._motion.known >= 2:
-            self.approach(self._motion.mean_torque(), most, stiffness)
-
-    def approach(self, load: float, most: float, stiffness: float) -> None:
-        """Change the hold toward a load on the softer wall.
-
-        Args:
-            load: Torque of the wall, on the mean of a cycle or at rest [N·m].
-            most: Largest change [N·m].
-            stiffness: K of the whole spring [N·m/rad].
-        """
-        if not self.torque and abs(load) <= self._least:
-            return
-        self._hold(self.torque + min(max(load - self.torque, -most), most), stiffness)
+        if self.torque and self._motion.known >= 2:
+            change = self._motion.mean_torque() - self.torque
+            self._hold(self.torque + min(max(change, -most), most), stiffness)
 
     @property
     def _least(self) -> float:

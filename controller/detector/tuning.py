@@ -751,14 +751,6 @@ class BackstopTuning:
         "physics: a fast motion passes the surface between two samples",
         off=1.0,
     )
-    raised_s: float = tuned(
-        0.5,
-        "s",
-        "A load that rests on a softer wall is raised to where the wall comes back: in this time"
-        " the wall pushes by what may come back at once more.",
-        "chosen: slow beside the motion that was probed",
-        off=ANY,
-    )
     rest_counts: float = tuned(
         2.0,
         "counts",

@@ -1,6 +1,5 @@
 """A suspicion belongs to the motion that raised it."""
 
-import itertools
 import math
 
 import pytest
@@ -79,17 +78,3 @@ def test_a_wall_comes_back_to_somebody_who_leans_more_than_before() -> None:
     leaned_on(own, 0.3, 0.04, 3.0)
     assert own.scale == 1.0
     assert own.hold.torque == 0.0
-
-
-@pytest.mark.parametrize("place", [0.3, 0.12])
-def test_a_wall_comes_back_to_a_load_that_rests_on_it_slowly(place: float) -> None:
-    own = OwnMotion(SETTINGS, None, 0)
-    leaned_on(own, 0.2, 0.1, 0.72)
-    assert own.scale == 0.25
-    pushes = []
-    for _ in range(80):
-        leaned_on(own, place, 0.0, 0.1)
-        pushes.append(own.scale * -10.0 * place + own.hold.acts(place, 10.0, own.scale))
-    assert own.scale == 1.0
-    steps = [abs(b - a) for a, b in itertools.pairwise(pushes)]
-    assert max(steps) < 0.1 + 10.0 * 2 * COUNT, "never more at once than the engage torque"
