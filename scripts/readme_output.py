@@ -201,7 +201,7 @@ def situation(config: Config) -> Situation:
 
 
 def decided(
-    preset: str, ages: list[float], belief: dict[str, Bounded] | None = None, **asked: float
+    preset: str, ages: list[float], belief: dict[str, Any] | None = None, **asked: float
 ) -> list[Decision]:
     """Decisions of the guard on a preset's wall, for sample ages [s], with changes."""
     config = load_config(preset).config
@@ -272,7 +272,7 @@ def beliefs() -> tuple[list[str], list[list[object]]]:
         name: Bounded.exactly(getattr(belief, name).value)
         for name in ("inertia", "damping", "delay", "torque_gain")
     }
-    cases: list[tuple[str, dict[str, Bounded]]] = [("as the preset believes", {})]
+    cases: list[tuple[str, dict[str, Any]]] = [("as the preset believes", {})]
     cases += [(f"`model.{name}` known exactly", {name: exactly[name]}) for name in exactly]
     cases += [("all of them known exactly", exactly)]
     rows: list[list[object]] = []

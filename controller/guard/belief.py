@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from haptic_wall.hw.settings import EncoderSide
+
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
@@ -35,6 +37,19 @@ class Belief:
     """Ratio of the acting torque to the commanded torque [1]"""
     backlash: Bounded = Bounded(0.0, 0.0, 0.0)
     """Between shaft and encoder, full width [rad]; the guard counts the most of it, 0: none"""
+    load_inertia: Bounded = Bounded(0.0, 0.0, 0.0)
+    """Behind a flexible transmission, beside ``inertia``, the motor's [kg·m²]; 0: rigid"""
+    flexible_hz: Bounded = Bounded(0.0, 0.0, 0.0)
+    """Frequency of its vibration with both ends free [Hz]; 0: rigid"""
+    flexible_damping_ratio: Bounded = Bounded(0.0, 0.0, 0.0)
+    """Damping ratio of that vibration [1]"""
+    encoder: EncoderSide = "output"
+    """Side of the transmission that the encoder measures"""
+
+    @property
+    def is_flexible(self) -> bool:
+        """Whether a load behind a flexible transmission is believed."""
+        return self.load_inertia.high > 0.0 and self.flexible_hz.high > 0.0
 
     @property
     def is_known(self) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
 from haptic_wall.controller.guard.limits import (
     LOOKED_UP,
@@ -28,6 +29,8 @@ from haptic_wall.hw.dynamixel.wire import cycle_s
 
 FAST_BAUD = 4_000_000
 FINER = 4
+_OF_THE_SERVO: tuple[Change, ...] = ("two_sided", "encoder", "motor_encoder", "stiffer")
+"""Changes that leave the corner's plants as they are"""
 
 
 def improvements(
@@ -64,7 +67,7 @@ def improvements(
     asked: list[FloatArray] = []
     tried: list[Change] = []
     for change in changes:
-        if change in ("two_sided", "encoder") or not _applies(change, situation, parts):
+        if change in _OF_THE_SERVO or not _applies(change, situation, parts):
             continue
         damping = np.full_like(corner.damping, request.damping)
         if change == "virtual_damping":
@@ -96,6 +99,16 @@ def improvements(
         finer = replace(situation, position_step=situation.position_step / FINER)
         limit = quantisation_limit(request, settings, finer, found.damping, corner.period)
         _append(answers, "encoder", replace(found, quantisation=limit))
+    for change in ("motor_encoder", "stiffer"):
+        if change in changes and _applies(change, situation, parts):
+            after = evaluate_box(
+                request,
+                settings,
+                replace(situation, belief=_changed_belief(change, situation.belief)),
+                corner,
+                tolerance,
+            )
+            _append(answers, change, after)
     return [sorted(answer, key=lambda each: -each.stiffness) for answer in answers]
 
 
@@ -123,6 +136,10 @@ def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) 
             return any(each.low < each.high for each in known)
         case "damping":
             return belief.damping.low > 0
+        case "motor_encoder":
+            return belief.is_flexible and belief.encoder == "output"
+        case "stiffer":
+            return belief.is_flexible
         case "delay":
             return any(each.delay > 0 for each in parts)
         case "baud" | "latency_timer":
@@ -130,6 +147,14 @@ def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) 
             return all(name in each.named for each in parts)
         case _:
             return True
+
+
+def _changed_belief(change: Change, belief: Belief) -> Belief:
+    """Return the belief of another encoder or transmission."""
+    if change == "motor_encoder":
+        return replace(belief, encoder="motor")
+    hz = belief.flexible_hz
+    return replace(belief, flexible_hz=Bounded(2.0 * hz.value, 2.0 * hz.low, 2.0 * hz.high))
 
 
 def _changed(

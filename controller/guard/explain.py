@@ -28,6 +28,8 @@ REMEDIES: tuple[Change, ...] = (
     "belief",
     "encoder",
     "two_sided",
+    "motor_encoder",
+    "stiffer",
 )
 """Changes that are tried where the stiffness is bound."""
 
@@ -132,5 +134,6 @@ def _damping(
         settings.damping_cap,
         decision.delay,
         settings.mode == "passive",
+        decision.vibrates,
         commanded,
     )

@@ -98,6 +98,7 @@ def decide(
                 binding=name if bound else None,
                 reasons=(),
                 only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
+                vibrates=found.vibrates is not None and bool(found.vibrates[i]),
             )
         )
     if not explained:

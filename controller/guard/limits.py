@@ -12,6 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.guard.flexible import (
+    flexible_ceiling,
+    flexible_limit,
+    returned_share,
+)
 from haptic_wall.controller.guard.plants import Box, Plants
 from haptic_wall.controller.guard.types import GuardSettings, Limits, Request, Situation
 from haptic_wall.controller.theory import (
@@ -55,6 +60,9 @@ class PlantLimits:
     quantisation: FloatArray | None
     passive: FloatArray | None
     backlash: FloatArray | None = None
+    flexible: FloatArray | None = None
+    vibrates: NDArray[np.bool_] | None = None
+    """The ceiling is that of the load's vibration on its transmission"""
 
     def limits(self, i: int) -> Limits:
         """Return the limits of plant ``i``."""
@@ -104,6 +112,11 @@ def evaluate(
     if settings.mode == "passive":
         # above it, for whole delays, even the damper alone is not passive
         ceiling = np.minimum(ceiling, b / g)
+    belief, vibrates, vibration = situation.belief, None, None
+    if belief.is_flexible:
+        vibration = flexible_ceiling(belief, t, t_d, n)
+        vibrates = vibration < ceiling
+        ceiling = np.minimum(ceiling, vibration)
     damping = np.full_like(ceiling, request.damping) if asked is None else asked
     if settings.mode != "off":
         damping = np.minimum(damping, settings.damping_cap * ceiling)
@@ -119,6 +132,11 @@ def evaluate(
                 m, b, acting, t, t_d, n, exact=exact, ceiling=nothing_stable
             )
         )
+    flexible = None
+    if vibration is not None:
+        flexible = flexible_limit(belief, t, t_d, damping, n)
+        if request.side != "both":
+            flexible = flexible * returned_share(damping / vibration)
     return PlantLimits(
         ceiling=ceiling,
         damping=damping,
@@ -127,6 +145,8 @@ def evaluate(
         one_sided=None if one_sided is None else one_sided / g,
         quantisation=quantisation_limit(request, settings, situation, damping, t),
         passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
+        flexible=flexible,
+        vibrates=vibrates,
     )
 
 

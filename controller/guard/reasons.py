@@ -31,6 +31,8 @@ class LimitName(StrEnum):
     """Stable with any passive hand below it"""
     BACKLASH = "backlash"
     """Backlash sustains no oscillation of more than four counts below it"""
+    FLEXIBLE = "flexible"
+    """A load behind a flexible transmission does not vibrate below it"""
 
 
 Change = Literal[
@@ -43,12 +45,16 @@ Change = Literal[
     "latency_timer",
     "encoder",
     "two_sided",
+    "motor_encoder",
+    "stiffer",
     "belief",
 ]
 """Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
 the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
 ``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
-wall that also pulls; ``belief`` the servo known exactly, at its believed values."""
+wall that also pulls; ``motor_encoder`` on the motor's side of a flexible transmission; ``stiffer``,
+that transmission's vibration at twice its frequency; ``belief`` the servo known exactly, at its
+believed values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +151,8 @@ class DampingBound:
     """At which the ceiling was found [s]"""
     passive: bool
     """Above the ceiling the wall is not passive; else no stiffness is stable"""
+    vibrates: bool
+    """The ceiling is that of a load's vibration on its transmission"""
     commanded: bool
     """As of ``StiffnessBound``"""
 

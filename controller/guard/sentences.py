@@ -32,6 +32,7 @@ MEANING: dict[LimitName, str] = {
     LimitName.BACKLASH: (
         "above it the believed backlash may sustain an oscillation that friction does not stop"
     ),
+    LimitName.FLEXIBLE: "above it the believed load may vibrate on its flexible transmission",
     LimitName.PASSIVE: "above it some passive hand makes the wall unstable",
 }
 
@@ -64,11 +65,7 @@ def _sentence(reason: Reason, asked: bool) -> str:
                 "damping the servo has, and no stiffness is stable"
             )
         case DampingBound():
-            above = "the wall is not passive" if reason.passive else "no stiffness is stable"
-            said = (
-                f"{_damping(reason)}: {reason.share:g} of the ceiling {reason.ceiling:.4g}, above "
-                f"which {above} at a delay of {ms(reason.delay)}"
-            )
+            said = _ceiling(reason)
         case WouldRaise():
             said = _remedy(reason)
         case GuardOff():
@@ -143,6 +140,20 @@ def _damping(reason: DampingTooLow | DampingBound) -> str:
     )
 
 
+def _ceiling(reason: DampingBound) -> str:
+    above = "the wall is not passive" if reason.passive else "no stiffness is stable"
+    said = (
+        f"{_damping(reason)}: {reason.share:g} of the ceiling {reason.ceiling:.4g}, above "
+        f"which {above} at a delay of {ms(reason.delay)}"
+    )
+    if not reason.vibrates:
+        return said
+    return (
+        f"{said}: the believed load vibrates on its flexible transmission. An encoder on the"
+        " motor's side, a stiffer horn and link, or less delay would raise it"
+    )
+
+
 def _remedy(reason: WouldRaise) -> str:
     could = f"K could be about {float(f'{reason.stiffness:.2g}'):g}"
     belief = reason.belief
@@ -164,6 +175,14 @@ def _remedy(reason: WouldRaise) -> str:
             return f"with an encoder {FINER} times finer, {could}"
         case "two_sided":
             return f"as a two-sided wall, which also pulls, {could}"
+        case "motor_encoder":
+            return f"with an encoder on the motor's side of the flexible transmission, {could}"
+        case "stiffer":
+            frequency = 2.0 * belief.flexible_hz.low
+            return (
+                "with a stiffer horn and link, whose vibration has twice the frequency, "
+                f"{frequency:.3g} Hz at least, {could}"
+            )
         case _:
             return (
                 "the belief is wide: were the servo known to be as its believed values say "

@@ -96,6 +96,9 @@ class Limits:
     backlash: float | None = None
     """Below it backlash sustains no oscillation of more than four counts; None where the belief
     has no backlash"""
+    flexible: float | None = None
+    """Below it a load behind a flexible transmission does not vibrate, nor return faster; None
+    where the belief has none"""
 
     def smallest(self) -> tuple[LimitName, float]:
         """Return name and value of the smallest limit that applies."""
@@ -126,3 +129,5 @@ class Decision:
     """Why less than requested is commanded; empty where nothing was clamped"""
     only_friction: bool
     """The nominal belief would be unstable without Coulomb friction (mode off only)"""
+    vibrates: bool = False
+    """The ceiling is that of the load's vibration on its transmission"""

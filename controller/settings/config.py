@@ -241,6 +241,12 @@ class Config(Sections):
             delay=_bounded(model.delay, servo.delay + servo.current_lag),
             torque_gain=_bounded(model.torque_gain, 1.0),
             backlash=_bounded(model.backlash, 0.0),
+            load_inertia=_bounded(model.load_inertia, servo.load_inertia),
+            flexible_hz=_bounded(model.flexible_hz, servo.flexible_hz),
+            flexible_damping_ratio=_bounded(
+                model.flexible_damping_ratio, servo.flexible_damping_ratio
+            ),
+            encoder=servo.encoder,
         )
 
     def request(self) -> Request:

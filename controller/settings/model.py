@@ -235,6 +235,18 @@ class Model(Section):
         "simulated or not",
         "rad",
     )
+    load_inertia: Estimate[NotNegative] | None = setting(
+        None,
+        "Believed inertia behind a flexible transmission, beside model.inertia; unset and real: "
+        "none, a rigid servo without a link is assumed",
+        "kg·m²",
+    )
+    flexible_hz: Estimate[NotNegative] | None = setting(
+        None, "Believed frequency at which that load vibrates, both ends free", "Hz"
+    )
+    flexible_damping_ratio: Estimate[NotNegative] | None = setting(
+        None, "Believed damping ratio of that vibration; unset and real: 0"
+    )
 
 
 class Safety(Section):

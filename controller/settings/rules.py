@@ -243,6 +243,22 @@ def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
             )
 
 
+@_reads("model.load_inertia", "model.flexible_hz", *(f"servo.{name}" for name in _TRANSMISSION))
+def _vibration_as_a_whole(config: Sections) -> Iterator[Problem]:
+    model, rigid = config.model, config.servo.load_inertia == 0.0
+    load, frequency = (
+        each is not None and each.high > 0.0 for each in (model.load_inertia, model.flexible_hz)
+    )
+    if rigid and load != frequency:
+        missing = "flexible_hz" if load else "load_inertia"
+        yield Problem(
+            "found none",
+            wanted="a value above 0: a load that vibrates on its transmission has both"
+            " model.load_inertia and model.flexible_hz",
+            field=f"model.{missing}",
+        )
+
+
 @_reads(*_KIND, "servo.encoder_noise", "servo.counts_per_rev")
 def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
     servo = config.servo

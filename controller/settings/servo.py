@@ -143,7 +143,7 @@ class Servo(Section):
         0.0, "True damping of that transmission", "N·m·s/rad", used_by=_TRUTH
     )
     encoder: EncoderSide = setting(
-        "output", "The side of that transmission that the encoder measures", used_by=_TRUTH
+        "output", "The side of a flexible transmission that the encoder measures", used_by=_ANY
     )
     current_bandwidth: float = setting(
         0.0,
@@ -375,6 +375,22 @@ class Servo(Section):
         bandwidth = self.current_bandwidth
         lag = 1.0 / (math.tau * bandwidth) if bandwidth else 0.0
         return self.current_period + lag
+
+    @property
+    def flexible_hz(self) -> float:
+        """Return the true frequency at which the load vibrates, both ends free [Hz]; 0: rigid."""
+        if not self.inertia or not self.load_inertia:
+            return 0.0
+        ease = 1.0 / self.inertia + 1.0 / self.load_inertia
+        return math.sqrt(self.transmission_stiffness * ease) / math.tau
+
+    @property
+    def flexible_damping_ratio(self) -> float:
+        """Return the true damping ratio of that vibration."""
+        stiffness = self.transmission_stiffness
+        if not stiffness:
+            return 0.0
+        return 0.5 * self.transmission_damping * math.tau * self.flexible_hz / stiffness
 
     def asked(self) -> ServoSettings:
         """This section as a backend takes it.

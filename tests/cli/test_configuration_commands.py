@@ -71,7 +71,6 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
         "servo.load_inertia",
         "servo.transmission_stiffness",
         "servo.transmission_damping",
-        "servo.encoder",
         "servo.current_bandwidth",
         "servo.current_period",
         "servo.dead_band",

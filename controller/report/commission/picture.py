@@ -49,6 +49,7 @@ _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
     (LimitName.ONE_SIDED, "one-sided", GREEN, "-"),
     (LimitName.QUANTISATION, "encoder (quantisation)", "#a5004f", ":"),
     (LimitName.BACKLASH, "backlash", INK, ":"),
+    (LimitName.FLEXIBLE, "flexible transmission", BLUE, ":"),
     (LimitName.PASSIVE, "passive", ORANGE, "-"),
 )
 

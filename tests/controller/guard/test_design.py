@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ ALL: tuple[Change, ...] = (
 )  # fmt: skip
 
 
-def situation(position_step: float = 0.0, **changes: Bounded) -> Situation:
+def situation(position_step: float = 0.0, **changes: Any) -> Situation:
     belief = Belief(
         inertia=Bounded.exactly(M),
         damping=Bounded.exactly(B_VISCOUS),

@@ -28,7 +28,7 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 COUNT = 2 * math.pi / 4096
 
 
-def situation(position_step: float = 0.0, **changes: Bounded) -> Situation:
+def situation(position_step: float = 0.0, **changes: Any) -> Situation:
     """A servo like an MX-64, known exactly but for the changes, at 1 kHz."""
     belief = Belief(
         inertia=Bounded.exactly(0.011951),
@@ -95,6 +95,47 @@ def test_backlash_counts_at_its_widest_and_against_the_least_friction() -> None:
     assert narrow is not None
     assert least is not None
     assert least < limit < narrow
+
+
+LINK: dict[str, Any] = {
+    "load_inertia": Bounded(0.003, 0.002, 0.005),
+    "flexible_hz": Bounded(46.0, 35.0, 60.0),
+    "flexible_damping_ratio": Bounded(0.02, 0.01, 0.05),
+}
+
+
+def test_a_link_on_a_flexible_transmission_lowers_the_damping_first() -> None:
+    request = Request(10.0, 0.2, "both")
+    rigid = one(request)
+    assert (rigid.stiffness, rigid.damping, rigid.limits.flexible) == (10.0, 0.2, None)
+    linked = one(request, situation(**LINK))
+    assert linked.stiffness == 10.0
+    assert linked.damping == pytest.approx(0.7 * linked.damping_ceiling)
+    # (2 zeta w (J_m + J_l) + b J_l / J_m) / cos(w T) at 35 Hz, 0.01 and the lightest load
+    assert 0.05 < linked.damping_ceiling < 0.08
+    assert "vibrates on its flexible transmission" in sentences(linked.reasons)[0]
+    assert "encoder on the motor's side" in sentences(linked.reasons)[0]
+
+
+def test_what_would_raise_the_limit_of_a_link_is_named() -> None:
+    decision = one(Request(1e6, 0.2, "both"), situation(**LINK))
+    assert decision.binding is LimitName.FLEXIBLE
+    said = " ".join(sentences(decision.reasons))
+    assert "with an encoder on the motor's side of the flexible transmission, K could be" in said
+    assert "70 Hz at least" in said
+    motor = one(Request(1e6, 0.2, "both"), situation(**LINK, encoder="motor"))
+    assert motor.stiffness > 2.0 * decision.stiffness
+    assert motor.damping == 0.2
+
+
+def test_doubt_about_a_link_lowers_what_is_commanded() -> None:
+    known = {name: Bounded.exactly(each.value) for name, each in LINK.items()}
+    request = Request(1e6, 0.2, "above")
+    least = one(request, situation(**known))
+    for name, each in LINK.items():
+        doubted = one(request, situation(**{**known, name: each}))
+        assert doubted.damping < 0.99 * least.damping
+    assert one(request, situation(**LINK)).damping < least.damping
 
 
 def test_many_delays_at_once_give_what_each_gives_alone() -> None:

@@ -1,0 +1,138 @@
+"""The limits of a believed load behind a flexible transmission, over the belief's whole box.
+
+The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
+phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too; the least of
+both neighbours counts, with limits in proportion to 1 / (T/2 + t_d). ``scripts/study
+flexible_guard`` searches for truths inside the box that the guard's walls make vibrate.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+
+WITHIN = 0.96
+"""Fraction of the least value over the grid that the guard uses"""
+_PHASE, _MOST = 0.4, 40
+"""Largest step of the phase of the vibration over the delay, between frequencies of the grid and
+between its delays [rad]; most frequencies"""
+_UNBOUND = 1e12
+"""Stands for no limit at all [N·m/rad]"""
+_LIGHTEST = 1e-3
+"""Least load that is looked at, as a fraction of the greatest"""
+
+
+def flexible_ceiling(
+    belief: Belief, period: FloatArray, delay: FloatArray, samples: int
+) -> FloatArray:
+    """Return the commanded damping above which the load may vibrate without any stiffness.
+
+    Args:
+        belief: With a load behind a transmission.
+        period: Of each plant [s].
+        delay: Total, of each plant [s].
+        samples: Of the velocity difference.
+
+    Returns:
+        [N·m·s/rad]
+    """
+    gain = belief.torque_gain.high
+    found = [
+        min(float(scan.ceilings().min()) for scan in _around(belief, t, t_d, samples)) / gain
+        for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
+    ]
+    return WITHIN * np.array(found)
+
+
+def flexible_limit(
+    belief: Belief,
+    period: FloatArray,
+    delay: FloatArray,
+    damping: FloatArray,
+    samples: int,
+) -> FloatArray:
+    """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
+
+    Arguments as of ``flexible_ceiling``; ``damping`` is the commanded one of each plant
+    [N·m·s/rad]. The result is in commanded units [N·m/rad].
+    """
+    found = [
+        _limit(belief, t, t_d, b, samples)
+        for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
+    ]
+    return np.minimum(WITHIN * np.array(found), _UNBOUND)
+
+
+def returned_share(of_ceiling: FloatArray) -> FloatArray:
+    """Return the share of the two-sided limit up to which a one-sided wall returns no more.
+
+    It lies below what contacts of two masses gave over random servos.
+
+    Args:
+        of_ceiling: Virtual damping over the flexible ceiling.
+    """
+    found: FloatArray = 0.93 - 0.6 * np.clip(of_ceiling, 0.0, 1.0)
+    return found
+
+
+def _limit(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
+    return min(
+        _limit_at(belief, period, knot, damping, samples)
+        * ((0.5 * period + knot) / (0.5 * period + delay))
+        for knot in _knots(belief, delay)
+    )
+
+
+@lru_cache(maxsize=4096)
+def _limit_at(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
+    scan = _scan(belief, period, delay, samples)
+    gains = {belief.torque_gain.low, belief.torque_gain.high}
+    return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
+
+
+def _around(belief: Belief, period: float, delay: float, samples: int) -> list[FlexibleScan]:
+    return [_scan(belief, period, knot, samples) for knot in _knots(belief, delay)]
+
+
+def _knots(belief: Belief, delay: float) -> tuple[float, float]:
+    step = _PHASE / (math.tau * belief.flexible_hz.high)
+    below = math.floor(delay / step + 1e-9)
+    return below * step, (below + 1) * step
+
+
+@lru_cache(maxsize=1024)
+def _scan(belief: Belief, period: float, delay: float, samples: int) -> FlexibleScan:
+    frequencies = belief.flexible_hz
+    phase = math.tau * (frequencies.high - frequencies.low) * (delay + period)
+    count = min(2 + math.ceil(phase / _PHASE), _MOST) if phase > 0.0 else 1
+    load = belief.load_inertia
+    grid = np.meshgrid(
+        _ends(belief.inertia),
+        _ends(Bounded(load.value, max(load.low, _LIGHTEST * load.high), load.high)),
+        math.tau * np.linspace(frequencies.low, frequencies.high, count),
+        _ends(belief.flexible_damping_ratio),
+        indexing="ij",
+    )
+    m, load_inertia, rate, ratio = (each.ravel() for each in grid)
+    moving = m * load_inertia / (m + load_inertia)
+    return FlexibleScan(
+        m,
+        np.full(m.size, belief.damping.low),
+        load_inertia,
+        moving * rate**2,
+        2.0 * ratio * moving * rate,
+        period,
+        delay,
+        samples,
+        belief.encoder,
+    )
+
+
+def _ends(bounded: Bounded) -> FloatArray:
+    return np.unique([bounded.low, bounded.high])

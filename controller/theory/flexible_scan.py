@@ -1,0 +1,102 @@
+"""Limits of a wall on many two-mass servos at once, on a grid of frequencies: quick, to some 1 %.
+
+As ``flexible``, but crossings of the unit circle are found between the points of a grid, which is
+dense near the transmission's resonance and antiresonance, instead of as roots of polynomials. The
+servos of a belief and one delay take milliseconds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from haptic_wall.controller.theory.chain import sampled, two_masses
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.crossings import Loops
+
+_FEW, _EVEN = 56, 40
+"""Frequencies of the grid: in equal ratios, and in equal steps"""
+_SLOWEST = 1e-3
+"""Least frequency of the grid, in periods of one delay and one sample [rad]"""
+_NEAR = np.concatenate([-np.geomspace(0.4, 0.002, 9), [0.0], np.geomspace(0.002, 0.5, 9)])
+"""Frequencies beside a resonance, relative to it"""
+
+
+class FlexibleScan:
+    """Two-mass servos of one period, delay and number of velocity samples."""
+
+    def __init__(
+        self,
+        inertia: FloatArray,
+        damping: FloatArray,
+        load_inertia: FloatArray,
+        transmission_stiffness: FloatArray,
+        transmission_damping: FloatArray,
+        period: float,
+        delay: float,
+        samples: int,
+        encoder: str,
+    ) -> None:
+        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,)."""
+        chain, _ = two_masses(
+            inertia,
+            damping,
+            load_inertia,
+            transmission_stiffness,
+            transmission_damping,
+            encoder=encoder,
+        )
+        late = delay / period
+        whole = math.floor(late)
+        times = np.full(inertia.size, period)
+        loops = Loops(
+            sampled(chain, times, np.full(inertia.size, late - whole)), times, whole, samples
+        )
+        with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
+        alone = np.sqrt(transmission_stiffness / load_inertia)
+        w = _grid(np.stack([with_both, alone], axis=1) * period, late)
+        self._inverse = loops.inverse(w)
+        self._difference = loops.difference(w)
+        ratio = self._inverse / self._difference
+        self._ceiling = _least(ratio.imag, ratio.real)
+        self._floor = -_least(ratio.imag, -ratio.real)
+
+    def ceilings(self) -> FloatArray:
+        """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
+        return self._ceiling
+
+    def limits(self, virtual_damping: FloatArray | float) -> FloatArray:
+        """Return the stiffness up to which every stiffness from 0 on is stable [N·m/rad].
+
+        Args:
+            virtual_damping: Of all, or of each servo [N·m·s/rad].
+        """
+        big_b = np.broadcast_to(virtual_damping, self._ceiling.shape)
+        left = self._inverse - big_b[:, None] * self._difference
+        stable = (big_b < self._ceiling) & (big_b > self._floor)
+        return np.where(stable, _least(left.imag, left.real), 0.0)
+
+
+def _grid(resonances: FloatArray, late: float) -> FloatArray:
+    """Return rising frequencies up to pi, a row for each servo [rad]."""
+    common = np.concatenate(
+        [np.geomspace(_SLOWEST / (1.0 + late), np.pi, _FEW), np.linspace(0.05, np.pi, _EVEN)]
+    )
+    near = (resonances[..., None] * (1.0 + _NEAR)).reshape(len(resonances), -1)
+    folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
+    rows = np.concatenate([np.tile(common, (len(near), 1)), folded], axis=1)
+    found: FloatArray = np.sort(np.clip(rows, common[0], np.pi), axis=1)
+    return found
+
+
+def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:
+    """Return the least positive real part where the imaginary part is 0; infinite: nowhere."""
+    before, after = imaginary[:, :-1], imaginary[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = before / (before - after)
+        at = real[:, :-1] + share * (real[:, 1:] - real[:, :-1])
+    at = np.where((before > 0) != (after > 0), at, np.inf)
+    at = np.concatenate([at, real[:, -1:]], axis=1)  # at pi all is real
+    found: FloatArray = np.where(at > 0, at, np.inf).min(axis=1)
+    return found

@@ -1,0 +1,36 @@
+"""The quick limits of two masses beside the exact ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+
+
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+@pytest.mark.parametrize(("period", "delay"), [(1e-3, 0.0), (1e-3, 3.3e-3), (4e-3, 1e-3)])
+def test_random_servos(encoder: str, period: float, delay: float, thorough: bool) -> None:
+    random = np.random.default_rng(1)
+    n = 400 if thorough else 30
+
+    def between(low: float, high: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        return np.exp(random.uniform(np.log(low), np.log(high), n))
+
+    inertia = between(1e-3, 0.03)
+    load = inertia * between(0.05, 3.0)
+    moving, rate = inertia * load / (inertia + load), 2 * np.pi * between(8.0, 200.0)
+    stiffness = moving * rate**2
+    damping = 2 * between(0.003, 0.2) * moving * rate
+    servo = (inertia, inertia * between(0.05, 7.0), load, stiffness, damping)
+    scan = FlexibleScan(*servo, period, delay, 1, encoder)
+    ceiling = flexible_ceiling(*servo, period, delay, encoder=encoder)
+    assert np.all(scan.ceilings() < 1.01 * ceiling)
+    assert np.all(scan.ceilings() > 0.9 * ceiling)
+    big_b = 0.7 * random.random(n) * ceiling
+    exact = flexible_boundary(*servo, big_b, period, delay, encoder=encoder).stiffness
+    limits = scan.limits(big_b)
+    assert np.all(limits < 1.01 * exact)
+    assert np.all(limits > 0.94 * exact)
+    assert np.all(scan.limits(1.02 * ceiling) == 0.0)
