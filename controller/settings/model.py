@@ -237,7 +237,7 @@ class Model(Section):
     )
     load_inertia: Estimate[NotNegative] | None = setting(
         None,
-        "Believed inertia behind a flexible transmission, beside model.inertia; unset and real: "
+        "Believed inertia behind a flexible transmission, beside the motor's; unset and real: "
         "none, a rigid servo without a link is assumed",
         "kg·m²",
     )

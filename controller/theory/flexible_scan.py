@@ -1,4 +1,4 @@
-"""Limits of a wall on many two-mass servos at once, on a grid of frequencies: quick, to some 1 %.
+"""Limits of a wall on many two-mass servos at once, on a grid of frequencies: quick, to some 2 %.
 
 As ``flexible``, but crossings of the unit circle are found between the points of a grid, which is
 dense near the transmission's resonance and antiresonance, instead of as roots of polynomials. The
@@ -15,11 +15,11 @@ from haptic_wall.controller.theory.chain import sampled, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops
 
-_FEW, _EVEN = 56, 40
+_FEW, _EVEN = 96, 120
 """Frequencies of the grid: in equal ratios, and in equal steps"""
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]"""
-_NEAR = np.concatenate([-np.geomspace(0.4, 0.002, 9), [0.0], np.geomspace(0.002, 0.5, 9)])
+_NEAR = np.concatenate([-np.geomspace(0.4, 0.001, 16), [0.0], np.geomspace(0.001, 0.5, 16)])
 """Frequencies beside a resonance, relative to it"""
 
 

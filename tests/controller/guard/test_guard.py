@@ -129,7 +129,7 @@ def test_what_would_raise_the_limit_of_a_link_is_named() -> None:
 
 
 def test_doubt_about_a_link_lowers_what_is_commanded() -> None:
-    known = {name: Bounded.exactly(each.value) for name, each in LINK.items()}
+    known: dict[str, Any] = {name: Bounded.exactly(each.value) for name, each in LINK.items()}
     request = Request(1e6, 0.2, "above")
     least = one(request, situation(**known))
     for name, each in LINK.items():

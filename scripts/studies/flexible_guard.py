@@ -1,0 +1,254 @@
+"""Searches a belief with a link on a flexible transmission for servos on which its walls grow.
+
+    scripts/study flexible_guard [--beliefs N] [--truths N] [--steps N] [--seed S] [--quick]
+
+Takes some seconds a belief.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
+from haptic_wall.controller.theory.chain_contact import returned
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.crossings import Loops, poles
+from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.hw.settings import EncoderSide
+from scripts.study import Found, Option, Part, Study, table
+
+PERIOD = 1e-3
+SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
+"""Inertia and viscous friction: published fits of an MX-64 and an XL330"""
+PHASES = np.array([1e-9, 0.5, 0.9, 0.97, 1.0])
+NAMES = (
+    "inertia",
+    "damping",
+    "torque_gain",
+    "delay",
+    "load_inertia",
+    "flexible_hz",
+    "flexible_damping_ratio",
+)
+
+
+class Outcome(NamedTuple):
+    """The worst that one belief's walls do on a truth inside it."""
+
+    random: float
+    """Largest modulus of a pole over the random truths"""
+    searched: float
+    """The same, of the optimiser's search"""
+    thrown: float
+    """Largest exit over entry speed of the one-sided wall over some of the truths"""
+    damping: float
+    """Commanded B over the middle's ceiling, where less than asked is commanded; else NaN"""
+    stiffness: float
+    """Commanded K of the two-sided wall over the middle's limit at the commanded B"""
+    one_sided: float
+    """The same of the one-sided wall"""
+
+
+def drawn(random: np.random.Generator) -> tuple[Belief, float, float]:
+    """Return a belief, a sample age [s] and the asked B over the middle's ceiling."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(math.log(low), math.log(high))))
+
+    def doubted(value: float) -> Bounded:
+        return Bounded(
+            value, value / (1.0 + between(0.03, 0.5)), value * (1.0 + between(0.03, 0.5))
+        )
+
+    m, b = SERVOS[int(random.integers(2))]
+    encoder: EncoderSide = "motor" if random.random() < 0.25 else "output"
+    lag = random.uniform(0.0, 2e-3)
+    return (
+        Belief(
+            inertia=doubted(m),
+            damping=doubted(b * between(0.3, 3.0)),
+            coulomb=Bounded.exactly(0.0),
+            delay=Bounded(lag, lag * random.random(), lag),
+            torque_gain=doubted(1.0),
+            load_inertia=doubted(m * between(0.05, 3.0)),
+            flexible_hz=doubted(between(10.0, 120.0)),
+            flexible_damping_ratio=doubted(between(0.005, 0.15)),
+            encoder=encoder,
+        ),
+        float(random.uniform(0.0, 3e-3)),
+        between(0.05, 2.0),
+    )
+
+
+def inside(belief: Belief, shares: FloatArray) -> FloatArray:
+    """Return true values by name, of shares of each believed range; truths × names."""
+    low = np.array([getattr(belief, name).low for name in NAMES])
+    high = np.array([getattr(belief, name).high for name in NAMES])
+    found: FloatArray = low + shares * (high - low)
+    return found
+
+
+def chain_of(truths: FloatArray, encoder: str) -> Chain:
+    """Return the servos of these truths."""
+    m, b, _, _, load, hz, ratio = truths.T
+    moving, rate = m * load / (m + load), math.tau * hz
+    servo = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    return two_masses(*servo, encoder=encoder)[0]
+
+
+def modulus(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> FloatArray:
+    """Return the largest modulus of a closed-loop pole of each truth."""
+    found = np.zeros(len(truths))
+    late = (age + truths[:, 3]) / PERIOD
+    chain, gain = chain_of(truths, belief.encoder), truths[:, 2]
+    for whole in np.unique(np.floor(late)).tolist():
+        part = np.flatnonzero(np.floor(late) == whole)
+        period = np.full(part.size, PERIOD)
+        loops = Loops(sampled(chain.take(part), period, late[part] - whole), period, int(whole), 1)
+        closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
+        found[part] = np.abs(closed).max(axis=1)
+    return found
+
+
+def thrown(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> float:
+    """Return the largest exit over entry speed of these truths."""
+    worst = 0.0
+    for truth in truths:
+        each = np.tile(truth, (PHASES.size, 1))
+        ratio = returned(
+            chain_of(each, belief.encoder),
+            PERIOD,
+            age + truth[3],
+            each[:, 2] * wall.stiffness,
+            each[:, 2] * wall.damping,
+            PHASES,
+            longest=2000,
+        )
+        worst = max(worst, float(np.nanmax(ratio, initial=0.0)))
+    return worst
+
+
+def outcome(case: tuple[int, int, int, int]) -> Outcome:
+    """Draw a belief, and find the worst truth inside it."""
+    seed, index, truths, steps = case
+    random = np.random.default_rng((seed, index))
+    belief, age, of_ceiling = drawn(random)
+    middle = np.array([getattr(belief, name).value for name in NAMES])
+    m, b, gain, lag, load, hz, ratio = middle.tolist()
+    moving, rate = m * load / (m + load), math.tau * hz
+    known = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    ceiling = float(flexible_ceiling(*known, PERIOD, age + lag, encoder=belief.encoder)) / gain
+    situation = Situation(belief, PERIOD, 4.1, 0.0)
+    asked = of_ceiling * ceiling
+    both, one = (
+        decide(Request(1e9, asked, side), GuardSettings(), situation, [age], explained=False)[0]
+        for side in ("both", "above")
+    )
+    shares = random.random((truths, len(NAMES)))
+    corners = random.random(shares.shape) < 0.5
+    shares = np.where(random.random((truths, 1)) < 0.5, shares, corners)
+    tried = modulus(belief, inside(belief, shares), age, both)
+    worst = np.argsort(-tried)
+
+    def height(point: FloatArray) -> float:
+        return -float(modulus(belief, inside(belief, point[None]), age, both)[0])
+
+    found = differential_evolution(
+        height,
+        [(0.0, 1.0)] * len(NAMES),
+        init=shares[worst[:10]],
+        maxiter=steps,
+        seed=index,
+        polish=False,
+    )
+    damping = both.damping * gain
+
+    def of_limit(wall: Decision) -> float:
+        limit = flexible_boundary(*known, damping, PERIOD, age + lag, encoder=belief.encoder)
+        return float(wall.stiffness * gain / limit.stiffness)
+
+    return Outcome(
+        float(tried.max()),
+        -float(found.fun),
+        thrown(belief, inside(belief, shares[worst[:4]]), age, one),
+        both.damping / ceiling if both.damping < asked else math.nan,
+        of_limit(both),
+        of_limit(one),
+    )
+
+
+def lines(found: Found[tuple[int, int, int, int], Outcome]) -> list[str]:
+    """Count growth and throws, and the shares of what is possible."""
+    rows = np.array([row for _, row in found])
+    truths = sum(case[2] for case, _ in found)
+
+    def spread(values: FloatArray) -> tuple[str, ...]:
+        kept = values[np.isfinite(values)]
+        return (
+            tuple(f"{x:.3g}" for x in np.quantile(kept, [0.0, 0.5, 1.0]))
+            if kept.size
+            else ("",) * 3
+        )
+
+    counts = table(
+        ("search", "tried", "grow or throw", "worst"),
+        (
+            "random truths, two-sided",
+            truths,
+            int(np.sum(rows[:, 0] > 1 + 1e-9)),
+            f"{rows[:, 0].max():.6f}",
+        ),
+        (
+            "optimiser, beliefs",
+            len(rows),
+            int(np.sum(rows[:, 1] > 1 + 1e-9)),
+            f"{rows[:, 1].max():.6f}",
+        ),
+        (
+            "worst four of each, one-sided",
+            4 * len(rows),
+            int(np.sum(rows[:, 2] > 1 + 1e-6)),
+            f"{rows[:, 2].max():.4f}",
+        ),
+    )
+    possible = table(
+        ("share of what is possible", "least", "median", "most"),
+        ("B, where less than asked is commanded", *spread(rows[:, 3])),
+        ("K, two-sided", *spread(rows[:, 4])),
+        ("K, one-sided", *spread(rows[:, 5])),
+    )
+    share = 3.0 / truths
+    return [
+        *counts,
+        "",
+        "Beliefs with a truth that grows or throws are counted. None of"
+        f" {truths} truths bounds the rate of growth at {share:.1g} (95 %).",
+        "",
+        *possible,
+    ]
+
+
+STUDY = Study(
+    "flexible-guard.md",
+    (
+        Part(
+            "truths",
+            lambda given: [
+                (given.seed, i, given.truths, given.steps) for i in range(given.beliefs)
+            ],
+            outcome,
+            lines,
+            case_s=4.0,
+        ),
+    ),
+    (
+        Option("beliefs", 110, "random beliefs", quick=3),
+        Option("truths", 100, "random truths of each", quick=20),
+        Option("steps", 12, "generations of the search", quick=2),
+        Option("seed", 1, "seed of the beliefs"),
+    ),
+)
