@@ -288,6 +288,7 @@ def test_every_field_says_what_it_means(field: Field) -> None:
         "servo.cogging_periods",
         "servo.noise_seed",
         "model.torque_gain",
+        "model.flexible_damping_ratio",
         "safety.max_loss",
         "safety.max_missed",
     }
