@@ -137,6 +137,8 @@ class Loops:
         bodies: The servos.
         k: Periods simulated.
         hand: Torque of an operator on each servo, held over each period [N·m]; None: no operator.
+        encoder: From positions to what encoders see of them, before they round [rad]; None: the
+            positions.
     """
 
     def __init__(
@@ -149,6 +151,7 @@ class Loops:
         )
         self.k = 0
         self.hand: FloatArray | None = None
+        self.encoder: Callable[[FloatArray], FloatArray] | None = None
         self._walls = walls
         self._samples = int(walls.velocity_samples[0])
         cuts = [0, *(np.flatnonzero(np.diff(walls.whole)) + 1).tolist(), n]
@@ -218,7 +221,8 @@ class Loops:
         k, torques, rows = self.k, self._torques, self._measured.shape[0]
         measured = self._measured[k % rows]
         if self._rounded:
-            np.multiply(self._followed, self._walls.counts_per_radian, measured)
+            seen = self._followed if self.encoder is None else self.encoder(self._followed)
+            np.multiply(seen, self._walls.counts_per_radian, measured)
             np.rint(measured, measured)
             np.divide(measured, self._walls.counts_per_radian, measured)
         elif self._play:

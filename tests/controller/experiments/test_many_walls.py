@@ -246,3 +246,14 @@ def test_servos_with_a_current_loop_move_as_each_alone(
             mechanism.command(wall.torque(seen, estimator.update(seen, 1)), k * 1_000_000)
         mechanism.advance(300 * 1_000_000)
         assert position == pytest.approx(mechanism.position, abs=2e-5)
+
+
+def test_an_encoder_that_errs_is_what_the_wall_sees_and_rounds() -> None:
+    walls = make(3, counts_per_radian=100.0)
+    start = np.array([0.01, -0.02, 0.0])
+    loops = Loops(walls, start)
+    loops.encoder = lambda at: at + 0.018
+    loops.run(1)
+    np.testing.assert_allclose(loops.measured, [0.03, 0.0, 0.02], atol=1e-12)
+    np.testing.assert_allclose(loops.torque, -walls.stiffness * loops.measured, atol=1e-12)
+    np.testing.assert_array_equal(start, [0.01, -0.02, 0.0])

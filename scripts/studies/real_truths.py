@@ -1,0 +1,699 @@
+"""Tries what the guard commands on servos with every effect of a real one, drawn and searched for.
+
+    scripts/study real_truths [--truths N] [--seed S] [--quick]
+
+A truth lies inside its belief: inertia, viscous friction each way, Coulomb friction, torque gain,
+the lag of drive and current loop, backlash. What no belief knows (friction at rest and of the load,
+weight, cogging, errors of the encoder, dead band, back-EMF) is drawn beside it. Many walls are
+simulated at once, without the rest of the program; those that swing are run with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import differential_evolution
+from scipy.stats import beta
+
+from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.rebound import rebound
+from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
+from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.many_substeps import ManyEffects
+from scripts.study import Found, Given, Option, Part, Study, table
+
+PERIOD = 1e-3
+COUNT = math.tau / 4096
+COUNTS = 4
+"""Amplitude of a swing that must not go on [counts]"""
+MARGIN = 0.8
+KICKS = (0.02, 0.3)
+"""Displacements from which a two-sided wall is let go [rad]"""
+SECONDS = 2.0
+WINDOW = 200
+"""Of the amplitudes that are kept [periods]"""
+BEGIN, BEFORE, END = slice(1, 5), slice(2, 6), slice(6, 10)
+"""Windows whose largest are compared: half a slow swing fits into each of them"""
+PHASES = (0.001, 0.33, 0.67, 0.999)
+"""Of the entry into a one-sided wall within a period"""
+SPEEDS = (0.0, 0.5, 1.0)
+"""Of the entry, between the ends that the guard states, on a logarithmic scale"""
+SLOWEST, FASTEST = 0.05, 6.0
+"""Speeds of entry in any case [rad/s]"""
+LONGEST, STILL = 700, 40
+"""Samples of a contact, and of rest after which nothing more is awaited"""
+TRUTHS = 20
+"""Of each belief"""
+BELIEFS = 25
+"""In a case"""
+
+
+class Base(NamedTuple):
+    """A servo's published figures, and the widest that its belief may be."""
+
+    inertia: float
+    damping: float
+    coulomb: float
+    stall_torque: float
+    no_load_speed: float
+    longest_lag: float
+    torque_step: float
+    most_damping: float
+
+
+BASES = (
+    Base(0.011951, 0.011692, 0.09039, 4.1, 4.82, 0.002, 0.0048, 0.25),
+    Base(0.0018142, 0.0036617, 0.012833, 0.52, 10.9, 0.005, 0.0005, 0.04),
+)
+"""XM430-W350 (by an MX-64) and XL330-M288; Rhoban's bam, and the e-manual"""
+WIDTHS = {"inertia": 1.5, "damping": 2.0, "coulomb": 2.0, "gain": 1.4}
+"""Largest factors between a believed value and its bounds"""
+MOST = {
+    "static": 2.5,
+    "stribeck": 2.6,
+    "load_friction": 0.13,
+    "gravity": 0.1,
+    "cogging": 0.01,
+    "eccentricity": 0.0087,
+    "noise": 0.34,
+    "dead_band": 0.03,
+    "droop": 0.05,
+}
+"""Largest size of each effect, from docs/plant.md; weight, cogging and dead band over the stall
+torque, the static friction over the Coulomb friction"""
+BELIEVED = (
+    "servo",
+    "inertia_width",
+    "damping_width",
+    "coulomb_width",
+    "gain_width",
+    "lag",
+    "lag_width",
+    "backlash",
+    "age",
+    "virtual_damping",
+)
+TRUE = (
+    "inertia",
+    "damping",
+    "damping_back",
+    "coulomb",
+    "gain",
+    "delay",
+    "of_loop",
+    "play",
+    "static",
+    "stribeck",
+    "load_friction",
+    "gravity",
+    "gravity_angle",
+    "cogging",
+    "cogging_phase",
+    "eccentricity",
+    "encoder_phase",
+    "noise",
+    "dead_band",
+    "droop",
+    "back_emf",
+)
+"""Coordinates from 0 to 1 of a belief with its wall, and of a truth inside it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A belief with a wall, and what the guard commands there."""
+
+    base: Base
+    situation: Situation
+    decision: Decision
+    age: float
+
+
+def asked(shares: FloatArray, side: Side) -> Asked:
+    """The wall with the stiffness that the guard allows, for coordinates ``BELIEVED``."""
+    u = dict(zip(BELIEVED, shares.tolist(), strict=True))
+    base = BASES[min(int(u["servo"] * len(BASES)), len(BASES) - 1)]
+
+    def around(value: float, name: str) -> Bounded:
+        width = WIDTHS[name] ** u[f"{name}_width"]
+        return Bounded(value, value / width, value * width)
+
+    lag = u["lag"] * base.longest_lag
+    backlash = math.radians(0.3) * u["backlash"]
+    belief = Belief(
+        inertia=around(base.inertia, "inertia"),
+        damping=around(base.damping, "damping"),
+        coulomb=around(base.coulomb, "coulomb"),
+        delay=Bounded(lag, lag * (1.0 - u["lag_width"]), lag),
+        torque_gain=around(1.0, "gain"),
+        backlash=Bounded(backlash, 0.0, backlash),
+    )
+    situation = Situation(belief, PERIOD, base.stall_torque, COUNT)
+    age = 1e-4 + 1.1e-3 * u["age"]
+    request = Request(1e6, base.most_damping * u["virtual_damping"] ** 2, side)
+    (decision,) = decide(request, GuardSettings(margin=MARGIN), situation, [age], explained=False)
+    return Asked(base, situation, decision, age)
+
+
+@dataclass(frozen=True, slots=True)
+class Truths:
+    """Walls on true servos, and the errors of their encoders."""
+
+    walls: Walls
+    eccentricity: FloatArray
+    encoder_phase: FloatArray
+    noise: FloatArray
+    """[rad]"""
+
+    def take(self, index: NDArray[np.intp]) -> Truths:
+        """Those at ``index``."""
+        errors = (self.eccentricity, self.encoder_phase, self.noise)
+        return Truths(self.walls.take(index), *(each[index] for each in errors))
+
+    def loops(self, position: FloatArray, velocity: FloatArray, seed: int) -> Loops:
+        """The loops at their start."""
+        random = np.random.default_rng(seed)
+        loops = Loops(self.walls, position, velocity)
+
+        def seen(at: FloatArray) -> FloatArray:
+            turned = np.sin(at + self.encoder_phase) - np.sin(self.encoder_phase)
+            error = self.eccentricity * turned  # none at the wall: where it stands does not matter
+            read: FloatArray = at + error + self.noise * random.standard_normal(at.size)
+            return read
+
+        loops.encoder = seen
+        return loops
+
+
+def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None) -> Truths:
+    """The walls on truths.
+
+    Args:
+        walls: The wall of each.
+        shares: Coordinates ``TRUE`` of each, shape (n, number of coordinates).
+        stiffness: In place of the commanded one [N·m/rad].
+    """
+    u = dict(zip(TRUE, shares.T, strict=True))
+
+    def of_base(name: str) -> FloatArray:
+        return np.array([getattr(each.base, name) for each in walls])
+
+    def between(name: str, share: FloatArray) -> FloatArray:
+        found = [getattr(each.situation.belief, name) for each in walls]
+        low, high = (np.array([getattr(b, end) for b in found]) for end in ("low", "high"))
+        value: FloatArray = low + share * (high - low)
+        return value
+
+    stall, gain = of_base("stall_torque"), between("torque_gain", u["gain"])
+    device = between("delay", u["delay"])
+    by_loop = np.clip(u["of_loop"], 0.02, 1.0) * device
+    with np.errstate(divide="ignore"):
+        bandwidth = np.where(by_loop > 1e-5, 1.0 / (math.tau * np.maximum(by_loop, 1e-5)), 0.0)
+    by_loop = np.where(bandwidth > 0.0, by_loop, 0.0)
+    age = np.array([each.age for each in walls])
+    whole, lag, rest = split_delay(age + device - by_loop, np.full(age.size, PERIOD))
+    coulomb = between("coulomb", u["coulomb"])
+    commanded = np.array([each.decision.stiffness for each in walls])
+    back_emf = np.where(u["back_emf"] > 0.5, gain * stall / of_base("no_load_speed"), 0.0)
+    size = len(walls)
+    return Truths(
+        Walls(
+            inertia=between("inertia", u["inertia"]),
+            damping=between("damping", u["damping"]),
+            coulomb=coulomb,
+            counts_per_radian=np.full(size, 1.0 / COUNT),
+            backlash=np.maximum(between("backlash", u["play"]), 1e-9),
+            torque_limit=gain * stall,
+            torque_step=gain * of_base("torque_step"),
+            stiffness=gain * (commanded if stiffness is None else stiffness),
+            virtual_damping=gain * np.array([each.decision.damping for each in walls]),
+            period=np.full(size, PERIOD),
+            whole=whole,
+            lag=lag,
+            rest=rest,
+            velocity_samples=np.ones(size, dtype=np.int64),
+            one_sided=np.array([each.decision.request.side != "both" for each in walls]),
+            current_loop=CurrentLoopParameters(
+                bandwidth=bandwidth,
+                dead_band=MOST["dead_band"] * u["dead_band"] * stall,
+                back_emf=back_emf,
+                stall_torque=gain * stall,
+                droop=MOST["droop"] * u["droop"],
+            ),
+            effects=ManyEffects(
+                static_friction=coulomb * MOST["static"] ** u["static"],
+                stribeck_speed=0.05 + MOST["stribeck"] * u["stribeck"],
+                damping_back=between("damping", u["damping_back"]),
+                load_friction=MOST["load_friction"] * u["load_friction"],
+                gravity=MOST["gravity"] * u["gravity"] * stall,
+                gravity_angle=math.tau * u["gravity_angle"],
+                cogging=MOST["cogging"] * u["cogging"] * stall,
+                cogging_periods=np.full(size, 24.0),
+                cogging_phase=math.tau * u["cogging_phase"],
+            ),
+        ),
+        MOST["eccentricity"] * u["eccentricity"],
+        math.tau * u["encoder_phase"],
+        MOST["noise"] * u["noise"] * COUNT,
+    )
+
+
+def amplitudes(some: Truths, kick: FloatArray, seed: int) -> FloatArray:
+    """Half the range of the true motion in each window, from kicks, shape (windows, n)."""
+    loops = some.loops(kick, np.zeros(kick.size), seed)
+    rows = []
+    for _ in range(round(SECONDS / PERIOD) // WINDOW):
+        low, high = np.full(kick.size, np.inf), np.full(kick.size, -np.inf)
+
+        def watch(low: FloatArray = low, high: FloatArray = high) -> None:
+            at = loops.bodies.position
+            np.minimum(low, at, out=low)
+            np.maximum(high, at, out=high)
+
+        loops.run(WINDOW, watch)
+        rows.append(0.5 * (high - low))
+    return np.array(rows)
+
+
+def kicked(some: Truths, seed: int) -> FloatArray:
+    """``amplitudes`` from every kick, shape (windows, kicks, n)."""
+    size = some.walls.size
+    index = np.tile(np.arange(size), len(KICKS))
+    kick, each = np.repeat(KICKS, size), some.take(index)
+    found = np.empty((round(SECONDS / PERIOD) // WINDOW, index.size))
+    for part in blocks(each.walls):
+        found[:, part] = amplitudes(each.take(part), kick[part], seed)
+    return found.reshape(-1, len(KICKS), size)
+
+
+def goes_on(found: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which walls grow, and which swing for ever, of ``kicked``."""
+    first, before = (found[part].max(axis=0) for part in (BEGIN, BEFORE))
+    last = np.sort(found[END], axis=0)[-2]  # one slip of a shaft at rest is no oscillation
+    large = last > COUNTS * COUNT
+    grows = large & (last > 1.02 * first)
+    swings = large & (last > 0.97 * before)
+    return grows.any(axis=0), swings.any(axis=0)
+
+
+def energy(walls: Walls, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Kinetic energy and that of weight and cogging [J]."""
+    e = walls.effects
+    assert e is not None
+    n = e.cogging_periods
+    weight = -e.gravity * np.cos(position - e.gravity_angle)
+    teeth = -e.cogging / n * np.cos(n * position + e.cogging_phase)
+    found: FloatArray = 0.5 * walls.inertia * velocity * velocity + weight + teeth
+    return found
+
+
+def gained(some: Truths, speed: FloatArray, phase: FloatArray, seed: int) -> FloatArray:
+    """Log of kinetic energy after over before a contact; -inf: it does not come out."""
+    walls = some.walls
+    loops = some.loops(-speed * PERIOD * (1.0 + phase), speed, seed)
+    x, e = loops.bodies.position.copy(), energy(walls, loops.bodies.position, speed)
+    at_wall = energy(walls, np.zeros_like(x), np.zeros_like(x))
+    came, went = np.full(x.size, np.nan), np.full(x.size, -np.inf)
+    outside = np.zeros(x.size, dtype=np.int64)
+    inside = np.zeros(x.size, dtype=np.bool_)
+    done = np.zeros(x.size, dtype=np.bool_)
+    still = np.zeros(x.size, dtype=np.int64)
+    after = walls.whole + 3 + np.ceil(8.0 * walls_lag(walls) / PERIOD).astype(np.int64)
+    for _ in range(LONGEST):
+        loops.run(1)
+        at = loops.bodies.position
+        now = energy(walls, at, loops.bodies.velocity)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = e + (now - e) * x / (x - at)
+        enters = ~inside & (at > 0.0)
+        came = np.where(enters & np.isnan(came), crossing, came)
+        leaves = inside & (at <= 0.0) & ~done
+        went = np.where(leaves, np.maximum(crossing, now), went)
+        out = ~np.isnan(came) & (at <= 0.0)
+        went = np.where(out & ~done, np.maximum(went, now), went)
+        outside = np.where(out & (loops.measured <= 0.0), outside + 1, 0)
+        done |= outside > after
+        went[(at > 0.0) & ~done] = -np.inf
+        inside = at > 0.0
+        x, e = at.copy(), now
+        still = np.where(loops.bodies.velocity == 0.0, still + 1, 0)
+        if (done | (still > STILL)).all():
+            break
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(np.maximum(went - at_wall, 0.0) / np.maximum(came - at_wall, 1e-12))
+    return np.where(done, ratio, -np.inf)
+
+
+def walls_lag(walls: Walls) -> FloatArray:
+    """Time constant of the current loops [s]."""
+    loop = walls.current_loop
+    assert loop is not None
+    with np.errstate(divide="ignore"):
+        lag: FloatArray = np.where(loop.bandwidth > 0.0, 1.0 / (math.tau * loop.bandwidth), 0.0)
+    return lag
+
+
+def speeds_of(wall: Asked) -> tuple[float, float]:
+    """Least and greatest speed for which the guard states no faster return [rad/s]."""
+    d = wall.decision
+    found = rebound(d.stiffness, d.damping, "above", 1, wall.situation, d.delay)
+    low = max(found.lowest or 0.0, SLOWEST)
+    high = min(found.highest or 0.0, FASTEST)
+    return low, high
+
+
+class Share(NamedTuple):
+    """One belief: the commanded stiffness over margin times the true limit of its worst corner."""
+
+    share: float
+    """NaN: nothing is commanded, and none is stable"""
+    binding: str
+
+
+class Row(NamedTuple):
+    """What became of the truths of some beliefs."""
+
+    tried: int
+    """Truths"""
+    refused: int
+    """Truths of beliefs where nothing is commanded, or no speed is stated"""
+    grow: list[list[float]]
+    """Coordinates of walls that grow"""
+    swing: list[list[float]]
+    throw: list[list[float]]
+    shares: list[Share]
+
+
+def shares_for(count: int, size: int, random: np.random.Generator) -> FloatArray:
+    """Coordinates of ``count`` points: uniform, a third of them at an end."""
+    found = random.random((count, size))
+    ends = random.random((count, size)) < 1.0 / 3.0
+    return np.where(ends, np.rint(found), found)
+
+
+def drawn(case: tuple[int, int, Side]) -> Row:
+    """Draw some beliefs, and truths inside each; try what the guard commands."""
+    seed, number, side = case
+    random = np.random.default_rng((seed, number, side == "both"))
+    believed = shares_for(BELIEFS, len(BELIEVED), random)
+    walls = [asked(each, side) for each in believed]
+    shares = shares_for(BELIEFS * TRUTHS, len(TRUE), random)
+    owner = np.repeat(np.arange(BELIEFS), TRUTHS)
+    some = [index for index in range(BELIEFS) if walls[index].decision.stiffness > 0.0]
+    chosen = np.flatnonzero(np.isin(owner, some))
+    each = [walls[owner[index]] for index in chosen]
+
+    def points(bad: NDArray[np.bool_]) -> list[list[float]]:
+        at = chosen[np.flatnonzero(bad)]
+        return [[*believed[owner[i]].tolist(), *shares[i].tolist()] for i in at]
+
+    grow, swing, throw = [], [], []
+    refused = owner.size - chosen.size
+    if side == "both":
+        grows, swings = goes_on(kicked(truths(each, shares[chosen]), number))
+        grow, swing = points(grows), points(swings)
+    else:
+        ends = {id(wall): speeds_of(wall) for wall in walls if wall.decision.stiffness > 0.0}
+        stated = np.array([ends[id(wall)] for wall in each])
+        refused += int(np.sum(stated[:, 1] <= stated[:, 0]))
+        throw = points(thrown(truths(each, shares[chosen]), stated, number) > 0.0)
+    return Row(owner.size, refused, grow, swing, throw, corner_shares(walls, side, number))
+
+
+class Beyond(NamedTuple):
+    """What became of truths at a multiple of the commanded stiffness."""
+
+    tried: int
+    grow: int
+    swing: int
+    throw: int
+
+
+def stiffer(case: tuple[int, int, Side, float]) -> Beyond:
+    """Try walls that are stiffer than the guard commands: whether the trial notices it."""
+    seed, number, side, factor = case
+    random = np.random.default_rng((seed, number, side == "both"))
+    walls = [asked(each, side) for each in shares_for(BELIEFS, len(BELIEVED), random)]
+    each = [wall for wall in walls if wall.decision.stiffness > 0.0 for _ in range(TRUTHS)]
+    stiffness = factor * np.array([wall.decision.stiffness for wall in each])
+    some = truths(each, shares_for(len(each), len(TRUE), random), stiffness)
+    if side == "both":
+        grows, swings = goes_on(kicked(some, number))
+        return Beyond(len(each), int(grows.sum()), int(swings.sum()), 0)
+    stated = np.broadcast_to((0.5, 3.0), (len(each), 2))
+    return Beyond(len(each), 0, 0, int(np.sum(thrown(some, stated, number) > 0.0)))
+
+
+FACTORS = (1.0, 2.0, 4.0)
+
+
+def stiffer_cases(given: Given) -> Iterator[tuple[int, int, Side, float]]:
+    """A block of beliefs, two-sided and one-sided, at each multiple."""
+    for factor in FACTORS:
+        yield given.seed, 1000, "both", factor
+        yield given.seed, 1000, "above", factor
+
+
+def stiffer_lines(found: Found[tuple[int, int, Side, float], Beyond]) -> list[str]:
+    """A line for each multiple."""
+    cells = []
+    for factor in FACTORS:
+        both, above = (
+            next(row for case, row in found if case[2:] == (side, factor))
+            for side in ("both", "above")
+        )
+        cells.append((f"{factor:g}", both.tried, both.grow, both.swing, above.tried, above.throw))
+    head = ("K over the commanded", "two-sided", "grow", "swing on", "one-sided", "throw back")
+    return list(table(head, *cells))
+
+
+def thrown(some: Truths, stated: FloatArray, seed: int) -> FloatArray:
+    """Greatest ``gained`` of each wall, over speeds between the stated ends and phases."""
+    size = some.walls.size
+    low, high = stated.T
+    grid = [(s, p) for s in SPEEDS for p in PHASES]
+    index = np.repeat(np.arange(size), len(grid))
+    share, phase = np.tile(np.array(grid).T, size)
+    ratio = np.maximum(high, low) / low
+    speed = low[index] * ratio[index] ** share
+    each = some.take(index)
+    found = np.empty(index.size)
+    for part in blocks(each.walls):
+        found[part] = gained(each.take(part), speed[part], phase[part], seed)
+    worst: FloatArray = found.reshape(size, -1).max(axis=1)
+    return np.where(high > low, worst, -np.inf)
+
+
+NOTHING = "nothing commanded"
+"""Binding, where the asked damping alone is rougher than allowed"""
+CORNER = {
+    "inertia": 0.0,
+    "damping": 0.0,
+    "damping_back": 0.0,
+    "coulomb": 0.0,
+    "gain": 1.0,
+    "delay": 1.0,
+    "play": 1.0,
+}
+"""The worst corner of a belief; every other coordinate is 0: no effect that helps"""
+STIFFNESSES = np.geomspace(0.7, 7.0, 12)
+"""That are tried on it, over the commanded one"""
+
+
+def corner_shares(walls: list[Asked], side: Side, seed: int) -> list[Share]:
+    """Commanded stiffness over margin times the least that is bad on the worst corner."""
+    some = [wall for wall in walls if wall.decision.stiffness > 0.0]
+    many = [wall for wall in some for _ in STIFFNESSES]
+    corner = np.array([[CORNER.get(name, 0.0) for name in TRUE]] * len(many))
+    commanded = np.array([wall.decision.stiffness for wall in some])
+    at = truths(many, corner, np.outer(commanded, STIFFNESSES).ravel())
+    if side == "both":
+        bad = goes_on(kicked(at, seed))[1]
+    else:
+        exact = replace(
+            at.walls,
+            torque_limit=np.full(len(many), 1e3),
+            counts_per_radian=np.full(len(many), 1e6),
+        )
+        stated = np.broadcast_to((0.5, 3.0), (len(many), 2))
+        bad = thrown(replace(at, walls=exact), stated, seed) > 0.0
+    bad = bad.reshape(len(some), -1)
+    first = np.where(bad.any(axis=1), bad.argmax(axis=1), STIFFNESSES.size - 1)
+    shares = 1.0 / (MARGIN * STIFFNESSES[first])
+    names = [str(wall.decision.binding) for wall in some]
+    found = [Share(float(a), name) for a, name in zip(shares, names, strict=True)]
+    return found + [Share(0.0, NOTHING)] * (len(walls) - len(some))
+
+
+def cases(given: Given) -> Iterator[tuple[int, int, Side]]:
+    """Blocks of beliefs, two-sided and one-sided in turn."""
+    for number in range(max(2, round(given.truths / (TRUTHS * BELIEFS)))):
+        yield given.seed, number, "above" if number % 2 else "both"
+
+
+def none_bad(found: Found[tuple[int, int, Side], Row]) -> bool:
+    """Whether no truth is a counter-example."""
+    return not any(row.grow or row.swing or row.throw for _, row in found)
+
+
+def lines(found: Found[tuple[int, int, Side], Row]) -> list[str]:
+    """Rates with bounds, and how timid the guard is."""
+    return [*rates(found), "", *timidity(found)]
+
+
+def rates(found: Found[tuple[int, int, Side], Row]) -> list[str]:
+    """How many truths came to each bad end."""
+    cells = []
+    for side, name in (("both", "two-sided"), ("above", "one-sided")):
+        rows = [row for case, row in found if case[2] == side]
+        tried = sum(row.tried - row.refused for row in rows)
+        for what in ("grow", "swing") if side == "both" else ("throw",):
+            bad = sum(len(getattr(row, what)) for row in rows)
+            words = {
+                "grow": "grow",
+                "swing": f"swing on by more than {COUNTS} counts",
+                "throw": "throw back faster than they were hit, at speeds stated",
+            }
+            cells.append((name, words[what], tried, bad, f"{100 * bound(bad, tried):.2g} %"))
+    head = ("wall", "that", "truths", "number", "rate at most (95 %)")
+    return list(table(head, *cells))
+
+
+def bound(bad: int, tried: int) -> float:
+    """Upper end of the rate's one-sided interval of 95 % (Clopper and Pearson)."""
+    return float(beta.ppf(0.95, bad + 1, max(tried - bad, 1))) if tried else 1.0
+
+
+ROUGH = ("quantisation", NOTHING)
+"""What binds where the wall would be rough"""
+
+
+def timidity(found: Found[tuple[int, int, Side], Row]) -> list[str]:
+    """Quantiles of what is commanded, over margin times the worst corner's true limit."""
+    cells = []
+    for side, name in (("both", "two-sided"), ("above", "one-sided")):
+        every = [one for case, row in found if case[2] == side for one in row.shares]
+        for which, some in (
+            ("all", every),
+            ("not bound by quantisation", [s for s in every if s.binding not in ROUGH]),
+        ):
+            values = np.array([one.share for one in some])
+            low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
+            cells.append((name, which, values.size, *(f"{v:.2f}" for v in (low, middle, high))))
+    head = ("wall", "beliefs", "number", "tenth percentile", "median", "ninetieth")
+    return list(table(head, *cells))
+
+
+class Worst(NamedTuple):
+    """What a search found."""
+
+    goal: str
+    evaluated: int
+    worst: float
+    point: list[float]
+
+
+def population_growth(points: FloatArray, seed: int) -> FloatArray:
+    """For coordinates of shape (size, n): minus the growth from the worst kick of each.
+
+    The log of an amplitude at the end over one at the beginning, or over four counts if that is
+    more.
+    """
+    walls = [asked(each[: len(BELIEVED)], "both") for each in points.T]
+    stable = [i for i, wall in enumerate(walls) if wall.decision.stiffness > 0.0]
+    result = np.full(len(walls), 9.0)
+    if stable:
+        some = truths([walls[i] for i in stable], points.T[stable, len(BELIEVED) :])
+        found = kicked(some, seed) + 0.1 * COUNT
+        begun, ended = (found[part].max(axis=0) for part in (BEGIN, END))
+        goal = np.log(ended / np.maximum(begun, COUNTS * COUNT))
+        result[stable] = -goal.max(axis=0)
+    return result
+
+
+def population_return(points: FloatArray, seed: int) -> FloatArray:
+    """For coordinates of shape (size, n): minus the greatest log of energy after over before."""
+    walls = [asked(each[: len(BELIEVED)], "above") for each in points.T]
+    stable = [i for i, wall in enumerate(walls) if wall.decision.stiffness > 0.0]
+    result = np.full(len(walls), 9.0)
+    if stable:
+        some = truths([walls[i] for i in stable], points.T[stable, len(BELIEVED) :])
+        stated = np.array([speeds_of(walls[i]) for i in stable])
+        result[stable] = -np.maximum(thrown(some, stated, seed), -9.0)
+    return result
+
+
+GOALS = {
+    "growth of a two-sided wall": population_growth,
+    "return of a one-sided wall": population_return,
+}
+
+
+def searched(case: tuple[int, str, int, int]) -> Worst:
+    """Search for the worst truth in any belief by differential evolution."""
+    seed, goal, size, generations = case
+    found = differential_evolution(
+        partial(GOALS[goal], seed=seed),
+        [(0.0, 1.0)] * (len(BELIEVED) + len(TRUE)),
+        maxiter=generations,
+        popsize=size,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        rng=seed,
+        tol=0.0,
+        init="random",
+    )
+    tried = size * (len(BELIEVED) + len(TRUE)) * (found.nit + 1)
+    return Worst(goal, tried, -float(found.fun), found.x.tolist())
+
+
+def searches(given: Given) -> list[tuple[int, str, int, int]]:
+    """Both goals; the second, whose speeds take long to find, with half as many walls."""
+    sizes = (given.population, max(1, given.population // 2))
+    return [
+        (given.seed, goal, size, given.generations) for goal, size in zip(GOALS, sizes, strict=True)
+    ]
+
+
+def search_lines(found: Found[tuple[int, str, int, int], Worst]) -> list[str]:
+    """What each search ended at."""
+    head = ("searched for", "walls tried", "worst", "above 0 is")
+    cells = [
+        (
+            row.goal,
+            row.evaluated,
+            f"{row.worst:+.3f}",
+            "an oscillation that grows"
+            if row.goal.startswith("growth")
+            else "more energy than before",
+        )
+        for _, row in found
+    ]
+    return list(table(head, *cells))
+
+
+STUDY = Study(
+    "real-truths.md",
+    (
+        Part("drawn", cases, drawn, lines, case_s=30.0, wanted=none_bad),
+        Part("stiffer", stiffer_cases, stiffer, stiffer_lines, case_s=20.0),
+        Part("searched", searches, searched, search_lines, case_s=600.0),
+    ),
+    (
+        Option("truths", 10_000, "true servos that are drawn", quick=1000),
+        Option("seed", 1, "seed of what is drawn"),
+        Option("population", 4, "walls of a generation, for each coordinate", quick=1),
+        Option("generations", 12, "of a search", quick=2),
+    ),
+)
