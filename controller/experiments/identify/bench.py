@@ -19,7 +19,7 @@ from haptic_wall.controller.experiments.identify.excitation import (
     pulses,
 )
 from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
-from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, is_hinted
+from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, hinted
 from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.output_error import Prior
@@ -195,9 +195,10 @@ class Bench:
         if start is None or not start.effects.fitted:
             plain = fit_motion(motion, step)
             explained = plain.residual <= _LOADED * rounding_of(self._bounds)
-            if start is None or (explained and not is_hinted(plain)):
+            hints = hinted(plain) if explained else ()
+            if start is None or (explained and not hints):
                 return plain
-            fit = fit_loaded(motion, step, start, self._priors)
+            fit = fit_loaded(motion, step, start, self._priors, hints)
             return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
         return fit_loaded(motion, step, start, self._priors)
 

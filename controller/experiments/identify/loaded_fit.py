@@ -40,12 +40,16 @@ _DOUBTFUL = (1.5, 3.0)
 """Standard errors below which an effect is taken out: at first, and in the end"""
 _NEEDED = 1.002
 """Residual without friction that fades, over that with it, from which the motion needs it"""
-_HINT = 4.0
+_HINT = 3.5
 """Standard errors from which an effect that was not fitted must be"""
 
 
 def fit_loaded(
-    motion: Motion, step: float, start: Fit, priors: Mapping[str, Prior] | None = None
+    motion: Motion,
+    step: float,
+    start: Fit,
+    priors: Mapping[str, Prior] | None = None,
+    hints: tuple[str, ...] = (),
 ) -> Fit:
     """Fit the model together with the effects of a real servo.
 
@@ -54,6 +58,7 @@ def fit_loaded(
         step: One count of the encoder [rad]; 0: not quantised.
         start: Fit of the motion in one direction, with the effects to be tried.
         priors: What is known of values beforehand, by name.
+        hints: The only effects that are tried; none: every one.
 
     Raises:
         NoFitError: The motion is not sufficient.
@@ -62,7 +67,9 @@ def fit_loaded(
     cuts = cuts_of(motion, speed, max(step, 1e-6))
     speeds = np.array([speed[begin] for begin, _ in cuts])
     explained = _LEFT * max(start.residual, _UNQUANTISED)
-    begun = _every_effect(replace(start, pieces=pieces_of(motion, cuts), speeds=speeds))
+    begun = replace(start, pieces=pieces_of(motion, cuts), speeds=speeds)
+    tried = replace(begun.effects, fitted=hints)
+    begun = replace(begun, effects=tried) if hints else _every_effect(begun)
     fit = fitted(begun, priors, thorough=False)
     if fit.residual > explained:
         fit = _trimmed(_with_stiction(fit, priors), explained, priors)
@@ -109,22 +116,32 @@ def _least(fit: Fit) -> float:
     return max(value - _DOUBTFUL[1] * error, 0.0)
 
 
-def is_hinted(fit: Fit) -> bool:
-    """Return whether a fit without effects must be one with them, by a step from its end."""
+def hinted(fit: Fit) -> tuple[str, ...]:
+    """Return the effects with which a fit without them would be better, by a step from its end.
+
+    Each is tried by itself, because beside all others none may seem to be needed.
+    """
     every = _every_effect(fit)
     model = model_of(every, (*NAMES[:4], *every.effects.fitted), None)
     linear = model.linear(model.begin, every.speeds)
-    rest = linear.without_own()
-    normal = np.einsum("psn,qsn->pq", rest * linear.weights, rest)
-    right = np.sum(rest * linear.weights * linear.left, axis=(1, 2))
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    step = -np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-    moved = linear.left + np.tensordot(step, linear.shared, axes=1)
-    pull = np.sum(linear.weights * linear.own * moved, axis=1) / linear.own_square()
-    after = replace(linear, left=moved - pull[:, None] * linear.own)
     period = float(np.median(np.diff(fit.pieces.motion.sampled)))
-    errors = np.sqrt(np.diag(standard_covariance(after, period)))
-    return bool(np.any(np.abs(step[4:]) > _HINT * errors[4:]))
+    found: list[str] = []
+    for group in ALWAYS:
+        used = [model.names.index(name) for name in (*NAMES[:4], *group)]
+        one = replace(linear, shared=linear.shared[used], precision=None)
+        rest = one.without_own()
+        normal = np.einsum("psn,qsn->pq", rest * one.weights, rest)
+        right = np.sum(rest * one.weights * one.left, axis=(1, 2))
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        normal /= np.outer(scale, scale)
+        step = -np.linalg.lstsq(normal, right / scale, rcond=1e-12)[0] / scale
+        moved = one.left + np.tensordot(step, one.shared, axes=1)
+        pull = np.sum(one.weights * one.own * moved, axis=1) / one.own_square()
+        after = replace(one, left=moved - pull[:, None] * one.own)
+        errors = np.sqrt(np.diag(standard_covariance(after, period)))
+        if np.any(np.abs(step[4:]) > _HINT * errors[4:]):
+            found += group
+    return tuple(found)
 
 
 def _every_effect(fit: Fit) -> Fit:
