@@ -23,9 +23,20 @@ class LoadHold:
         inside: The load's motion has stayed clear of the surface.
         reach: Distance from the surface up to which it acts in full, on the side without the load
             [rad].
+        permitted: A load may be held from now on. Not while something else has softened the wall:
+            the mean torque is then that of the softer spring.
     """
 
-    __slots__ = ("_limit", "_motion", "_one_sided", "_tuning", "inside", "reach", "torque")
+    __slots__ = (
+        "_limit",
+        "_motion",
+        "_one_sided",
+        "_tuning",
+        "inside",
+        "permitted",
+        "reach",
+        "torque",
+    )
 
     def __init__(
         self, motion: HalfCycles, torque_limit: float, tuning: HoldTuning, *, one_sided: bool
@@ -43,6 +54,7 @@ class LoadHold:
         self._tuning = tuning
         self._one_sided = one_sided
         self.inside = False
+        self.permitted = True
         self.torque = self.reach = 0.0
 
     def begin(self, stiffness: float, *, whole: bool) -> None:
@@ -56,7 +68,7 @@ class LoadHold:
         """
         self.drop()
         motion = self._motion
-        if motion.known < 2:
+        if not self.permitted or motion.known < 2:
             return  # friction has its part in a single half-cycle
         load = motion.mean_torque()
         if whole:

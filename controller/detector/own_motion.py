@@ -85,6 +85,7 @@ class OwnMotion:
             if not whole:  # a half-cycle with a part outside is no evidence about the spring
                 self._half_cycles.known = 0
             self._inside = depth > 0.0
+        self.hold.permitted = bounces.stiffness_scale == 1.0
         backstop.update(span, elongation, stiffness, ended=whole)
         left = self._contacts.update(depth, torque * self._side, span)
         bounces.update(span, elongation, stiffness, ended=left)

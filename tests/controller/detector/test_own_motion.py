@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from haptic_wall.controller.detector.backstop import BackstopSettings
+from haptic_wall.controller.detector.backstop import BackstopSettings, Phase
 from haptic_wall.controller.detector.own_motion import OwnMotion
+from tests.typed import not_none
 
 COUNT = math.tau / 4096
 SETTINGS = BackstopSettings(
@@ -78,3 +79,16 @@ def test_a_wall_comes_back_to_somebody_who_leans_more_than_before() -> None:
     leaned_on(own, 0.3, 0.04, 3.0)
     assert own.scale == 1.0
     assert own.hold.torque == 0.0
+
+
+def test_a_wall_that_contacts_have_softened_gets_no_torque_on_top() -> None:
+    """What a probe of half-cycles would hold is the load of a wall of which a quarter is left."""
+    own = OwnMotion(SETTINGS, SETTINGS, 1)
+    bounces = not_none(own._bounces)
+    bounces.phase, bounces.stiffness_scale = Phase.REDUCED, 0.25
+    for k in range(2000):
+        away = round((0.2 + 0.1 * math.sin(math.tau * 5.0 * k * 1e-3)) / COUNT) * COUNT
+        own.update(away, -10.0 * own.scale * away, 1e-3, 10.0)
+        assert own.scale <= 0.25
+        assert own.hold.torque == 0.0
+    assert own.counts[0] == 1, "the motion is probed all the same"
