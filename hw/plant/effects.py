@@ -117,8 +117,14 @@ class Effects:
             and self.cogging == 0.0
         )
 
-    def torque(self, position: float) -> float:
-        """Return the torque of weight and cogging at a position [N·m]."""
-        return -self.gravity * math.sin(position - self.gravity_angle) - self.cogging * math.sin(
-            self.cogging_periods * position + self.cogging_phase
-        )
+    def weight_at(self, position: float) -> float:
+        """Return the torque of the weight at a position [N·m]."""
+        if self.gravity == 0.0:
+            return 0.0
+        return -self.gravity * math.sin(position - self.gravity_angle)
+
+    def cogging_at(self, position: float) -> float:
+        """Return the torque of the cogging at a position [N·m]."""
+        if self.cogging == 0.0:
+            return 0.0
+        return -self.cogging * math.sin(self.cogging_periods * position + self.cogging_phase)

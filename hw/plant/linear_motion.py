@@ -60,7 +60,18 @@ class LinearMotion:
         hand_damping: float,
         sticks: bool,
     ) -> None:
-        """Prepare; see ``linear_motion``."""
+        """Prepare.
+
+        Args:
+            inertia: Of the motor's side [kg·m²].
+            load_inertia: [kg·m²]
+            stiffness: Of the transmission; 0 within its backlash [N·m/rad].
+            damping: Likewise [N·m·s/rad].
+            viscous: Friction of the motor [N·m·s/rad].
+            hand_stiffness: Of the operator's spring at the output [N·m/rad].
+            hand_damping: Of the operator's damper [N·m·s/rad].
+            sticks: The motor's side stands still.
+        """
         rates = np.zeros((7, 7))
         rates[0, 1:3] = 1.0, -1.0
         if not sticks:
@@ -116,39 +127,8 @@ class LinearMotion:
         return Course(length_ns, terms)
 
 
-@lru_cache(maxsize=256)
-def linear_motion(
-    inertia: float,
-    load_inertia: float,
-    stiffness: float,
-    damping: float,
-    viscous: float,
-    hand_stiffness: float,
-    hand_damping: float,
-    sticks: bool,
-) -> LinearMotion:
-    """Return the linear motion of two masses, kept.
-
-    Args:
-        inertia: Of the motor's side [kg·m²].
-        load_inertia: [kg·m²]
-        stiffness: Of the transmission; 0 within its backlash [N·m/rad].
-        damping: Likewise [N·m·s/rad].
-        viscous: Friction of the motor [N·m·s/rad].
-        hand_stiffness: Of the operator's spring at the output [N·m/rad].
-        hand_damping: Of the operator's damper [N·m·s/rad].
-        sticks: The motor's side stands still.
-    """
-    return LinearMotion(
-        inertia,
-        load_inertia,
-        stiffness,
-        damping,
-        viscous,
-        hand_stiffness,
-        hand_damping,
-        sticks,
-    )
+linear_motion = lru_cache(maxsize=256)(LinearMotion)
+"""Linear motions are kept, with their responses"""
 
 
 class Course:

@@ -125,6 +125,7 @@ class TwoMasses:
             pull: The operator, at the output; None: no operator.
         """
         (x, v), (y, w) = motor, output
+        effects = self._effects
         braking = parameters.damping - self._viscous[0]
         reference = y if pull is None else pull.reference
         hand_stiffness, hand_damping, _, slope = _NOBODY if pull is None else pull
@@ -135,7 +136,7 @@ class TwoMasses:
             stiffness, damping = (self._stiffness, self._damping) if side else (0.0, 0.0)
             ahead = side * self._gap * stiffness
             passed = stiffness * twist - ahead + damping * (v - w)
-            push, weight = torque + self._cogging(x), self._weight(y)
+            push, weight = torque + effects.cogging_at(x), effects.weight_at(y)
             still = v == 0.0 and abs(push - passed) <= self._static + self._load(torque, passed)
             direction = 0.0 if still else math.copysign(1.0, v or push - passed)
             viscous = self._viscous[direction < 0.0] + braking
@@ -161,7 +162,10 @@ class TwoMasses:
                 middle = motion.after(now, held, half)
                 there = y + slope * half * 1e-9 + stretch - middle.stretch
                 passed = stiffness * middle.twist - ahead + damping * (middle.motor - middle.output)
-                push, weight = torque + self._cogging(there + middle.twist), self._weight(there)
+                push, weight = (
+                    torque + effects.cogging_at(there + middle.twist),
+                    effects.weight_at(there),
+                )
                 friction = direction * self._in_motion(abs(middle.motor), torque, passed)
                 if v == 0.0 and direction * (push - friction - passed) < 0.0:
                     friction = push - passed  # it breaks away just now
@@ -234,18 +238,6 @@ class TwoMasses:
         deep = side * twist - self._gap
         pushes = deep > 0.0 and self._stiffness * deep + self._damping * side * rate > 0.0
         return side if pushes else 0
-
-    def _cogging(self, position: float) -> float:
-        effects = self._effects
-        if effects.cogging == 0.0:
-            return 0.0
-        phase = effects.cogging_periods * position + effects.cogging_phase
-        return -effects.cogging * math.sin(phase)
-
-    def _weight(self, output: float) -> float:
-        if self._effects.gravity == 0.0:
-            return 0.0
-        return -self._effects.gravity * math.sin(output - self._effects.gravity_angle)
 
     def _load(self, torque: float, passed: float) -> float:
         return self._effects.load_friction * abs(torque + passed)

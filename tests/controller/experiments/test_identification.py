@@ -30,7 +30,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant import mechanism
 from haptic_wall.hw.plant.body import Pull, step
-from scripts.ordinary_servos import Effects
+from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
 SMALL = (

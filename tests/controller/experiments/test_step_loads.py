@@ -6,7 +6,7 @@ import pytest
 
 from haptic_wall.controller.experiments.delay import measure_delay
 from haptic_wall.controller.settings.load import load_config
-from scripts.ordinary_servos import Effects
+from tests.controller.experiments.ordinary_servos import Effects
 
 ORDINARY = Effects(stiction=1.25, cogging=0.03, periods=24, phase=0.7, gravity=0.1, hanging=0.6)
 BURSTS = 4

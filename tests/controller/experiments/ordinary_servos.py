@@ -6,7 +6,6 @@ friction.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from haptic_wall.controller.settings.config import Config
@@ -34,12 +33,6 @@ class Effects:
     """Viscous damping at negative over that at positive speeds"""
     load_friction: float = 0.0
     """Fraction of the load that the gear adds to the friction"""
-
-    def load(self, position: float) -> float:
-        """Torque against the shaft [N·m]."""
-        return self.cogging * math.sin(
-            self.periods * position + self.phase
-        ) + self.gravity * math.sin(position - self.hanging)
 
     def on(self, config: Config) -> Config:
         """Return the configuration with these effects on its simulated servo."""
