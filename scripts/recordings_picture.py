@@ -61,13 +61,13 @@ def drawn(path: Path) -> None:
                 below.plot(time[held], left[held], color=colour, linewidth=0.7,
                            label=f"{rms:.1f} mrad rms")  # fmt: skip
             above.set_title(name.replace("_", " "), fontsize=8.5, loc="right", y=1.16)
-            below.legend(fontsize=6.5, loc="lower right")
+            legend_above(below, columns=3)
             below.set_xlabel("time [s]")
             legend_above(above, columns=2)
             for ax in (above, below):
                 grid(ax)
         axes[0, 0].set_ylabel("position [rad]")
-        axes[1, 0].set_ylabel("left [mrad]")
+        axes[1, 0].set_ylabel("residual [mrad]")
 
 
 def main() -> int:
