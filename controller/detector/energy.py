@@ -14,6 +14,7 @@ Source: condition on work after Hannaford and Ryu, IEEE T-RA 18(1), 2002, with t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from haptic_wall.controller.detector.half_cycle_sums import HalfCycle, Sums
 from haptic_wall.controller.detector.tuning import EnergyTuning
@@ -25,6 +26,8 @@ class EnergyBalance:
     Attributes:
         surface: Position of the wall [rad]; NaN: not known.
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
+        elongation: Of a linear spring with the same energy, over position [rad]; None: the law is
+            linear, and its zero is the surface.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
         held: Constant torque that holds a load beside the spring [N·m].
         lag: Believed delay from a sample until its torque acts [s].
@@ -46,6 +49,7 @@ class EnergyBalance:
         "_step",
         "_stiffness",
         "_tuning",
+        "elongation",
         "growth",
         "held",
         "lag",
@@ -81,6 +85,7 @@ class EnergyBalance:
         self.surface = math.nan
         self.virtual_damping = self.held = 0.0
         self.side = 0
+        self.elongation: Callable[[float], float] | None = None
         self.lag = 0.0
         self.growth = math.nan
         self.moves = self.pays = False
@@ -103,6 +108,9 @@ class EnergyBalance:
 
     def potential(self, position: float) -> float:
         """Return the energy in the wall's spring, its torque limited [J]; NaN: not known."""
+        if self.elongation is not None:
+            depth = self.elongation(position)
+            return 0.5 * self._stiffness * depth * depth
         depth = position - self.surface
         if self.side:
             depth *= self.side

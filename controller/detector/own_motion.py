@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
 from haptic_wall.controller.detector.contacts import Contacts
@@ -26,6 +27,7 @@ class OwnMotion:
         "_backstop",
         "_bounces",
         "_contacts",
+        "_elongation",
         "_half_cycles",
         "_inside",
         "_side",
@@ -37,7 +39,11 @@ class OwnMotion:
     )
 
     def __init__(
-        self, settings: BackstopSettings, bounces: BackstopSettings | None, side: int
+        self,
+        settings: BackstopSettings,
+        bounces: BackstopSettings | None,
+        side: int,
+        elongation: Callable[[float], float] | None = None,
     ) -> None:
         """Start to watch.
 
@@ -45,8 +51,10 @@ class OwnMotion:
             settings: For half-cycles.
             bounces: For contacts; None: the wall is two-sided.
             side: 0: two-sided; +1 or -1: it fills the positions above or below.
+            elongation: As of ``WatchSettings``.
         """
         self._side = side
+        self._elongation = elongation
         self._threshold = settings.threshold
         tuning = settings.tuning
         self._still_for = tuning.half_cycles.still
@@ -57,13 +65,14 @@ class OwnMotion:
         self._contacts = Contacts(settings.position_step, tuning.contacts)
         self._bounces = None if bounces is None else Backstop(bounces, self._contacts)
         self._inside = True
+        self.hold.permitted = elongation is None
         self.scale = self.damping_scale = 1.0
 
     def update(self, away: float, torque: float, span: float, stiffness: float) -> None:
         """Take a sample.
 
         Args:
-            away: Position, counted from the wall's surface [rad].
+            away: Position, counted from that of the wall [rad].
             torque: Sent with the last sample [N·m].
             span: Time since the last sample [s].
             stiffness: K without this object's scale [N·m/rad].
@@ -73,7 +82,8 @@ class OwnMotion:
         if backstop.suspected and self._still and not self.answering:
             self._suspect(False)  # the suspected motion is over, and the next one needs no probe
         if bounces is None:
-            backstop.update(span, away, stiffness, ended=ended)
+            elongation = away if self._elongation is None else self._elongation(away)
+            backstop.update(span, elongation, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
             return
         depth = away * self._side

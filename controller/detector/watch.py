@@ -10,6 +10,7 @@ the run at an alarm of either. The torque's rate is never limited: that would ad
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isnan
 from typing import Literal
@@ -45,6 +46,9 @@ class WatchSettings:
     """Largest believed viscous friction, in commanded torque [N·m·s/rad]"""
     heavy: float = 0.0
     """Largest believed inertia, in commanded torque [kg·m²]"""
+    elongation: Callable[[float], float] | None = None
+    """Of a law that is not linear: that of a linear spring with the same energy, over position
+    [rad]. Such a law holds no load while it is softened."""
 
 
 class Watch:
@@ -104,6 +108,7 @@ class Watch:
         self._tuning = settings.detector.tuning
         self._detector = Detector(settings.detector)
         self._detector.balance.side = settings.side
+        self._detector.balance.elongation = settings.elongation
         self._acting = ActingTorque(0.0)
         self._mean = 0.0
         self._periods = 0
@@ -119,7 +124,9 @@ class Watch:
         self._entered: tuple[float, float, float] | None = None
         self.own: OwnMotion | None = None
         if settings.backstop is not None:
-            self.own = OwnMotion(settings.backstop, settings.bounces, settings.side)
+            self.own = OwnMotion(
+                settings.backstop, settings.bounces, settings.side, settings.elongation
+            )
         self.acted = self.commanded = 0.0
         self.spanned = 1
         self.taken_back = 0

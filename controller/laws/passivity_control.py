@@ -61,7 +61,7 @@ class PassivityControl:
 
         Args:
             position: [rad]
-            penetration: Of the spring, signed; 0 out of contact [rad].
+            penetration: Elongation of the spring; 0 out of contact [rad].
             stiffness: Present stiffness [N·m/rad].
             torque: Mean torque that acted since the last sample [N·m].
             periods: From the last sample to this one, >= 1.

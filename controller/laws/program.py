@@ -98,6 +98,8 @@ class Program:
         "guarded",
         "held",
         "injected",
+        "linear",
+        "name",
         "one_sided",
         "phase",
         "position",
@@ -117,6 +119,7 @@ class Program:
         self._resting_at = self._wave_phase = self._integral = 0.0
         self.phase = -1
         self.guarded = self.one_sided = self.done = False
+        self.name, self.linear = "program", True
         self.stiffness = self.damping = self.injected = self.position = 0.0
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
@@ -126,6 +129,17 @@ class Program:
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position
         """Return true: a program acts at every position."""
         return True
+
+    def elongation(self, position: float) -> float:
+        """Return the distance from the centre [rad], signed."""
+        return position - self.position
+
+    def stored(self, position: float, limit: float) -> float:
+        """Return the energy of the present phase's spring [J]."""
+        return self._wall.stored(position, limit)
+
+    def settle(self, position: float) -> None:
+        """Do nothing: a program begins at its first sample."""
 
     def torque(self, position: float, velocity: float) -> float:
         """Return the torque [N·m] at a position [rad] and velocity [rad/s]; call once a period."""

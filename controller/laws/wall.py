@@ -14,6 +14,8 @@ class Law(Protocol):
     """Decides the torque of a tick: the guarded wall, or an experiment's program.
 
     Attributes:
+        name: As in ``wall.law``.
+        linear: One spring to ``position``, of one slope wherever the law is in contact.
         stiffness: Present stiffness [N·m/rad]
         damping: Present damping [N·m·s/rad]
         injected: Damping added by passivity control [N·m·s/rad]
@@ -32,6 +34,8 @@ class Law(Protocol):
     guarded: bool
     """The guard sets its stiffness and damping"""
     one_sided: bool
+    name: str
+    linear: bool
     stiffness: float
     damping: float
     injected: float
@@ -48,6 +52,27 @@ class Law(Protocol):
 
     def in_contact(self, position: float) -> bool:
         """Whether it acts at ``position`` [rad]."""
+        ...
+
+    def elongation(self, position: float) -> float:
+        """Return the elongation of a linear spring with the same energy at ``position`` [rad].
+
+        It is signed where the law is linear, and zero out of contact. No slope exceeds K, so that
+        the law's own elastic torque is not above K times it.
+        """
+        ...
+
+    def stored(self, position: float, limit: float) -> float:
+        """Return the energy in its spring at ``position`` [J], in contact.
+
+        Args:
+            position: [rad]
+            limit: Largest torque of the spring [N·m].
+        """
+        ...
+
+    def settle(self, position: float) -> None:
+        """Start at ``position`` [rad]: the law comes on now."""
         ...
 
     def torque(self, position: float, velocity: float) -> float:
@@ -119,6 +144,8 @@ class Wall:
         "guarded",
         "held",
         "injected",
+        "linear",
+        "name",
         "one_sided",
         "phase",
         "position",
@@ -141,6 +168,7 @@ class Wall:
         self.clip = clip
         self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
+        self.name, self.linear = "wall", True
         self.guarded, self.phase, self.done = True, 0, False
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
@@ -149,6 +177,24 @@ class Wall:
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
         return self._sign == 0 or self._sign * (position - self.position) > 0.0
+
+    def elongation(self, position: float) -> float:
+        """Return the penetration at ``position`` [rad], signed; 0 out of contact."""
+        away = position - self.position
+        return away if self._sign == 0 or self._sign * away > 0.0 else 0.0
+
+    def stored(self, position: float, limit: float) -> float:
+        """Return the energy of the spring at ``position``, its torque limited [J]; in contact."""
+        depth = position - self.position
+        if depth < 0.0:
+            depth = -depth
+        stiffness = self.stiffness
+        if stiffness * depth > limit:
+            return limit * (depth - 0.5 * limit / stiffness)
+        return 0.5 * stiffness * depth * depth
+
+    def settle(self, position: float) -> None:
+        """Do nothing: a wall has no memory."""
 
     def torque(self, position: float, velocity: float) -> float:
         """Return the wall's torque [N·m] at a position [rad] and an estimated velocity [rad/s]."""

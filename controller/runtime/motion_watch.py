@@ -84,10 +84,9 @@ class MotionWatch:
         self._gains.scale(watch.scale, watch.damping_scale, watch.carried, watch.carried_to)
         injected = 0.0
         if self._passivity is not None:
-            penetration = position - law.position if contact else 0.0
             injected = self._passivity.update(
                 position,
-                penetration,
+                law.elongation(position),
                 law.stiffness * law.scale,
                 watch.acted - held,
                 watch.spanned,

@@ -192,12 +192,6 @@ class DrivenSpeed:
 
     def _held(self, position: float, law: Law) -> float:
         """Return the energy in the limited spring, and in what holds a load [J]."""
-        depth = position - law.position
-        if depth < 0.0:
-            depth = -depth
-        stiffness, limit = law.stiffness, law.clip
-        limit = min(limit, self._torque_limit)
-        held = abs(law.held) * depth
-        if stiffness * depth > limit:
-            return held + limit * (depth - 0.5 * limit / stiffness)
-        return held + 0.5 * stiffness * depth * depth
+        limit = min(law.clip, self._torque_limit)
+        held = abs(law.held * (position - law.position)) if law.held else 0.0
+        return held + law.stored(position, limit)

@@ -146,7 +146,7 @@ class Tick:
         contact = law.in_contact(position)
         if missed:
             self._count_missed(deadline_ns, missed)
-        on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns, contact)
+        on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
         if not on:
             flags = FLAG_WARM_UP if self.warm_up else FLAG_OFF
         elif sampled_ns is not None:
@@ -221,7 +221,7 @@ class Tick:
         elif sampler.outcome is not _WAITING:
             self.trip = parts.safety.failed(self._now())
 
-    def _engage(self, woke_ns: int, contact: bool) -> bool:
+    def _engage(self, woke_ns: int) -> bool:
         """Record that the wall is off; return whether it comes on in this tick."""
         parts = self._parts
         gate, law, sampler = parts.engagement, parts.law, parts.sampler
@@ -230,18 +230,19 @@ class Tick:
             gate.restart()
             parts.ring.clear()
         if sampler.known:  # with slow replies the last position counts
-            gate.sample(parts.gains.coming, sampler.position - law.position if contact else 0.0)
+            gate.sample(parts.gains.coming, law.elongation(sampler.position))
         if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:
             return False
         if self.came_on:
             parts.motion.resume()
+        law.settle(sampler.position)
         self._on = self.came_on = True
         return True
 
     def _may_rise(self) -> bool:
         """Whether K may rise by the largest possible amount although the shaft is in contact."""
         parts = self._parts
-        elongation = parts.sampler.position - parts.law.position
+        elongation = parts.law.elongation(parts.sampler.position)
         return parts.engagement.may_rise(parts.gains.largest_rise, elongation)
 
     def _checked(self, torque: float) -> float:

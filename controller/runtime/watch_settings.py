@@ -66,6 +66,7 @@ def watch_settings(
         bounces=_backstop(config, facts, law.clip, tuning, bounces=True),
         damping_high=belief.damping.high / belief.torque_gain.low,
         heavy=belief.inertia.high / belief.torque_gain.low,
+        elongation=None if law.linear else law.elongation,
     )
 
 
