@@ -172,6 +172,8 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         yield from entry("rebound", _rebound(guard["rebound_speed"], high))
     for reason in guard["reasons"]:
         yield from entry("why", str(reason))
+    if assumed := guard.get("assumed"):
+        yield from entry("assumed", assumed)
 
 
 def _rebound(low: float | None, high: float) -> str:

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from haptic_wall.hw.settings import EncoderSide
+
+LIGHTEST = 1e-3
+"""Least load that is counted, as a fraction of the greatest"""
+HEAVIEST = 0.95
+"""Heaviest load that is counted, as a fraction of all that the servo turns"""
+_FAST = 0.5
+"""Cycles per period from which a vibration is fast"""
+_LIGHT = 0.03
+"""Largest load of which a fast vibration is counted by a formula, over the whole inertia"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +36,7 @@ class Belief:
     """The servo parameters as the controller believes them to be."""
 
     inertia: Bounded
-    """[kg·m²]"""
+    """Of everything that the servo turns [kg·m²]"""
     damping: Bounded
     """Viscous friction [N·m·s/rad]"""
     coulomb: Bounded
@@ -38,21 +48,54 @@ class Belief:
     backlash: Bounded = Bounded(0.0, 0.0, 0.0)
     """Between shaft and encoder, full width [rad]; the guard counts the most of it, 0: none"""
     load_inertia: Bounded = Bounded(0.0, 0.0, 0.0)
-    """Behind a flexible transmission, beside ``inertia``, the motor's [kg·m²]; 0: rigid"""
+    """The part of ``inertia`` that is behind a flexible transmission [kg·m²]; 0: rigid"""
     flexible_hz: Bounded = Bounded(0.0, 0.0, 0.0)
     """Frequency of its vibration with both ends free [Hz]; 0: rigid"""
     flexible_damping_ratio: Bounded = Bounded(0.0, 0.0, 0.0)
     """Damping ratio of that vibration [1]"""
     encoder: EncoderSide = "output"
     """Side of the transmission that the encoder measures"""
+    transmission_stiffness: Bounded = Bounded(0.0, 0.0, 0.0)
+    """Of gear train and horn, where ``flexible_hz`` was derived from it [N·m/rad]; 0: it was not"""
 
     @property
     def is_flexible(self) -> bool:
         """Whether a load behind a flexible transmission is believed."""
         return self.load_inertia.high > 0.0 and self.flexible_hz.high > 0.0
 
+    def is_fast(self, period: float) -> bool:
+        """Whether a light load vibrates too fast to be sampled: a bare horn [period in s]."""
+        light = self.load_inertia.high <= _LIGHT * self.inertia.low
+        return self.is_flexible and light and self.flexible_hz.low * period > _FAST
+
     @property
     def is_known(self) -> bool:
         """Whether every parameter that the guard uses has coinciding bounds."""
         counted = (self.inertia, self.damping, self.delay, self.torque_gain)
         return all(each.low == each.high for each in counted)
+
+
+def vibration(inertia: Bounded, load_inertia: Bounded, stiffness: Bounded) -> Bounded:
+    """Return the frequency of the vibration of a load on a transmission, both ends free [Hz].
+
+    Args:
+        inertia: Of everything that the servo turns [kg·m²].
+        load_inertia: The part of it that is behind the transmission [kg·m²].
+        stiffness: Of the transmission [N·m/rad].
+    """
+
+    def hz(whole: float, load: float, k: float) -> float:
+        load = min(load, HEAVIEST * whole)
+        return math.sqrt(k * whole / (load * (whole - load))) / math.tau
+
+    wholes = (inertia.low, inertia.high)
+    lightest = max(load_inertia.low, LIGHTEST * load_inertia.high)
+    # slowest where motor and load are alike
+    loads = [
+        min(max(load, lightest), load_inertia.high)
+        for load in (lightest, load_inertia.high, 0.5 * inertia.low, 0.5 * inertia.high)
+    ]
+    middle = hz(inertia.value, max(load_inertia.value, lightest), stiffness.value)
+    slowest = min(hz(whole, load, stiffness.low) for whole in wholes for load in loads)
+    fastest = max(hz(whole, load, stiffness.high) for whole in wholes for load in loads)
+    return Bounded(middle, min(slowest, middle), max(fastest, middle))

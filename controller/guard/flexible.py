@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan
 
@@ -24,8 +24,9 @@ _PHASE, _MOST = 0.4, 40
 between its delays [rad]; most frequencies"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
-_LIGHTEST = 1e-3
-"""Least load that is looked at, as a fraction of the greatest"""
+_FAST_CEILING, _FAST_COST = 0.75, 0.2
+"""Fraction of a fast vibration's ceiling, or of the rigid one, that is used; fraction of the rigid
+limit that it costs at its ceiling at most"""
 
 
 def flexible_ceiling(
@@ -81,6 +82,32 @@ def returned_share(of_ceiling: FloatArray) -> FloatArray:
     return found
 
 
+def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
+    """Return ``flexible_ceiling`` for a load that vibrates too fast to be sampled.
+
+    With cos <= 1 the formula for two masses is least at ``2 zeta omega`` times the whole inertia.
+
+    Args:
+        belief: One that ``is_fast``.
+        rigid: Ceiling of each plant without the vibration, in commanded units [N·m·s/rad].
+    """
+    rate = math.tau * belief.flexible_hz.low
+    damped = 2.0 * belief.flexible_damping_ratio.low * rate * belief.inertia.low
+    found: FloatArray = _FAST_CEILING * np.minimum(rigid, damped / belief.torque_gain.high)
+    return found
+
+
+def fast_limit(exact: FloatArray, of_ceiling: FloatArray) -> FloatArray:
+    """Return ``flexible_limit`` for such a load, from the rigid servo's exact limit [N·m/rad].
+
+    Args:
+        exact: That limit of each plant [N·m/rad].
+        of_ceiling: Virtual damping over ``fast_ceiling``.
+    """
+    found: FloatArray = exact * (1.0 - _FAST_COST * np.clip(of_ceiling, 0.0, 1.0))
+    return found
+
+
 def _limit(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
     return min(
         _limit_at(belief, period, knot, damping, samples)
@@ -114,16 +141,18 @@ def _scan(belief: Belief, period: float, delay: float, samples: int) -> Flexible
     load = belief.load_inertia
     grid = np.meshgrid(
         _ends(belief.inertia),
-        _ends(Bounded(load.value, max(load.low, _LIGHTEST * load.high), load.high)),
+        _ends(Bounded(load.value, max(load.low, LIGHTEST * load.high), load.high)),
         math.tau * np.linspace(frequencies.low, frequencies.high, count),
         _ends(belief.flexible_damping_ratio),
         indexing="ij",
     )
-    m, load_inertia, rate, ratio = (each.ravel() for each in grid)
-    moving = m * load_inertia / (m + load_inertia)
+    whole, load_inertia, rate, ratio = (each.ravel() for each in grid)
+    load_inertia = np.minimum(load_inertia, HEAVIEST * whole)
+    m = whole - load_inertia
+    moving = m * load_inertia / whole
     return FlexibleScan(
         m,
-        np.full(m.size, belief.damping.low),
+        np.full(whole.size, belief.damping.low),
         load_inertia,
         moving * rate**2,
         2.0 * ratio * moving * rate,

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.flexible import (
+    fast_ceiling,
+    fast_limit,
     flexible_ceiling,
     flexible_limit,
     returned_share,
@@ -113,8 +115,12 @@ def evaluate(
         # above it, for whole delays, even the damper alone is not passive
         ceiling = np.minimum(ceiling, b / g)
     belief, vibrates, vibration = situation.belief, None, None
-    if belief.is_flexible:
+    fast = belief.is_fast(situation.period)
+    if fast:
+        vibration = fast_ceiling(belief, ceiling)
+    elif belief.is_flexible:
         vibration = flexible_ceiling(belief, t, t_d, n)
+    if vibration is not None:
         vibrates = vibration < ceiling
         ceiling = np.minimum(ceiling, vibration)
     damping = np.full_like(ceiling, request.damping) if asked is None else asked
@@ -134,8 +140,12 @@ def evaluate(
         )
     flexible = None
     if vibration is not None:
-        flexible = flexible_limit(belief, t, t_d, damping, n)
-        if request.side != "both":
+        flexible = (
+            fast_limit(exact / g, damping / vibration)
+            if fast
+            else flexible_limit(belief, t, t_d, damping, n)
+        )
+        if not fast and request.side != "both":
             flexible = flexible * returned_share(damping / vibration)
     return PlantLimits(
         ceiling=ceiling,

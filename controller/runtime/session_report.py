@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.guard.assumed import assumed
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
@@ -82,7 +83,7 @@ def guard_report(
         counts: The bus's.
     """
     if not law.guarded:
-        return decision_report(decision) | NOT_ONE_SIDED.report()
+        return decision_report(decision) | NOT_ONE_SIDED.report() | {"assumed": None}
     stiffness, damping = tick.commanded
     request = decision.request
     limited = replace(
@@ -93,11 +94,16 @@ def guard_report(
     promised = rebound(
         stiffness, damping, request.side, request.velocity_samples, limited, decision.delay
     )
+    model, belief = config.model, situation.belief
+    unknown = model.flexible_hz is None and (
+        config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
+    )
     further = list(_besides_the_guard(config, decision, tick, watch, counts))
     return {
         **decision_report(decision, further),
         **promised.report(),
         "commanded": {"stiffness": stiffness, "damping": damping},
+        "assumed": assumed(belief, decision, config.guard.damping_cap) if unknown else None,
     }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationInfo, model_validator
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.settings.model import (
     Estimate,
@@ -227,26 +227,35 @@ class Config(Sections):
         """Return the belief about the servo: ``model.*``, else the simulated truth.
 
         Of two viscous frictions, one each way, both are believed. A belief knows no current
-        loop: its lag and its period count as delay.
+        loop: its lag and its period count as delay. The inertia is that of motor and load.
         """
         servo, model = self.servo, self.model
         damping = _bounded(model.damping, servo.damping)
         if model.damping is None and servo.damping_back is not None:
             ends = sorted((servo.damping, servo.damping_back))
             damping = Bounded(servo.damping, *ends)
+        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.load_inertia)
+        load_inertia = _bounded(model.load_inertia, servo.load_inertia)
+        flexible_hz = _bounded(model.flexible_hz, servo.flexible_hz)
+        stiffness = Bounded.exactly(0.0)
+        if model.flexible_hz is None and model.transmission_stiffness is not None:
+            stiffness = _bounded(model.transmission_stiffness, 0.0)
+            if load_inertia.high > 0.0:
+                flexible_hz = vibration(inertia, load_inertia, stiffness)
         return Belief(
-            inertia=_bounded(model.inertia, servo.inertia or 0.0),
+            inertia=inertia,
             damping=damping,
             coulomb=_bounded(model.coulomb, servo.coulomb),
             delay=_bounded(model.delay, servo.delay + servo.current_lag),
             torque_gain=_bounded(model.torque_gain, 1.0),
             backlash=_bounded(model.backlash, 0.0),
-            load_inertia=_bounded(model.load_inertia, servo.load_inertia),
-            flexible_hz=_bounded(model.flexible_hz, servo.flexible_hz),
+            load_inertia=load_inertia,
+            flexible_hz=flexible_hz,
             flexible_damping_ratio=_bounded(
                 model.flexible_damping_ratio, servo.flexible_damping_ratio
             ),
             encoder=servo.encoder,
+            transmission_stiffness=stiffness,
         )
 
     def request(self) -> Request:

@@ -218,7 +218,9 @@ class Estimate(Section, Generic[Number]):
 class Model(Section):
     """The controller's belief about the servo; unset and simulated: the truth."""
 
-    inertia: Estimate[Positive] | None = setting(None, "Believed inertia", "kg·m²")
+    inertia: Estimate[Positive] | None = setting(
+        None, "Believed inertia of everything that the servo turns, a link included", "kg·m²"
+    )
     damping: Estimate[NotNegative] | None = setting(None, "Believed viscous friction", "N·m·s/rad")
     coulomb: Estimate[NotNegative] | None = setting(
         None, "Believed Coulomb friction; the guard counts it as zero, reports name it", "N·m"
@@ -237,9 +239,15 @@ class Model(Section):
     )
     load_inertia: Estimate[NotNegative] | None = setting(
         None,
-        "Believed inertia behind a flexible transmission, beside the motor's; unset and real: "
-        "none, a rigid servo without a link is assumed",
+        "The part of model.inertia that is behind a flexible transmission, horn and link; unset "
+        "and real: none, a rigid servo without a link is assumed",
         "kg·m²",
+    )
+    transmission_stiffness: Estimate[Positive] | None = setting(
+        None,
+        "Believed stiffness of gear train and horn; where model.flexible_hz is unset that "
+        "frequency follows from it and model.load_inertia",
+        "N·m/rad",
     )
     flexible_hz: Estimate[NotNegative] | None = setting(
         None, "Believed frequency at which that load vibrates, both ends free", "Hz"

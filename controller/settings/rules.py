@@ -243,19 +243,41 @@ def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
             )
 
 
-@_reads("model.load_inertia", "model.flexible_hz", *(f"servo.{name}" for name in _TRANSMISSION))
+@_reads(
+    "model.load_inertia",
+    "model.flexible_hz",
+    "model.transmission_stiffness",
+    *(f"servo.{name}" for name in _TRANSMISSION),
+)
 def _vibration_as_a_whole(config: Sections) -> Iterator[Problem]:
     model, rigid = config.model, config.servo.load_inertia == 0.0
     load, frequency = (
         each is not None and each.high > 0.0 for each in (model.load_inertia, model.flexible_hz)
     )
-    if rigid and load != frequency:
+    derived = model.transmission_stiffness is not None
+    if rigid and load != frequency and not (load and derived):
         missing = "flexible_hz" if load else "load_inertia"
         yield Problem(
             "found none",
-            wanted="a value above 0: a load that vibrates on its transmission has both"
-            " model.load_inertia and model.flexible_hz",
+            wanted="a value above 0: a load that vibrates on its transmission has"
+            " model.load_inertia and model.flexible_hz or model.transmission_stiffness",
             field=f"model.{missing}",
+        )
+
+
+@_reads("model.load_inertia", "model.inertia", *_KIND, "servo.inertia", "servo.load_inertia")
+def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
+    model, servo = config.model, config.servo
+    if model.load_inertia is None:
+        return
+    truth = (servo.inertia or 0.0) + servo.load_inertia
+    whole = truth if model.inertia is None else model.inertia.value
+    if 0.0 < whole <= model.load_inertia.value:
+        yield Problem(
+            f"found {model.load_inertia.value:g} kg·m²",
+            wanted=f"less than model.inertia, {whole:g}: that is the inertia of everything that"
+            " the servo turns, as identify measures it, and the load is a part of it",
+            field="model.load_inertia",
         )
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import returned
@@ -65,16 +65,17 @@ def drawn(random: np.random.Generator) -> tuple[Belief, float, float]:
         )
 
     m, b = SERVOS[int(random.integers(2))]
+    load = m * between(0.05, 3.0)
     encoder: EncoderSide = "motor" if random.random() < 0.25 else "output"
     lag = random.uniform(0.0, 2e-3)
     return (
         Belief(
-            inertia=doubted(m),
+            inertia=doubted(m + load),
             damping=doubted(b * between(0.3, 3.0)),
             coulomb=Bounded.exactly(0.0),
             delay=Bounded(lag, lag * random.random(), lag),
             torque_gain=doubted(1.0),
-            load_inertia=doubted(m * between(0.05, 3.0)),
+            load_inertia=doubted(load),
             flexible_hz=doubted(between(10.0, 120.0)),
             flexible_damping_ratio=doubted(between(0.005, 0.15)),
             encoder=encoder,
@@ -94,7 +95,9 @@ def inside(belief: Belief, shares: FloatArray) -> FloatArray:
 
 def chain_of(truths: FloatArray, encoder: str) -> Chain:
     """Return the servos of these truths."""
-    m, b, _, _, load, hz, ratio = truths.T
+    whole, b, _, _, load, hz, ratio = truths.T
+    load = np.minimum(load, HEAVIEST * whole)
+    m = whole - load
     moving, rate = m * load / (m + load), math.tau * hz
     servo = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
     return two_masses(*servo, encoder=encoder)[0]
@@ -138,8 +141,9 @@ def outcome(case: tuple[int, int, int, int]) -> Outcome:
     random = np.random.default_rng((seed, index))
     belief, age, of_ceiling = drawn(random)
     middle = np.array([getattr(belief, name).value for name in NAMES])
-    m, b, gain, lag, load, hz, ratio = middle.tolist()
-    moving, rate = m * load / (m + load), math.tau * hz
+    whole, b, gain, lag, load, hz, ratio = middle.tolist()
+    m = whole - load
+    moving, rate = m * load / whole, math.tau * hz
     known = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
     ceiling = float(flexible_ceiling(*known, PERIOD, age + lag, encoder=belief.encoder)) / gain
     situation = Situation(belief, PERIOD, 4.1, 0.0)

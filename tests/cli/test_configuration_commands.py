@@ -58,7 +58,7 @@ def test_config_as_text_names_value_unit_range_and_meaning() -> None:
 
 def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
     lines = answer(config, "xm430-w350").splitlines()
-    (inertia,) = [line for line in lines if "model.inertia" in line]
+    (inertia,) = [line for line in lines if "  model.inertia" in line]
     assert "0.011951 (0.007967 to 0.017927)" in inertia
     assert [line[2:].split()[0] for line in lines if line.startswith("- ")] == [
         "servo.inertia",

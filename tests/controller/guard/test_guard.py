@@ -7,9 +7,11 @@ import math
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from haptic_wall.controller.guard.belief import Belief, Bounded
+from haptic_wall.controller.guard.assumed import assumed, largest_link
+from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.guard import (
     Decision,
@@ -23,7 +25,13 @@ from haptic_wall.controller.guard.limits import PlantLimits
 from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.guard.sentences import MEANING, sentences
 from haptic_wall.controller.guard.types import Limits
-from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, passive_limit
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    flexible_boundary,
+    flexible_ceiling,
+    max_virtual_damping,
+    passive_limit,
+)
 
 COUNT = 2 * math.pi / 4096
 
@@ -361,3 +369,88 @@ def test_every_limit_has_a_name_a_value_and_a_meaning() -> None:
     assert [field.name for field in fields(Limits)] == list(LimitName)
     assert {*LimitName} <= {field.name for field in fields(PlantLimits)}
     assert {*MEANING} == {*LimitName}
+
+
+def linked(load: float, hz: float, ratio: float) -> tuple[float, float, float, float, float]:
+    """Motor, friction, load, stiffness and damping of a servo of 0.011951 kg·m² in all."""
+    motor = 0.011951 - load
+    moving, rate = motor * load / 0.011951, 2 * math.pi * hz
+    return motor, 0.011692, load, moving * rate**2, 2 * ratio * moving * rate
+
+
+@pytest.mark.parametrize("load", [0.001, 0.003, 0.006, 0.009])
+def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
+    belief: dict[str, Any] = {
+        "load_inertia": Bounded.exactly(load),
+        "flexible_hz": Bounded.exactly(46.0),
+        "flexible_damping_ratio": Bounded.exactly(0.02),
+    }
+    decision = one(Request(1e6, 1.0, "both"), situation(**belief))
+    servo = linked(load, 46.0, 0.02)
+    ceiling = flexible_ceiling(*servo, 1e-3, 2e-3)
+    limit = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3).stiffness
+    assert 0.8 * ceiling < decision.damping_ceiling < ceiling
+    assert decision.limits.flexible is not None
+    assert 0.85 * limit < decision.limits.flexible < limit
+
+
+def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(25):
+        load, hz = (
+            float(np.exp(random.uniform(*np.log(ends)))) for ends in ((1e-7, 3e-4), (500.01, 9e3))
+        )
+        ratio = float(random.uniform(0.003, 0.1))
+        belief: dict[str, Any] = {
+            "load_inertia": Bounded.exactly(load),
+            "flexible_hz": Bounded.exactly(hz),
+            "flexible_damping_ratio": Bounded.exactly(ratio),
+            "encoder": random.choice(["output", "motor"]),
+        }
+        where = situation(**belief)
+        assert where.belief.is_fast(1e-3)
+        decision = one(Request(1e6, 20.0, "both"), where)
+        servo, encoder = linked(load, hz, ratio), where.belief.encoder
+        ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
+        assert decision.damping_ceiling < ceiling
+        found = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3, encoder=encoder)
+        assert decision.limits.flexible is not None
+        assert decision.limits.flexible < found.stiffness
+
+
+def test_a_load_follows_from_the_gear_trains_stiffness() -> None:
+    whole, load = Bounded(0.012, 0.010, 0.015), Bounded(0.003, 0.002, 0.004)
+    found = vibration(whole, load, Bounded(200.0, 100.0, 400.0))
+    random = np.random.default_rng(5)
+    for _ in range(300):
+        m, j, k = (
+            float(random.uniform(*ends)) for ends in ((0.010, 0.015), (0.002, 0.004), (100, 400))
+        )
+        hz = math.sqrt(k * (1 / (m - j) + 1 / j)) / math.tau
+        assert found.low * (1 - 1e-12) <= hz <= found.high * (1 + 1e-12)
+
+
+def test_what_is_assumed_names_the_link_that_the_damping_allows() -> None:
+    train: dict[str, Any] = {
+        "load_inertia": Bounded(3e-7, 1e-7, 1e-6),
+        "flexible_hz": Bounded(4100.0, 1125.0, 14_000.0),
+        "flexible_damping_ratio": Bounded(0.03, 0.005, 0.1),
+        "transmission_stiffness": Bounded(200.0, 50.0, 800.0),
+    }
+    where = situation(**train)
+    decision = one(Request(5.0, 0.04, "both"), where)
+    link = largest_link(where.belief, decision, 0.7)
+    assert link is not None
+    said = assumed(where.belief, decision, 0.7)
+    assert "a gear train of 50 to 800 N·m/rad is assumed" in said
+    assert f"one of more than {link:.1g} kg·m²" in said
+    # with that link on the least safe gear train the damping is still commanded, with ten times not
+    allowed = []
+    for size in (link, 10.0 * link):
+        rate = math.sqrt(50.0 * (1 / 0.011951 + 1 / size))
+        servo = (0.011951, 0.011692, size, 50.0, 2 * 0.005 * 50.0 / rate)
+        ceilings = flexible_ceiling(*servo, 1e-3, np.linspace(0.0, 9e-3, 90))
+        allowed.append(0.7 * float(ceilings.min()))
+    assert allowed[1] < 0.04 < allowed[0]
+    rigid = assumed(situation().belief, decision, 0.7)
+    assert "a rigid servo without a link is assumed" in rigid

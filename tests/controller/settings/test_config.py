@@ -65,6 +65,35 @@ def test_simulated_belief_defaults_to_the_truth() -> None:
     assert belief.torque_gain == Bounded.exactly(1.0)
 
 
+LINKED = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
+
+
+def test_the_believed_inertia_is_that_of_motor_and_load() -> None:
+    belief = loaded("simulated", *LINKED).belief()
+    assert belief.inertia == Bounded.exactly(0.011951 + 0.003)
+    assert belief.load_inertia == Bounded.exactly(0.003)
+    copied = loaded("simulated", *LINKED, "model.inertia=0.014951", "model.load_inertia=0.003")
+    assert copied.belief().inertia.value == pytest.approx(belief.inertia.value)
+
+
+def test_a_load_that_is_no_part_of_the_inertia_is_refused() -> None:
+    with pytest.raises(
+        ConfigError, match=r"less than model\.inertia, 0\.003: that is the inertia of"
+    ):
+        loaded("simulated", *LINKED, "model.inertia=0.003", "model.load_inertia=0.003")
+
+
+@pytest.mark.parametrize("name", ["xm430-w350", "xl330-m288"])
+def test_a_real_servo_is_believed_with_its_gear_train_and_bare_horn(name: str) -> None:
+    belief = loaded(name).belief()
+    assert belief.is_flexible
+    assert belief.is_fast(1e-3)
+    link = f"model.load_inertia={0.3 * belief.inertia.value}"
+    linked = loaded(name, link).belief()
+    assert not linked.is_fast(1e-3)
+    assert linked.flexible_hz.high < 0.1 * belief.flexible_hz.high
+
+
 def test_a_belief_counts_the_lag_of_the_current_loop_as_delay() -> None:
     config = loaded(
         "simulated",
