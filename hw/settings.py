@@ -16,6 +16,11 @@ EncoderSide = Literal["output", "motor"]
 
 MOST_LOAD_FRICTION: Final = 0.9
 """Largest ``TrueServo.load_friction``: from 1 on no torque would ever move the servo"""
+LEAST_STRIBECK_EXPONENT: Final = 0.5
+MOST_STRIBECK_EXPONENT: Final = 10.0
+"""Range of ``TrueServo.stribeck_exponent``: published fits have 0.76 to 8.7"""
+MOST_TORQUE_RIPPLE: Final = 0.9
+"""Largest ``TrueServo.torque_ripple``: from 1 on the motor would turn round"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +59,26 @@ class TrueServo:
     stribeck_speed: float = 0.0
     """Speed over which the excess of the static friction falls by a factor e [rad/s], >= 0; 0: it
     is gone as soon as the shaft moves"""
+    stribeck_exponent: float = 1.0
+    """Exponent of that fall, 0.5 to 10"""
     damping_back: float | None = None
     """Viscous friction at negative velocities [N·m·s/rad], >= 0; None: ``damping``"""
     load_friction: float = 0.0
     """Share of the load, the difference of motor's and external torque, that the gear adds to the
     friction; below 1"""
+    load_friction_external: float | None = None
+    """The external torque has this share instead; None: ``load_friction`` of both"""
+    load_friction_at_rest: float = 0.0
+    """What a shaft at rest has more of ``load_friction``; falls with the speed as
+    ``static_friction`` does"""
+    load_friction_at_rest_external: float | None = None
+    """The external torque has this instead; None: ``load_friction_at_rest`` of both"""
+    load_friction_square: float = 0.0
+    """Share of the square of the motor's torque at rest, while a larger external torque opposes it
+    [1/(N·m)], >= 0"""
+    load_friction_square_external: float = 0.0
+    """Share of the square of the external torque at rest, while a larger torque of the motor
+    opposes it [1/(N·m)], >= 0"""
     gravity: float = 0.0
     """Torque of a weight on a horizontal link [N·m], >= 0"""
     gravity_angle: float = 0.0
@@ -68,6 +88,12 @@ class TrueServo:
     cogging_periods: float = 24.0
     """Its periods a turn, > 0"""
     cogging_phase: float = 0.0
+    """Its phase at position 0 [rad]"""
+    torque_ripple: float = 0.0
+    """The motor's torque varies with the position by this share of it, 0 to 0.9"""
+    torque_ripple_periods: float = 24.0
+    """Periods of that a turn, > 0"""
+    torque_ripple_phase: float = 0.0
     """Its phase at position 0 [rad]"""
     encoder_eccentricity: float = 0.0
     """Amplitude of the encoder's error once a turn [rad], >= 0, below 1"""

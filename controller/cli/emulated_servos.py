@@ -12,7 +12,15 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
 from haptic_wall.hw.emulated.values import flag, number, one_of, suggestion, whole
-from haptic_wall.hw.settings import MOST_LOAD_FRICTION, EncoderSide, HandName, TrueServo
+from haptic_wall.hw.settings import (
+    LEAST_STRIBECK_EXPONENT,
+    MOST_LOAD_FRICTION,
+    MOST_STRIBECK_EXPONENT,
+    MOST_TORQUE_RIPPLE,
+    EncoderSide,
+    HandName,
+    TrueServo,
+)
 
 # An MX-64: no identification of an XM430 is published.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
@@ -47,13 +55,22 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "current_offset": number(-10, 10),
     "static_friction": number(0, 1e6),
     "stribeck_speed": number(0, 100),
+    "stribeck_exponent": number(LEAST_STRIBECK_EXPONENT, MOST_STRIBECK_EXPONENT),
     "damping_back": number(0, 1e6),
     "load_friction": number(0, MOST_LOAD_FRICTION),
+    "load_friction_external": number(0, MOST_LOAD_FRICTION),
+    "load_friction_at_rest": number(0, MOST_LOAD_FRICTION),
+    "load_friction_at_rest_external": number(0, MOST_LOAD_FRICTION),
+    "load_friction_square": number(0, 10),
+    "load_friction_square_external": number(0, 10),
     "gravity": number(0, 1e6),
     "gravity_angle": number(-1e6, 1e6),
     "cogging": number(0, 1e6),
     "cogging_periods": number(0.1, 10_000),
     "cogging_phase": number(-1e6, 1e6),
+    "torque_ripple": number(0, MOST_TORQUE_RIPPLE),
+    "torque_ripple_periods": number(0.1, 10_000),
+    "torque_ripple_phase": number(-1e6, 1e6),
     "encoder_eccentricity": number(0, 0.5),
     "encoder_phase": number(-1e6, 1e6),
     "encoder_noise": number(0, 1000),

@@ -15,6 +15,7 @@ from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
+from haptic_wall.hw.settings import MOST_LOAD_FRICTION
 
 _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
@@ -223,6 +224,36 @@ def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
             wanted=f"at least servo.coulomb, {coulomb:g} N·m, or 0 for as much",
             field="servo.static_friction",
         )
+
+
+@_reads(
+    *_KIND,
+    "servo.load_friction",
+    "servo.load_friction_at_rest",
+    "servo.load_friction_external",
+    "servo.load_friction_at_rest_external",
+)
+def _some_torque_moves_it(config: Sections) -> Iterator[Problem]:
+    servo = config.servo
+    if servo.kind == "hardware":
+        return
+    external, more = servo.load_friction_external, servo.load_friction_at_rest_external
+    for field, share, at_rest in (
+        ("load_friction", servo.load_friction, servo.load_friction_at_rest),
+        (
+            "load_friction_external",
+            servo.load_friction if external is None else external,
+            servo.load_friction_at_rest if more is None else more,
+        ),
+    ):
+        if share + at_rest > MOST_LOAD_FRICTION:
+            yield Problem(
+                f"found {share:g}, and {at_rest:g} more at rest",
+                field=f"servo.{field}",
+                wanted=f"at most {MOST_LOAD_FRICTION:g} together: with 1 no torque would ever "
+                "move the servo",
+            )
+            return
 
 
 _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")

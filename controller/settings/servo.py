@@ -30,7 +30,10 @@ from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
     EMULATED,
+    LEAST_STRIBECK_EXPONENT,
     MOST_LOAD_FRICTION,
+    MOST_STRIBECK_EXPONENT,
+    MOST_TORQUE_RIPPLE,
     EncoderSide,
     HandName,
     Kind,
@@ -217,6 +220,13 @@ class Servo(Section):
         le=100,
         used_by=_TRUTH,
     )
+    stribeck_exponent: float = setting(
+        1.0,
+        "Exponent of that fall. Published fits: 0.76 to 8.7",
+        ge=LEAST_STRIBECK_EXPONENT,
+        le=MOST_STRIBECK_EXPONENT,
+        used_by=_TRUTH,
+    )
     damping_back: NotNegative | None = setting(
         None,
         "True viscous friction at negative velocities; null: servo.damping",
@@ -226,9 +236,49 @@ class Servo(Section):
     load_friction: float = setting(
         0.0,
         "True share of the load on the gear (motor's less external torque) that adds to the "
-        "friction. Published fits: 0.07 to 0.13",
+        "friction. Published fits: 0.07 to 0.22",
         ge=0,
         le=MOST_LOAD_FRICTION,
+        used_by=_TRUTH,
+    )
+    load_friction_external: float | None = setting(
+        None,
+        "True share of the external torque in that load; null: servo.load_friction for both",
+        ge=0,
+        le=MOST_LOAD_FRICTION,
+        used_by=_TRUTH,
+    )
+    load_friction_at_rest: float = setting(
+        0.0,
+        "What a shaft at rest has more of servo.load_friction, and loses with the speed as it does "
+        "servo.static_friction. Published fits: 0 to 0.23",
+        ge=0,
+        le=MOST_LOAD_FRICTION,
+        used_by=_TRUTH,
+    )
+    load_friction_at_rest_external: float | None = setting(
+        None,
+        "The same of the external torque; null: servo.load_friction_at_rest for both",
+        ge=0,
+        le=MOST_LOAD_FRICTION,
+        used_by=_TRUTH,
+    )
+    load_friction_square: float = setting(
+        0.0,
+        "True friction at rest over the square of the motor's torque, while a larger external "
+        "torque opposes it. Published fits: 0 to 0.01",
+        "1/(N·m)",
+        ge=0,
+        le=10,
+        used_by=_TRUTH,
+    )
+    load_friction_square_external: float = setting(
+        0.0,
+        "True friction at rest over the square of the external torque, while a larger torque of "
+        "the motor opposes it. Published fits: 0 to 0.01",
+        "1/(N·m)",
+        ge=0,
+        le=10,
         used_by=_TRUTH,
     )
     gravity: NotNegative = setting(
@@ -244,6 +294,19 @@ class Servo(Section):
         24.0, "Periods of the cogging a turn", ge=0.1, le=10_000, used_by=_TRUTH
     )
     cogging_phase: Place = setting(0.0, "Phase of the cogging at position 0", "rad", used_by=_TRUTH)
+    torque_ripple: float = setting(
+        0.0,
+        "True share by which the motor's torque varies with the position",
+        ge=0,
+        le=MOST_TORQUE_RIPPLE,
+        used_by=_TRUTH,
+    )
+    torque_ripple_periods: float = setting(
+        24.0, "Periods of the ripple a turn", ge=0.1, le=10_000, used_by=_TRUTH
+    )
+    torque_ripple_phase: Place = setting(
+        0.0, "Phase of the ripple at position 0", "rad", used_by=_TRUTH
+    )
     encoder_eccentricity: float = setting(
         0.0,
         "True amplitude of the encoder's error once a turn",

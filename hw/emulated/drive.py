@@ -182,7 +182,7 @@ class Drive:
         but for its sensor's filter and offset.
         """
         mechanism, motor = self.mechanism, self.motor
-        torque = mechanism.torque
+        torque = mechanism.current_torque
         seen = mechanism.sensed_torque if self._loops else torque
         active = self._active is not None
         if torque == 0.0 and seen == 0.0 and not active:

@@ -3,24 +3,32 @@
 The whole equation of motion is ::
 
     m x'' = u + e - b x' - A sin(N x + phase) - F sign(x')
+    u     = w (1 + r sin(N_r x + phase_r))                              motor's torque
     e     = hand - G sin(x - angle)                                     external torque
-    F     = c + (s - c) exp(-|x'| / v_s) + l |u - e|                    friction in motion
+    F     = c + L(u, e) + (s - c + R(u, e)) exp(-(|x'| / v_s)^n)        friction in motion
 
-with the viscous friction b one of two values by the direction of motion. At rest the body is stuck
-while the torque on it is at most ``s + l |u - e|``.
+with w the torque of the motor's current, the viscous friction b one of two values by the direction
+of motion, and L and R the loads of ``haptic_wall.hw.plant.gear_load``. At rest the body is stuck
+while the torque on it is at most ``s + L + R``.
 
-Source: models M1 to M4 of Duclusaud et al., "Extended Friction Models for the Physics Simulation of
-Servo Actuators" (2024), arXiv:2410.08650, with the Stribeck exponent 1 and a share of the load that
-is the same at rest and in motion.
+Source: models M1 to M6 of Duclusaud et al., "Extended Friction Models for the Physics Simulation of
+Servo Actuators" (2024), arXiv:2410.08650.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from haptic_wall.hw.errors import SpecError
-from haptic_wall.hw.settings import MOST_LOAD_FRICTION, TrueServo
+from haptic_wall.hw.plant.gear_load import GearLoad
+from haptic_wall.hw.settings import (
+    LEAST_STRIBECK_EXPONENT,
+    MOST_LOAD_FRICTION,
+    MOST_STRIBECK_EXPONENT,
+    MOST_TORQUE_RIPPLE,
+    TrueServo,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,7 @@ class Effects:
     damping_back: float | None = None
     """Viscous friction at negative velocities [N·m·s/rad], >= 0; None: as at positive ones"""
     load_friction: float = 0.0
-    """l: share of the load |u - e| that the gear adds to the friction, from 0 to 0.9"""
+    """l_m: share of the motor's torque that the gear adds to the friction, from 0 to 0.9"""
     gravity: float = 0.0
     """G: torque of a weight on a horizontal link [N·m], >= 0"""
     gravity_angle: float = 0.0
@@ -51,23 +59,64 @@ class Effects:
     """N: periods of the cogging a turn, > 0"""
     cogging_phase: float = 0.0
     """Phase of the cogging at position 0 [rad]"""
+    stribeck_exponent: float = 1.0
+    """n: of the fall with the speed, 0.5 to 10"""
+    load_friction_external: float | None = None
+    """l_e: as ``load_friction``, of the external torque; None: as much"""
+    load_friction_at_rest: float = 0.0
+    """r_m: what is added to ``load_friction`` at rest; both together up to 0.9"""
+    load_friction_at_rest_external: float | None = None
+    """r_e: what is added to ``load_friction_external`` at rest; None: as for the motor's"""
+    load_friction_square: float = 0.0
+    """q_m: share of the square of the motor's torque, at rest [1/(N·m)], >= 0"""
+    load_friction_square_external: float = 0.0
+    """q_e: share of the square of the external torque, at rest [1/(N·m)], >= 0"""
+    torque_ripple: float = 0.0
+    """r: the motor's torque varies with the position by this share of it, 0 to 0.9"""
+    torque_ripple_periods: float = 24.0
+    """N_r: periods of that ripple a turn, > 0"""
+    torque_ripple_phase: float = 0.0
+    """Phase of the ripple at position 0 [rad]"""
 
     def __post_init__(self) -> None:
-        for name in ("static_friction", "stribeck_speed", "damping_back", "gravity", "cogging"):
+        for name in (
+            "static_friction",
+            "stribeck_speed",
+            "damping_back",
+            "gravity",
+            "cogging",
+            "load_friction_square",
+            "load_friction_square_external",
+        ):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < math.inf:
                 raise SpecError(f"{name} is {value}", advice="give a finite value from 0 up")
-        if not 0.0 <= self.load_friction <= MOST_LOAD_FRICTION:
-            raise SpecError(
-                f"load_friction is {self.load_friction}",
-                advice=f"give a share from 0 to {MOST_LOAD_FRICTION}: with 1 no torque would "
-                "ever move the servo",
-            )
-        if not 0.0 < self.cogging_periods < math.inf:
-            raise SpecError(
-                f"cogging_periods is {self.cogging_periods}", advice="give a finite number above 0"
-            )
-        for name in ("gravity_angle", "cogging_phase"):
+        load = self.load
+        for name, value, more in (
+            ("load_friction", load.motor, load.rest_motor),
+            ("load_friction_external", load.external, load.rest_external),
+        ):
+            if min(value, more) < 0.0 or not value + more <= MOST_LOAD_FRICTION:
+                at_rest = f", {value + more:g} at rest" if more else ""
+                raise SpecError(
+                    f"{name} is {value}{at_rest}",
+                    advice=f"give a share from 0 to {MOST_LOAD_FRICTION}, what is added at rest"
+                    " included: with 1 no torque would ever move the servo",
+                )
+        for name, low, high in (
+            ("torque_ripple", 0.0, MOST_TORQUE_RIPPLE),
+            ("stribeck_exponent", LEAST_STRIBECK_EXPONENT, MOST_STRIBECK_EXPONENT),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise SpecError(
+                    f"{name} is {getattr(self, name)}", advice=f"give a value from {low} to {high}"
+                )
+        for name in ("cogging_periods", "torque_ripple_periods"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise SpecError(
+                    f"{name} is {getattr(self, name)}", advice="give a finite number above 0"
+                )
+        for name in ("gravity_angle", "cogging_phase", "torque_ripple_phase"):
             value = getattr(self, name)
             if not math.isfinite(value):
                 raise SpecError(f"{name} is {value}", advice="give a finite angle")
@@ -79,19 +128,22 @@ class Effects:
         Raises:
             ValueError: A value is out of range, or the static friction below the Coulomb friction.
         """
-        found = cls(
-            true.static_friction,
-            true.stribeck_speed,
-            true.damping_back,
-            true.load_friction,
-            true.gravity,
-            true.gravity_angle,
-            true.cogging,
-            true.cogging_periods,
-            true.cogging_phase,
-        )
+        found = cls(**{field.name: getattr(true, field.name) for field in fields(cls)})
         found.breakaway(true.coulomb)
         return found
+
+    @property
+    def load(self) -> GearLoad:
+        """Return the shares of both sides' torques that the gear adds to the friction."""
+        external, rest = self.load_friction_external, self.load_friction_at_rest_external
+        return GearLoad(
+            self.load_friction,
+            self.load_friction if external is None else external,
+            self.load_friction_at_rest,
+            self.load_friction_at_rest if rest is None else rest,
+            self.load_friction_square,
+            self.load_friction_square_external,
+        )
 
     def breakaway(self, coulomb: float) -> float:
         """Return the static friction without load [N·m] beside this Coulomb friction.
@@ -112,9 +164,10 @@ class Effects:
         return (
             self.breakaway(coulomb) == coulomb
             and self.damping_back in (None, damping)
-            and self.load_friction == 0.0
+            and not any(self.load)
             and self.gravity == 0.0
             and self.cogging == 0.0
+            and self.torque_ripple == 0.0
         )
 
     def weight_at(self, position: float) -> float:
@@ -128,3 +181,10 @@ class Effects:
         if self.cogging == 0.0:
             return 0.0
         return -self.cogging * math.sin(self.cogging_periods * position + self.cogging_phase)
+
+    def ripple_at(self, position: float) -> float:
+        """Return the share by which the motor makes more torque than its mean at a position."""
+        if self.torque_ripple == 0.0:
+            return 0.0
+        phase = self.torque_ripple_periods * position + self.torque_ripple_phase
+        return self.torque_ripple * math.sin(phase)

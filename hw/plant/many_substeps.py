@@ -7,7 +7,7 @@ rounding, which a motion that hardly stops or hardly breaks away can enlarge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.responses import responses, times_to_rest
-from haptic_wall.hw.plant.substeps import FADED, FALL, GRAIN_S, PHASE, SHORTEST_S, TEETH
+from haptic_wall.hw.plant.substeps import FADED, GRAIN_S, PHASE, SHORTEST_S, TEETH, fall_of
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Bools = NDArray[np.bool_]
 
 
 class Turned(NamedTuple):
@@ -49,6 +50,18 @@ class ManyEffects:
     cogging_periods: Floats
     cogging_phase: Floats
     """[rad]"""
+    stribeck_exponent: Floats
+    load_friction_external: Floats
+    load_friction_at_rest: Floats
+    load_friction_at_rest_external: Floats
+    load_friction_square: Floats
+    """[1/(N·m)]"""
+    load_friction_square_external: Floats
+    """[1/(N·m)]"""
+    torque_ripple: Floats
+    torque_ripple_periods: Floats
+    torque_ripple_phase: Floats
+    """[rad]"""
 
     @classmethod
     def alike(cls, effects: Effects, damping: float, coulomb: float, count: int) -> ManyEffects:
@@ -56,7 +69,19 @@ class ManyEffects:
         back = damping if effects.damping_back is None else effects.damping_back
         values = {field.name: getattr(effects, field.name) for field in fields(cls)}
         values |= {"static_friction": effects.breakaway(coulomb), "damping_back": back}
+        values["load_friction_external"] = effects.load.external
+        values["load_friction_at_rest_external"] = effects.load.rest_external
         return cls(**{name: np.full(count, value) for name, value in values.items()})
+
+    @classmethod
+    def none(cls, damping: Floats, coulomb: Floats, **effects: Floats) -> ManyEffects:
+        """Return these effects, and no others, of servos with this friction, arrays of (n,)."""
+        found = cls.alike(Effects(), 0.0, 0.0, damping.size)
+        values = {"static_friction": coulomb, "damping_back": damping, **effects}
+        for part in ("load_friction", "load_friction_at_rest"):
+            if part in values:
+                values.setdefault(f"{part}_external", values[part])
+        return replace(found, **values)
 
     def take(self, index: Indices | slice) -> ManyEffects:
         """Return the effects of the servos at ``index``."""
@@ -66,7 +91,19 @@ class ManyEffects:
 class ManySubsteps:
     """Moves many bodies with effects."""
 
-    __slots__ = ("_coulomb", "_effects", "_forth", "_grain", "_inertia")
+    __slots__ = (
+        "_coulomb",
+        "_effects",
+        "_faded",
+        "_fall",
+        "_forth",
+        "_grain",
+        "_inertia",
+        "_loaded",
+        "_rests",
+        "_rippled",
+        "_stiffness",
+    )
 
     def __init__(
         self, inertia: Floats, damping: Floats, coulomb: Floats, effects: ManyEffects
@@ -80,14 +117,19 @@ class ManySubsteps:
             raise ValueError("a static_friction lies below coulomb; give at least as much")
         self._inertia, self._forth, self._coulomb = inertia, damping, coulomb
         self._effects = effects
-        stiffness = effects.gravity + effects.cogging * effects.cogging_periods
-        fading = (effects.stribeck_speed > 0.0) & (effects.static_friction > coulomb)
-        exact = ~fading & (effects.load_friction == 0.0)
-        grain = np.where(exact, np.inf, GRAIN_S)
-        stiff = stiffness > 0.0
-        finest = PHASE * np.sqrt(inertia[stiff] / stiffness[stiff])
-        grain[stiff] = np.maximum(np.minimum(GRAIN_S, finest), SHORTEST_S)
-        self._grain = grain
+        at_rest = effects.load_friction_at_rest + effects.load_friction_at_rest_external
+        at_rest += effects.load_friction_square + effects.load_friction_square_external
+        load = effects.load_friction + effects.load_friction_external + at_rest
+        self._loaded, self._rests = bool((load > 0.0).any()), bool((at_rest > 0.0).any())
+        self._rippled = bool((effects.torque_ripple > 0.0).any())
+        excess = (effects.static_friction > coulomb) | (at_rest > 0.0)
+        fading = (effects.stribeck_speed > 0.0) & excess
+        exact = ~fading & (load == 0.0) & (effects.torque_ripple == 0.0)
+        self._grain = np.where(exact, np.inf, GRAIN_S)
+        self._stiffness = effects.gravity + effects.cogging * effects.cogging_periods
+        self._faded = effects.stribeck_speed * FADED ** (1.0 / effects.stribeck_exponent)
+        falls = [fall_of(exponent) for exponent in effects.stribeck_exponent.tolist()]
+        self._fall = np.array(falls) * effects.stribeck_speed
 
     def step(
         self,
@@ -110,7 +152,7 @@ class ManySubsteps:
             The bodies that came to rest on the way, each at most once an entry, in order of time.
         """
         left = duration.copy()
-        grain = duration / np.maximum(1.0, np.ceil(duration / self._grain - 1e-9))
+        grain = duration / np.maximum(1.0, np.ceil(duration / self._longest(torque) - 1e-9))
         outside = np.broadcast_to(outside, position.shape)
         index = np.flatnonzero(left > 0.0)
         turned = []
@@ -131,6 +173,20 @@ class ManySubsteps:
             index = index[after > 0.0]
         return turned
 
+    def _longest(self, torque: Floats) -> Floats:
+        """Return the longest substeps [s] under these torques of the motors [N·m]."""
+        stiffness, effects = self._stiffness, self._effects
+        if self._rippled:
+            ripple = effects.torque_ripple * effects.torque_ripple_periods
+            stiffness = stiffness + ripple * np.abs(torque)
+        stiff = stiffness > 0.0
+        if not stiff.any():
+            return self._grain
+        grain = self._grain.copy()
+        finest = PHASE * np.sqrt(self._inertia[stiff] / stiffness[stiff])
+        grain[stiff] = np.maximum(np.minimum(GRAIN_S, finest), SHORTEST_S)
+        return grain
+
 
 class _Some:
     """Some of the bodies, during one substep."""
@@ -138,6 +194,9 @@ class _Some:
     def __init__(self, many: ManySubsteps, index: Indices, torque: Floats, outside: Floats) -> None:
         self.inertia, self.forth = many._inertia[index], many._forth[index]
         self.coulomb, self.effects = many._coulomb[index], many._effects.take(index)
+        self.faded, self.fall = many._faded[index], many._fall[index]
+        self.excess = self.effects.static_friction - self.coulomb
+        self.loaded, self.rests, self.rippled = many._loaded, many._rests, many._rippled
         self.torque, self.outside = torque, outside
 
     def moved(
@@ -145,26 +204,21 @@ class _Some:
     ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return distances [rad], velocities [rad/s], times taken and meant [s]; 0, 0: it stays."""
         effects, inertia = self.effects, self.inertia
-        outside = self.outside + self._weight(position)
-        cogs = self._cogs(position)
-        push = self.torque + outside + cogs
-        load = effects.load_friction * np.abs(self.torque - outside)
+        push, steady, excess = self._torques(position)
         at_rest = velocity == 0.0
-        stuck = at_rest & (np.abs(push) <= effects.static_friction + load)
+        stuck = at_rest & (np.abs(push) <= steady + excess)
         direction = np.copysign(1.0, np.where(at_rest, push, velocity))
         viscous = np.where(direction > 0.0, self.forth, effects.damping_back)
         speed = np.abs(velocity)
-        friction = self._in_motion(speed) + load
+        friction = self._in_motion(speed, steady, excess)
         gain = (push - direction * friction - viscous * velocity) / inertia
-        length = np.minimum(most, self._length(most, speed, gain))
+        length = np.minimum(most, self._length(most, speed, gain, excess))
 
         middle = position + 0.5 * length * velocity
         pace = velocity + 0.5 * length * gain
         pace[pace * direction < 0.0] = 0.0
-        outside = self.outside + self._weight(middle)
-        friction = self._in_motion(np.abs(pace))
-        friction += effects.load_friction * np.abs(self.torque - outside)
-        push = self.torque + outside + self._cogs(middle) - direction * friction
+        push, steady, excess = self._torques(middle)
+        push -= direction * self._in_motion(np.abs(pace), steady, excess)
         push[at_rest & (direction * push < 0.0)] = 0.0
         push /= inertia
         decay = viscous / inertia
@@ -199,34 +253,69 @@ class _Some:
         result: Floats = -effects.cogging * np.sin(phase)
         return result
 
-    def _in_motion(self, speed: Floats) -> Floats:
-        """Return the friction without load at these speeds [N·m]."""
-        scale = self.effects.stribeck_speed
-        friction = self.coulomb.copy()
-        near = (scale > 0.0) & (speed <= FADED * scale)
-        excess = (self.effects.static_friction - self.coulomb)[near]
-        friction[near] += excess * np.exp(-speed[near] / scale[near])
+    def _torques(self, position: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return what pushes, and the friction in motion and what is added at rest [N·m]."""
+        motor, outside = self.torque, self.outside + self._weight(position)
+        if self.rippled:
+            effects = self.effects
+            phase = effects.torque_ripple_periods * position + effects.torque_ripple_phase
+            motor = motor * (1.0 + effects.torque_ripple * np.sin(phase))
+        push = motor + outside + self._cogs(position)
+        if not self.loaded:
+            return push, self.coulomb, self.excess
+        in_motion, at_rest = self._loads(motor, outside)
+        return push, self.coulomb + in_motion, self.excess + at_rest
+
+    def _loads(self, motor: Floats, external: Floats) -> tuple[Floats, Floats | float]:
+        """Return the loads of ``haptic_wall.hw.plant.gear_load`` [N·m], in motion and at rest."""
+        e = self.effects
+        in_motion = np.abs(e.load_friction * motor - e.load_friction_external * external)
+        if not self.rests:
+            return in_motion, 0.0
+        own, other = e.load_friction_at_rest, e.load_friction_at_rest_external
+        at_rest = np.abs(own * motor - other * external)
+        across, sizes = motor * external < 0.0, np.abs(motor) - np.abs(external)
+        driven = across & (sizes > 0.0)
+        at_rest += np.where(driven, e.load_friction_square_external * external**2, 0.0)
+        driven = across & (sizes < 0.0)
+        at_rest += np.where(driven, e.load_friction_square * motor**2, 0.0)
+        return in_motion, at_rest
+
+    def _in_motion(self, speed: Floats, steady: Floats, excess: Floats) -> Floats:
+        """Return the friction at these speeds [N·m]."""
+        friction = steady.copy()
+        near = (self.fall > 0.0) & (speed <= self.faded)
+        friction[near] += excess[near] * self._left(speed, near)
         return friction
 
-    def _length(self, grain: Floats, speed: Floats, gain: Floats) -> Floats:
+    def _left(self, speed: Floats, near: Bools) -> Floats:
+        """Return the share of the excess that is left at these speeds, of those that are near."""
+        effects = self.effects
+        relative = speed[near] / effects.stribeck_speed[near]
+        result: Floats = np.exp(-(relative ** effects.stribeck_exponent[near]))
+        return result
+
+    def _length(self, grain: Floats, speed: Floats, gain: Floats, excess: Floats) -> Floats:
         """Return the longest substeps [s]."""
         effects = self.effects
-        pace = effects.cogging_periods * speed
-        quick = (effects.cogging > 0.0) & (pace * grain > TEETH)
-        if quick.any():
-            grain = grain.copy()
-            grain[quick] = np.maximum(TEETH / pace[quick], SHORTEST_S)
-        scale = effects.stribeck_speed
-        excess = (effects.static_friction - self.coulomb) / self.inertia
-        fading = (scale > 0.0) & (excess > 0.0)
+        for size, periods in (
+            (effects.cogging, effects.cogging_periods),
+            (effects.torque_ripple, effects.torque_ripple_periods),
+        ):
+            pace = periods * speed
+            quick = (size > 0.0) & (pace * grain > TEETH)
+            if quick.any():
+                grain = grain.copy()
+                grain[quick] = np.maximum(TEETH / pace[quick], SHORTEST_S)
+        fading = (self.fall > 0.0) & (excess > 0.0)
         if not fading.any():
             return grain
-        length, slower, rate = grain.copy(), speed, np.abs(gain)
-        scale = np.where(fading, scale, 1.0)
+        length, slower, rate, held = grain.copy(), speed, np.abs(gain), ~fading
+        steep = excess / self.inertia
         for _ in range(2):
-            fading &= slower <= FADED * scale
-            left = np.exp(-0.5 * slower / scale)
-            shorter = np.minimum(grain, FALL * scale / (left * (rate + excess * left * left)))
-            length = np.where(fading, shorter, length)
+            fading &= slower <= self.faded
+            left = np.sqrt(self._left(slower, fading))
+            shorter = self.fall[fading] / (left * (rate[fading] + steep[fading] * left * left))
+            length[fading] = np.minimum(grain[fading], shorter)
             slower = np.maximum(speed - rate * length, 0.0)
-        return np.where(scale > 0.0, np.maximum(length, SHORTEST_S), length)
+        return np.where(held, grain, np.maximum(length, SHORTEST_S))

@@ -39,6 +39,7 @@ class Mechanism:
         "_braking",
         "_counts_per_radian",
         "_delay_ns",
+        "_effects",
         "_errors",
         "_followed",
         "_kept",
@@ -84,7 +85,7 @@ class Mechanism:
             ValueError: A value is out of range.
         """
         self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
-        effects = Effects.of(true)
+        self._effects = effects = Effects.of(true)
         ideal = effects.none(true.damping, true.coulomb)
         self._step = step if ideal else Substeps(self._parameters, effects).step
         self._braking = 0.0
@@ -142,6 +143,12 @@ class Mechanism:
     @property
     def torque(self) -> float:
         """Return the motor's acting torque [N·m], from the present time on."""
+        torque = self.current_torque
+        return torque + torque * self._effects.ripple_at(self._state.position)
+
+    @property
+    def current_torque(self) -> float:
+        """Return the torque of the motor's current without ripple [N·m]."""
         if self._loop is not None:
             return self._loop.torque(self._state.velocity)
         return self._torque - self._braking * self._state.velocity
@@ -149,7 +156,7 @@ class Mechanism:
     @property
     def sensed_torque(self) -> float:
         """Return the torque that the motor's current is measured to make, filtered [N·m]."""
-        return self.torque if self._loop is None else self._loop.sensed
+        return self.current_torque if self._loop is None else self._loop.sensed
 
     @property
     def has_current_loop(self) -> bool:

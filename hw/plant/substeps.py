@@ -18,13 +18,13 @@ from haptic_wall.hw.plant.response import Slide, cached_response, response, time
 GRAIN_S = 2.5e-4
 """Longest substep [s]"""
 PHASE = 0.02
-"""Longest substep, in radians of the fastest oscillation that weight and cogging can make"""
+"""Longest substep, in radians of the fastest oscillation that position-dependent torques make"""
 TEETH = 0.3
-"""Largest change of the cogging's phase within a substep [rad]"""
+"""Largest change of the phase of cogging and ripple within a substep [rad]"""
 FALL = 0.1
 """Largest change of speed within a substep, in Stribeck speeds, while the friction depends on it"""
 FADED = 12.0
-"""Speed from which on nothing is left of the excess friction, in Stribeck speeds"""
+"""Power of the relative speed from which on nothing is left of the excess friction"""
 SHORTEST_S = 1e-7
 """Substeps do not get shorter than this [s]; events do"""
 _ONE_TURN = 9.0
@@ -41,8 +41,21 @@ def grain_of(inertia: float, effects: Effects, *, fading: bool) -> float:
     """
     stiffness = effects.gravity + effects.cogging * effects.cogging_periods
     if stiffness > 0.0:
-        return max(min(GRAIN_S, PHASE * math.sqrt(inertia / stiffness)), SHORTEST_S)
-    return GRAIN_S if fading or effects.load_friction > 0.0 else math.inf
+        return finest(inertia, stiffness)
+    held = not (fading or any(effects.load) or effects.torque_ripple > 0.0)
+    return math.inf if held else GRAIN_S
+
+
+def finest(inertia: float, stiffness: float) -> float:
+    """Return the longest substep [s] with torques that change so much a radian [N·m/rad], > 0."""
+    return max(min(GRAIN_S, PHASE * math.sqrt(inertia / stiffness)), SHORTEST_S)
+
+
+def fall_of(exponent: float) -> float:
+    """Return the largest change of speed in Stribeck speeds with this exponent of the fall."""
+    if exponent < 1.0:  # it is steep at the start
+        return math.pow(FALL, 1.0 / exponent)
+    return FALL / exponent
 
 
 class Substeps:
@@ -54,15 +67,22 @@ class Substeps:
         "_cogging",
         "_coulomb",
         "_excess",
+        "_exponent",
+        "_faded",
         "_fading",
         "_fall",
+        "_fineness",
         "_forth",
         "_grain",
         "_gravity",
         "_inertia",
         "_load",
+        "_loaded",
         "_periods",
         "_phase",
+        "_ripple",
+        "_ripple_periods",
+        "_ripple_phase",
         "_static",
         "_stribeck",
         "_teeth",
@@ -89,13 +109,18 @@ class Substeps:
         self._static = effects.breakaway(parameters.coulomb)
         self._excess = self._static - self._coulomb
         self._stribeck = effects.stribeck_speed
-        self._fading = self._excess > 0.0 and self._stribeck > 0.0
-        self._load = effects.load_friction
+        self._exponent = effects.stribeck_exponent
+        self._faded = self._stribeck * FADED ** (1.0 / self._exponent)
+        self._load, self._loaded = effects.load, any(effects.load)
+        self._fading = (self._excess > 0.0 or self._load.fades) and self._stribeck > 0.0
         self._gravity, self._angle = effects.gravity, effects.gravity_angle
         self._cogging, self._periods = effects.cogging, effects.cogging_periods
         self._phase = effects.cogging_phase
+        self._ripple, self._ripple_periods = effects.torque_ripple, effects.torque_ripple_periods
+        self._ripple_phase = effects.torque_ripple_phase
+        self._fineness = fineness
         self._grain = grain_of(parameters.inertia, effects, fading=self._fading) / fineness
-        self._teeth, self._fall = TEETH / fineness, FALL / fineness
+        self._teeth, self._fall = TEETH / fineness, fall_of(self._exponent) / fineness
 
     def step(
         self,
@@ -122,7 +147,13 @@ class Substeps:
         braking = parameters.damping - self._forth
         hand = _NOBODY if pull is None else pull
         left = duration
-        grain = duration / max(1, math.ceil(duration / self._grain - 1e-9))
+        longest = self._grain
+        if self._ripple > 0.0:
+            stiffness = self._gravity + self._cogging * self._periods
+            stiffness += self._ripple * self._ripple_periods * abs(torque)
+            if stiffness > 0.0:
+                longest = finest(self._inertia, stiffness) / self._fineness
+        grain = duration / max(1, math.ceil(duration / longest - 1e-9))
         while left > 0.0:
             if velocity != 0.0:
                 direction = math.copysign(1.0, velocity)
@@ -151,14 +182,23 @@ class Substeps:
         stiffness, grip, reference, slope = hand
         weight = -self._gravity * math.sin(position - self._angle)
         outside = stiffness * (reference - position) + grip * slope + weight
+        if self._ripple > 0.0:
+            torque *= 1.0 + self._ripples(position)
         push = torque + outside + self._cogs(position)
-        if abs(push) > self._static + self._load * abs(torque - outside):
+        load, most = self._load, self._static
+        if self._loaded:
+            most += load.in_motion(torque, outside) + load.at_rest(torque, outside)
+        if abs(push) > most:
             return math.copysign(1.0, push), 0.0
         ramp = stiffness * slope
         if ramp == 0.0:
             return 0.0, 0.0
         direction = math.copysign(1.0, ramp)
-        grown = self._until_breakaway(direction * push, direction * (torque - outside))
+        if self._loaded:
+            within = abs(ramp) * left
+            grown = load.until_breakaway(push, self._static, torque, outside, direction, within)
+        else:
+            grown = max(most - direction * push, 0.0)
         wait = grown / abs(ramp)
         return (direction, wait) if wait < left else (0.0, 0.0)
 
@@ -174,17 +214,23 @@ class Substeps:
     ) -> tuple[Slide, float]:
         """Return the motion with held torques, and for how long that may be taken [s]."""
         stiffness, grip, reference, slope = hand
-        inertia, load = self._inertia, self._load
+        inertia, load, loaded = self._inertia, self._load, self._loaded
         viscous = (self._forth if direction > 0.0 else self._back) + braking
         pulled = stiffness * (reference - position) + grip * slope
         speed = abs(velocity)
         weight = -self._gravity * math.sin(position - self._angle)
-        friction = self._in_motion(speed)
-        if load > 0.0:
-            friction += load * abs(torque - braking * velocity - pulled + grip * velocity - weight)
-        push = torque + pulled + weight + self._cogs(position) - direction * friction
+        motor, excess = torque - braking * velocity, self._excess
+        ripple = motor * self._ripples(position) if self._ripple > 0.0 else 0.0
+        friction = self._coulomb
+        if loaded:
+            motor, external = motor + ripple, pulled - grip * velocity + weight
+            friction += load.in_motion(motor, external)
+            excess += load.at_rest(motor, external)
+        if self._fading:
+            friction += excess * self._left(speed)
+        push = torque + pulled + weight + ripple + self._cogs(position) - direction * friction
         gain = (push - (viscous + grip) * velocity) / inertia
-        length = min(most, self._length(most, speed, gain))
+        length = min(most, self._length(most, speed, gain, excess))
 
         half = 0.5 * length
         middle = position + half * velocity
@@ -192,11 +238,16 @@ class Substeps:
         if pace * direction < 0.0:
             pace = 0.0
         weight = -self._gravity * math.sin(middle - self._angle)
-        friction = self._in_motion(abs(pace))
-        if load > 0.0:
+        motor = torque - braking * pace
+        ripple = motor * self._ripples(middle) if self._ripple > 0.0 else 0.0
+        friction, excess = self._coulomb, self._excess
+        if loaded:
             held = stiffness * (reference + slope * half - middle) + grip * (slope - pace)
-            friction += load * abs(torque - braking * pace - held - weight)
-        push = torque + pulled + weight + self._cogs(middle) - direction * friction
+            friction += load.in_motion(motor + ripple, held + weight)
+            excess += load.at_rest(motor + ripple, held + weight)
+        if self._fading:
+            friction += excess * self._left(abs(pace))
+        push = torque + pulled + weight + ripple + self._cogs(middle) - direction * friction
         if velocity == 0.0 and direction * push < 0.0:
             push = 0.0  # it breaks away just now: what holds it grows faster than what pushes
         slide = Slide(
@@ -213,44 +264,38 @@ class Substeps:
             return 0.0
         return -self._cogging * math.sin(self._periods * position + self._phase)
 
-    def _in_motion(self, speed: float) -> float:
-        """Return the friction without load at this speed [N·m]."""
-        if not self._fading or speed > FADED * self._stribeck:
-            return self._coulomb
-        return self._coulomb + self._excess * math.exp(-speed / self._stribeck)
+    def _ripples(self, position: float) -> float:
+        return self._ripple * math.sin(self._ripple_periods * position + self._ripple_phase)
 
-    def _length(self, grain: float, speed: float, gain: float) -> float:
-        """Return the longest substep at this speed [rad/s] and acceleration [rad/s²]."""
+    def _left(self, speed: float) -> float:
+        """Return the share of the friction's excess at rest that is left at this speed."""
+        if speed > self._faded:
+            return 0.0
+        if self._exponent == 1.0:
+            return math.exp(-speed / self._stribeck)
+        return math.exp(-((speed / self._stribeck) ** self._exponent))
+
+    def _length(self, grain: float, speed: float, gain: float, excess: float) -> float:
+        """Return the longest substep at this speed [rad/s], acceleration [rad/s²], excess [N·m]."""
         if self._cogging > 0.0 and self._periods * speed * grain > self._teeth:
             grain = max(self._teeth / (self._periods * speed), SHORTEST_S)
-        if not self._fading:
+        if self._ripple > 0.0 and self._ripple_periods * speed * grain > self._teeth:
+            grain = max(self._teeth / (self._ripple_periods * speed), SHORTEST_S)
+        if not self._fading or excess == 0.0:
             return grain
         # The error of a substep goes with the square of the change and with what is left of the
         # excess: the further it has faded, the longer the substep. Twice: the speed changes in it.
-        scale = self._stribeck
+        change = self._fall * self._stribeck
         rate = abs(gain)
         length, slower = grain, speed
         for _ in range(2):
-            if slower > FADED * scale:
+            if slower > self._faded:
                 return length
-            left = math.exp(-0.5 * slower / scale)
-            steepest = self._excess / self._inertia * left * left
-            length = min(grain, self._fall * scale / (left * (rate + steepest)))
+            left = math.sqrt(self._left(slower))
+            steepest = excess / self._inertia * left * left
+            length = min(grain, change / (left * (rate + steepest)))
             slower = max(speed - rate * length, 0.0)
         return max(length, SHORTEST_S)
-
-    def _until_breakaway(self, push: float, across: float) -> float:
-        """Return by how much the operator's torque must grow until a stuck body breaks away [N·m].
-
-        Args:
-            push: Torque on the body, in the direction of the growth [N·m].
-            across: Motor's torque less the external one, in that direction [N·m].
-        """
-        load = self._load
-        grown = (self._static - push + load * across) / (1.0 + load)
-        if grown > across:  # the external torque has passed the motor's
-            grown = (self._static - push - load * across) / (1.0 - load)
-        return max(grown, 0.0)
 
 
 _NOBODY = Pull(0.0, 0.0, 0.0, 0.0)

@@ -2,7 +2,7 @@
 
 The motion solves, with the motor's position x, the output's y and the transmitted torque F ::
 
-    J_m x'' = u - A sin(N x + phase) - b x' - F - friction(x', u + F)
+    J_m x'' = u - A sin(N x + phase) - b x' - F - friction(x', u, -F)
     J_l y'' = F - G sin(y - angle) + k_h (r - y) + b_h (r' - y')
     F       = k (x - y) + c (x' - y')
 
@@ -10,8 +10,8 @@ With backlash between the masses F is counted from the end of the backlash, only
 within it. While the motor keeps its direction, or sticks, and the transmission its contact, the
 equations are linear: matrix exponentials solve them exactly for any duration. An event (the motor
 stops or breaks away, a contact begins or ends) is found to the nanosecond. Events are looked for at
-the ends of substeps, so one that is undone within a substep is missed. Weight, cogging and friction
-that falls with the speed are held over a substep at the values of its middle.
+the ends of substeps, so one that is undone within a substep is missed. Weight, cogging, ripple and
+friction that depends on speed or load are held over a substep at the values of its middle.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.linear_motion import Inputs, Moving, linear_motion
-from haptic_wall.hw.plant.substeps import FADED, FALL, GRAIN_S, PHASE, TEETH
+from haptic_wall.hw.plant.substeps import FADED, GRAIN_S, PHASE, TEETH, fall_of
 from haptic_wall.hw.settings import TrueServo
 
 TURN = 0.5
@@ -45,11 +45,15 @@ class TwoMasses:
         "_divided",
         "_effects",
         "_excess",
+        "_faded",
         "_fall",
         "_gap",
         "_grain",
         "_inertia",
+        "_load",
         "_load_inertia",
+        "_loaded",
+        "_ripples",
         "_static",
         "_stiffness",
         "_teeth",
@@ -89,16 +93,21 @@ class TwoMasses:
         self._gap = 0.5 * true.backlash
         self._effects = effects
         self._cogs = effects.cogging * effects.cogging_periods
-        self._uneven = self._excess + effects.load_friction + effects.gravity + self._cogs > 0.0
-        self._teeth, self._fall = TEETH / fineness, FALL / fineness
+        self._ripples = effects.torque_ripple * effects.torque_ripple_periods
+        self._load, self._loaded = effects.load, any(effects.load)
+        self._faded = effects.stribeck_speed * FADED ** (1.0 / effects.stribeck_exponent)
+        uneven = self._excess + effects.gravity + self._cogs + self._ripples
+        self._uneven = uneven > 0.0 or self._loaded
+        self._teeth, self._fall = TEETH / fineness, fall_of(effects.stribeck_exponent) / fineness
         one_way = self._static == 0.0 and self._viscous[0] == self._viscous[1]
         self._divided = self._uneven or self._gap > 0.0 or not one_way
         self._grain = _ENDLESS
         if self._divided:
             rate = math.sqrt(self._stiffness * (1.0 / self._inertia + 1.0 / self._load_inertia))
             seconds = min(GRAIN_S if self._uneven else LONGEST_S, TURN / rate)
-            if self._cogs > 0.0:
-                seconds = min(seconds, PHASE * math.sqrt(self._inertia / self._cogs))
+            cogs = self._cogs + self._ripples * true.torque_limit
+            if cogs > 0.0:
+                seconds = min(seconds, PHASE * math.sqrt(self._inertia / cogs))
             if effects.gravity > 0.0:
                 seconds = min(seconds, PHASE * math.sqrt(self._load_inertia / effects.gravity))
             self._grain = _kept_length(round(max(seconds * 1e9, FINEST_NS) / fineness))
@@ -136,8 +145,11 @@ class TwoMasses:
             stiffness, damping = (self._stiffness, self._damping) if side else (0.0, 0.0)
             ahead = side * self._gap * stiffness
             passed = stiffness * twist - ahead + damping * (v - w)
-            push, weight = torque + effects.cogging_at(x), effects.weight_at(y)
-            still = v == 0.0 and abs(push - passed) <= self._static + self._load(torque, passed)
+            motor_torque = torque - braking * v
+            ripple = motor_torque * effects.ripple_at(x)
+            push, weight = torque + ripple + effects.cogging_at(x), effects.weight_at(y)
+            made = motor_torque + ripple
+            still = v == 0.0 and abs(push - passed) <= self._most(made, passed)
             direction = 0.0 if still else math.copysign(1.0, v or push - passed)
             viscous = self._viscous[direction < 0.0] + braking
             motion = linear_motion(
@@ -150,23 +162,26 @@ class TwoMasses:
                 hand_damping,
                 still and self._divided,
             )
-            friction = direction * self._in_motion(abs(v), torque, passed)
+            friction, excess = self._friction(abs(v), made, passed)
+            friction *= direction
             now = Moving(twist, v, w, stretch)
             held = Inputs(push - friction + ahead, weight - ahead, slope)
             longest = min(left, self._grain)
             if self._uneven:
                 gain = (push - passed - friction - viscous * v) / self._inertia
-                longest = min(longest, self._longest(abs(v), abs(gain)))
+                longest = min(longest, self._longest(abs(v), abs(gain), excess))
                 took = _kept_length(longest)
                 half = _kept_length(max(took // 2, 1))
                 middle = motion.after(now, held, half)
                 there = y + slope * half * 1e-9 + stretch - middle.stretch
                 passed = stiffness * middle.twist - ahead + damping * (middle.motor - middle.output)
-                push, weight = (
-                    torque + effects.cogging_at(there + middle.twist),
-                    effects.weight_at(there),
-                )
-                friction = direction * self._in_motion(abs(middle.motor), torque, passed)
+                at = there + middle.twist
+                motor_torque = torque - braking * middle.motor
+                ripple = motor_torque * effects.ripple_at(at)
+                made = motor_torque + ripple
+                push = torque + ripple + effects.cogging_at(at)
+                weight = effects.weight_at(there)
+                friction = direction * self._friction(abs(middle.motor), made, passed)[0]
                 if v == 0.0 and direction * (push - friction - passed) < 0.0:
                     friction = push - passed  # it breaks away just now
                 held = Inputs(push - friction + ahead, weight - ahead, slope)
@@ -177,7 +192,7 @@ class TwoMasses:
                 took = longest
                 after = motion.course(now, held, took).at(took)
             if self._divided:
-                ends = self._ends(after, direction, side, push, ahead, torque)
+                ends = self._ends(after, direction, side, push, ahead, made)
                 if ends:
                     course = motion.course(now, held, took)
                     took = min(max(course.until(*value) for value in each) for each in ends)
@@ -198,7 +213,7 @@ class TwoMasses:
         side: int,
         push: float,
         ahead: float,
-        torque: float,
+        made: float,
     ) -> list[Sequence[tuple[float, float, float, float]]]:
         """Return the conditions of the present motion that do not hold after a step.
 
@@ -222,12 +237,16 @@ class TwoMasses:
             if direction * motor <= 0.0:
                 ends.append(((0.0, 0.0, direction, 0.0),))
             return ends
-        most = self._static + self._load(torque, passed)
+        most = self._most(made, passed)
         if abs(push - passed) > most:
             sign = math.copysign(1.0, push - passed)
+            # The load grows with the transmitted torque, in proportion but for its few corners.
+            grown = self._load.slope(made, -passed) if self._loaded else 0.0
+            lever = sign - grown
             if not side:
-                stiffness = damping = 0.0
-            ends.append(((most - sign * (push + ahead), sign * stiffness, 0.0, -sign * damping),))
+                stiffness = damping = ahead = 0.0
+            rest = most + grown * passed - sign * push - lever * ahead
+            ends.append(((rest, lever * stiffness, 0.0, -lever * damping),))
         return ends
 
     def _contact(self, twist: float, rate: float) -> int:
@@ -239,26 +258,36 @@ class TwoMasses:
         pushes = deep > 0.0 and self._stiffness * deep + self._damping * side * rate > 0.0
         return side if pushes else 0
 
-    def _load(self, torque: float, passed: float) -> float:
-        return self._effects.load_friction * abs(torque + passed)
+    def _most(self, made: float, passed: float) -> float:
+        """Return the largest friction at rest [N·m]."""
+        if not self._loaded:
+            return self._static
+        load = self._load
+        return self._static + load.in_motion(made, -passed) + load.at_rest(made, -passed)
 
-    def _in_motion(self, speed: float, torque: float, passed: float) -> float:
-        """Return the friction in motion [N·m]."""
-        friction = self._coulomb + self._load(torque, passed)
+    def _friction(self, speed: float, made: float, passed: float) -> tuple[float, float]:
+        """Return the friction in motion, and the excess of that at rest [N·m]."""
+        friction, excess = self._coulomb, self._excess
         scale = self._effects.stribeck_speed
-        if self._excess > 0.0 and speed < FADED * scale:
-            friction += self._excess * math.exp(-speed / scale)
-        return friction
+        if self._loaded:
+            friction += self._load.in_motion(made, -passed)
+            if scale > 0.0:
+                excess += self._load.at_rest(made, -passed)
+        if excess > 0.0 and speed < self._faded:
+            friction += excess * math.exp(-((speed / scale) ** self._effects.stribeck_exponent))
+        return friction, excess
 
-    def _longest(self, speed: float, gain: float) -> int:
-        """Return the longest substep at this speed [rad/s] and acceleration [rad/s²], in ns."""
+    def _longest(self, speed: float, gain: float, excess: float) -> int:
+        """Return the longest substep [ns] at this speed, acceleration and excess of friction."""
         seconds, effects = GRAIN_S, self._effects
         if self._cogs > 0.0 and speed > 0.0:
             seconds = min(seconds, self._teeth / (effects.cogging_periods * speed))
+        if self._ripples > 0.0 and speed > 0.0:
+            seconds = min(seconds, self._teeth / (effects.torque_ripple_periods * speed))
         scale = effects.stribeck_speed
-        if self._excess > 0.0 and speed < FADED * scale:
-            left = math.exp(-0.5 * speed / scale)
-            steepest = gain + self._excess / self._inertia * left * left
+        if excess > 0.0 and speed < self._faded:
+            left = math.exp(-0.5 * (speed / scale) ** effects.stribeck_exponent)
+            steepest = gain + excess / self._inertia * left * left
             seconds = min(seconds, self._fall * scale / (left * steepest))
         return max(round(seconds * 1e9), 100)
 

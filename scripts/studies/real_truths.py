@@ -29,6 +29,7 @@ from haptic_wall.controller.guard.types import Decision, GuardSettings, Request,
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
 from scripts.study import Found, Given, Option, Part, Study, table
 
@@ -167,32 +168,21 @@ def asked(shares: FloatArray, side: Side) -> Asked:
 
 @dataclass(frozen=True, slots=True)
 class Truths:
-    """Walls on true servos, and the errors of their encoders."""
+    """Walls on true servos."""
 
     walls: Walls
-    eccentricity: FloatArray
-    encoder_phase: FloatArray
-    noise: FloatArray
-    """[rad]"""
 
     def take(self, index: NDArray[np.intp]) -> Truths:
         """Those at ``index``."""
-        errors = (self.eccentricity, self.encoder_phase, self.noise)
-        return Truths(self.walls.take(index), *(each[index] for each in errors))
+        return Truths(self.walls.take(index))
 
     def loops(self, position: FloatArray, velocity: FloatArray, seed: int) -> Loops:
-        """The loops at their start."""
-        random = np.random.default_rng(seed)
-        loops = Loops(self.walls, position, velocity)
-
-        def seen(at: FloatArray) -> FloatArray:
-            turned = np.sin(at + self.encoder_phase) - np.sin(self.encoder_phase)
-            error = self.eccentricity * turned  # none at the wall: where it stands does not matter
-            read: FloatArray = at + error + self.noise * random.standard_normal(at.size)
-            return read
-
-        loops.encoder = seen
-        return loops
+        """The loops at their start; the seed decides the noise of their encoders."""
+        encoder = self.walls.encoder
+        assert encoder is not None
+        seeds = np.random.default_rng(seed).integers(0, 2**32, self.walls.size, dtype=np.uint64)
+        walls = replace(self.walls, encoder=replace(encoder, seed=seeds))
+        return Loops(walls, position, velocity)
 
 
 def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None) -> Truths:
@@ -226,6 +216,7 @@ def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None 
     commanded = np.array([each.decision.stiffness for each in walls])
     back_emf = np.where(u["back_emf"] > 0.5, gain * stall / of_base("no_load_speed"), 0.0)
     size = len(walls)
+    eccentricity, phase = MOST["eccentricity"] * u["eccentricity"], math.tau * u["encoder_phase"]
     return Truths(
         Walls(
             inertia=between("inertia", u["inertia"]),
@@ -250,7 +241,9 @@ def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None 
                 stall_torque=gain * stall,
                 droop=MOST["droop"] * u["droop"],
             ),
-            effects=ManyEffects(
+            effects=ManyEffects.none(
+                between("damping", u["damping"]),
+                coulomb,
                 static_friction=coulomb * MOST["static"] ** u["static"],
                 stribeck_speed=0.05 + MOST["stribeck"] * u["stribeck"],
                 damping_back=between("damping", u["damping_back"]),
@@ -261,10 +254,15 @@ def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None 
                 cogging_periods=np.full(size, 24.0),
                 cogging_phase=math.tau * u["cogging_phase"],
             ),
+            encoder=ManyEncoderErrors(
+                eccentricity=eccentricity,
+                phase=phase,
+                noise=MOST["noise"] * u["noise"],
+                seed=np.zeros(size, dtype=np.uint64),
+                # It errs by nothing at the wall: where the wall stands does not matter.
+                offset=-eccentricity * np.sin(phase),
+            ),
         ),
-        MOST["eccentricity"] * u["eccentricity"],
-        math.tau * u["encoder_phase"],
-        MOST["noise"] * u["noise"] * COUNT,
     )
 
 

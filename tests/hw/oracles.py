@@ -104,6 +104,42 @@ def _integrate_stretch(
     return position, velocity
 
 
+class Gear(NamedTuple):
+    """Friction of a gear with its loads, and how the motor's torque varies with the position."""
+
+    motor: float = 0.0
+    external: float = 0.0
+    rest_motor: float = 0.0
+    rest_external: float = 0.0
+    square_motor: float = 0.0
+    square_external: float = 0.0
+    exponent: float = 1.0
+    ripple: float = 0.0
+    ripple_periods: float = 24.0
+    ripple_phase: float = 0.0
+
+    def friction(
+        self, coulomb: float, static: float, left: float, motor: float, outside: float
+    ) -> float:
+        """Friction with so much left of what there is at rest [N·m]."""
+        square = 0.0
+        if motor * outside < 0.0 and abs(motor) > abs(outside):
+            square = self.square_external * outside**2
+        if motor * outside < 0.0 and abs(motor) < abs(outside):
+            square = self.square_motor * motor**2
+        moving = coulomb + abs(self.external * outside - self.motor * motor)
+        resting = abs(self.rest_external * outside - self.rest_motor * motor) + square
+        return moving + left * (static - coulomb + resting)
+
+    def made(self, torque: float, x: float) -> float:
+        """What the motor makes [N·m]."""
+        return torque * (1.0 + self.ripple * math.sin(self.ripple_periods * x + self.ripple_phase))
+
+    def left(self, speed: float, stribeck: float) -> float:
+        """Share of the excess at rest that is left at a speed."""
+        return math.exp(-((abs(speed) / stribeck) ** self.exponent)) if stribeck > 0.0 else 0.0
+
+
 class Uneven(NamedTuple):
     """A servo with friction that depends on speed, direction and load, a weight and cogging."""
 
@@ -113,7 +149,7 @@ class Uneven(NamedTuple):
     coulomb: float
     static: float
     stribeck: float
-    load: float
+    gear: Gear
     gravity: float
     angle: float
     cogging: float
@@ -123,9 +159,11 @@ class Uneven(NamedTuple):
     hand_damping: float = 0.0
     braking: float = 0.0
 
-    def torques(self, stretch: Stretch, time: float, x: float, v: float) -> tuple[float, float]:
-        """What pushes the shaft, without friction, and the load on the gear [N·m]."""
-        motor = stretch.torque - self.braking * v
+    def torques(
+        self, stretch: Stretch, time: float, x: float, v: float, left: float
+    ) -> tuple[float, float]:
+        """What pushes the shaft, and its friction with so much left of that at rest [N·m]."""
+        motor = self.gear.made(stretch.torque - self.braking * v, x)
         reference = stretch.reference + stretch.slope * time
         outside = (
             self.hand_stiffness * (reference - x)
@@ -133,14 +171,8 @@ class Uneven(NamedTuple):
             - self.gravity * math.sin(x - self.angle)
         )
         cogs = -self.cogging * math.sin(self.periods * x + self.phase)
-        return motor + outside + cogs, abs(motor - outside)
-
-    def friction(self, speed: float, load: float) -> float:
-        """Coulomb, Stribeck and load-dependent friction in motion [N·m]."""
-        excess = 0.0
-        if self.stribeck > 0.0:
-            excess = (self.static - self.coulomb) * math.exp(-abs(speed) / self.stribeck)
-        return self.coulomb + excess + self.load * load
+        friction = self.gear.friction(self.coulomb, self.static, left, motor, outside)
+        return motor + outside + cogs, friction
 
 
 def integrate_uneven(
@@ -164,28 +196,33 @@ def _integrate_uneven(
     time = 0.0
     while time < stretch.duration:
         if velocity == 0.0:
-            push, load = body.torques(stretch, time, position, 0.0)
+            push, friction = body.torques(stretch, time, position, 0.0, 1.0)
             sign = math.copysign(1.0, push)
-            if abs(push) <= body.static + body.load * load:
+            if abs(push) <= friction:
                 if body.hand_stiffness * stretch.slope == 0.0:
                     return position, 0.0
                 sign = math.copysign(1.0, stretch.slope)
 
                 def excess(t: float, here: float = position, sign: float = sign) -> float:
-                    push, load = body.torques(stretch, t, here, 0.0)
-                    return sign * push - body.static - body.load * load
+                    push, friction = body.torques(stretch, t, here, 0.0, 1.0)
+                    return sign * push - friction
 
-                if excess(stretch.duration) <= 0.0:
+                # The square's part of the friction jumps: look at more than the end.
+                times = np.linspace(time, stretch.duration, 200).tolist()
+                leaves = next((k for k, t in enumerate(times) if excess(t) > 0.0), 0)
+                if leaves == 0:
                     return position, 0.0
-                time = float(brentq(excess, time, stretch.duration, xtol=1e-18, rtol=8.9e-16))
+                time = float(
+                    brentq(excess, times[leaves - 1], times[leaves], xtol=1e-18, rtol=8.9e-16)
+                )
         else:
             sign = math.copysign(1.0, velocity)
 
         def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
             x, v = state.tolist()
-            push, load = body.torques(stretch, t, x, v)
+            push, friction = body.torques(stretch, t, x, v, body.gear.left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v
-            push -= sign * body.friction(v, load)
+            push -= sign * friction
             return [v, push / body.inertia]
 
         begun = time if velocity == 0.0 else -1.0
@@ -353,7 +390,7 @@ class Coupled(NamedTuple):
     coulomb: float
     static: float
     stribeck: float
-    load: float
+    gear: Gear
     gravity: float
     angle: float
     cogging: float
@@ -380,11 +417,15 @@ class Coupled(NamedTuple):
         twist = x - y - (0.5 * side * self.gap)
         return self.stiffness * twist + self.damping * (v - w)
 
-    def net(self, stretch: Stretch, side: int, state: Sequence[float]) -> tuple[float, float]:
-        """Return what pushes the motor, without friction, and the load of its gear [N·m]."""
+    def net(
+        self, stretch: Stretch, side: int, state: Sequence[float], left: float
+    ) -> tuple[float, float]:
+        """Return what pushes the motor, and its friction with so much left of that at rest."""
         passed = self.passed(side, *state)
         cogs = -self.cogging * math.sin(self.periods * state[0] + self.phase)
-        return stretch.torque + cogs - passed, abs(stretch.torque + passed)
+        made = self.gear.made(stretch.torque, state[0])
+        friction = self.gear.friction(self.coulomb, self.static, left, made, -passed)
+        return made + cogs - passed, friction
 
 
 def integrate_coupled(
@@ -406,19 +447,16 @@ def _integrate_coupled(
     for _ in range(1000):
         x, v, y, w = state
         side = body.contact(x, v, y, w)
-        push, load = body.net(stretch, side, state)
+        push, friction = body.net(stretch, side, state, 1.0)
         sign = math.copysign(1.0, v) if v != 0.0 else breaks
-        if v == 0.0 and not breaks and abs(push) > body.static + body.load * load:
+        if v == 0.0 and not breaks and abs(push) > friction:
             sign = math.copysign(1.0, push)
 
         def slope(
             t: float, now: Sequence[float], sign: float = sign, side: int = side
         ) -> list[float]:
             x, v, y, w = now
-            push, load = body.net(stretch, side, now)
-            friction = body.coulomb + body.load * load
-            if body.stribeck > 0.0:
-                friction += (body.static - body.coulomb) * math.exp(-abs(v) / body.stribeck)
+            push, friction = body.net(stretch, side, now, body.gear.left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
             reference = stretch.reference + stretch.slope * t
             outside = body.hand_stiffness * (reference - y) + body.hand_damping * (
@@ -437,8 +475,8 @@ def _integrate_coupled(
         ) -> float:
             if sign:
                 return 1.0 if t == begun else sign * float(now[1])
-            push, load = body.net(stretch, side, list(map(float, now)))
-            return body.static + body.load * load - abs(push)
+            push, friction = body.net(stretch, side, list(map(float, now)), 1.0)
+            return friction - abs(push)
 
         def touch(
             t: float, now: NDArray[np.float64], side: int = side, begun: float = time
@@ -466,7 +504,7 @@ def _integrate_coupled(
         stopped, touched = (len(times) > 0 for times in found.t_events)
         breaks = 0.0
         if sign == 0.0 and stopped:
-            push, _ = body.net(stretch, side, last.tolist())
+            push, _ = body.net(stretch, side, last.tolist(), 1.0)
             breaks = math.copysign(1.0, push)
         if touched:  # a little beyond the contact's begin or end
             last = last + 1e-10 * np.array(slope(time, last.tolist()))

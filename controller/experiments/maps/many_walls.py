@@ -18,6 +18,7 @@ import numpy as np
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
 from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
+from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
 
 BLOCK = 4096
@@ -68,6 +69,8 @@ class Walls:
     """Of the servos; None: their torque follows at once"""
     effects: ManyEffects | None = None
     """What the servos have beside inertia and these frictions; None: nothing"""
+    encoder: ManyEncoderErrors | None = None
+    """What their encoders do beside counting; None: nothing"""
 
     @property
     def size(self) -> int:
@@ -77,11 +80,13 @@ class Walls:
     def take(self, index: IntArray | slice) -> Walls:
         """Return the walls at ``index``."""
         values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        loop, effects = values.pop("current_loop"), values.pop("effects")
+        parts = [values.pop(name) for name in ("current_loop", "effects", "encoder")]
+        loop, effects, encoder = (part if part is None else part.take(index) for part in parts)
         return Walls(
             **{name: array[index] for name, array in values.items()},
-            current_loop=None if loop is None else loop.take(index),
-            effects=None if effects is None else effects.take(index),
+            current_loop=loop,
+            effects=effects,
+            encoder=encoder,
         )
 
     def with_stiffness(self, stiffness: FloatArray) -> Walls:
@@ -137,8 +142,6 @@ class Loops:
         bodies: The servos.
         k: Periods simulated.
         hand: Torque of an operator on each servo, held over each period [N·m]; None: no operator.
-        encoder: From positions to what encoders see of them, before they round [rad]; None: the
-            positions.
     """
 
     def __init__(
@@ -151,7 +154,6 @@ class Loops:
         )
         self.k = 0
         self.hand: FloatArray | None = None
-        self.encoder: Callable[[FloatArray], FloatArray] | None = None
         self._walls = walls
         self._samples = int(walls.velocity_samples[0])
         cuts = [0, *(np.flatnonzero(np.diff(walls.whole)) + 1).tolist(), n]
@@ -177,7 +179,9 @@ class Loops:
         self._torques = np.zeros((int(walls.whole.max()) + 2, n))
         self._minus_stiffness, self._minus_limit = -walls.stiffness, -walls.torque_limit
         self._estimate, self._outside = np.empty(n), np.empty(n, dtype=np.bool_)
-        self._separate = self._rounded or self._play
+        self._errors = walls.encoder
+        self._period_ns = np.rint(walls.period * 1e9).astype(np.int64)
+        self._separate = self._rounded or self._play or self._errors is not None
         if not self._separate:
             self._measured[0] = position
             self.bodies.position = self._measured[0]
@@ -220,13 +224,17 @@ class Loops:
     def _period(self, at_switch: Callable[[], None] | None) -> None:
         k, torques, rows = self.k, self._torques, self._measured.shape[0]
         measured = self._measured[k % rows]
+        errors, seen = self._errors, self._followed
+        if errors is not None:
+            seen = errors.position(seen)
         if self._rounded:
-            seen = self._followed if self.encoder is None else self.encoder(self._followed)
             np.multiply(seen, self._walls.counts_per_radian, measured)
+            if errors is not None:
+                np.add(measured, errors.noise_at(k * self._period_ns), measured)
             np.rint(measured, measured)
             np.divide(measured, self._walls.counts_per_radian, measured)
-        elif self._play:
-            np.copyto(measured, self._followed)
+        elif self._separate:
+            np.copyto(measured, seen)
         self._command(measured, torques[k % torques.shape[0]])
         out = None if self._separate else self._measured[(k + 1) % rows]
         if self._late is not None:
@@ -296,7 +304,7 @@ class Loops:
         outside = 0.0 if self.hand is None else self.hand
         if not self._play:
             bodies.step(torque, over, out, outside)
-            if self._rounded:
+            if self._separate:
                 self._followed = bodies.position
             return
         for index, turn in bodies.step_turning(torque, over, out, outside):

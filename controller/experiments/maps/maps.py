@@ -24,6 +24,7 @@ from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.effects import Effects
+from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
 from haptic_wall.hw.settings import TrueServo
 
@@ -31,9 +32,6 @@ TOLERANCE = 1e-3
 """Default relative accuracy of a map."""
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
-
-_NOT_HERE = ("encoder_eccentricity", "encoder_noise", "load_inertia")
-"""Effects of a servo that an array of walls does not have"""
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished points, and the total."""
@@ -100,6 +98,7 @@ class MapSettings:
             servo.coulomb > 0.0
             or servo.counts_per_rev > 0
             or servo.backlash > 0.0
+            or servo.encoder_eccentricity > 0.0
             or not Effects.of(servo).none(servo.damping, servo.coulomb)
         )
 
@@ -135,6 +134,7 @@ class MapSettings:
             one_sided=np.full(one.size, self.one_sided),
             current_loop=_current_loop(servo, one.size),
             effects=alike,
+            encoder=_encoder(servo, one.size),
         )
 
 
@@ -144,14 +144,12 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     Raises:
         UserError: It has such an effect.
     """
-    for name in _NOT_HERE:
-        value = getattr(servo, name)
-        if value != 0.0:
-            raise UserError(
-                f"found {value:g}, but a map simulates servos without it",
-                field=f"servo.{name}",
-                advice="leave it out, or use haptic-wall sweep",
-            )
+    if servo.load_inertia != 0.0:
+        raise UserError(
+            f"found {servo.load_inertia:g}, but a map simulates servos without it",
+            field="servo.load_inertia",
+            advice="leave it out, or use haptic-wall sweep",
+        )
     tick_ns = round(servo.current_period * 1e9)
     if tick_ns and period_ns % tick_ns:
         raise UserError(
@@ -161,6 +159,20 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
             "has no other",
             advice="or use haptic-wall sweep",
         )
+
+
+def _encoder(servo: TrueServo, count: int) -> ManyEncoderErrors | None:
+    """Return the errors of so many encoders alike; None: they have none."""
+    if servo.encoder_eccentricity == 0.0 and servo.encoder_noise == 0.0:
+        return None
+    one = np.ones(count)
+    return ManyEncoderErrors(
+        eccentricity=servo.encoder_eccentricity * one,
+        phase=servo.encoder_phase * one,
+        noise=servo.encoder_noise * one,
+        seed=np.full(count, servo.noise_seed, dtype=np.uint64),
+        offset=0.0 * one,
+    )
 
 
 def _current_loop(servo: TrueServo, count: int) -> CurrentLoopParameters | None:

@@ -18,6 +18,7 @@ from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.hw.plant.body import PlantParameters, State, step
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
@@ -53,7 +54,7 @@ def make(n: int, **given: object) -> Walls:
 def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:
     """The measured positions of one wall, from the program's own scalar parts."""
     assert walls.current_loop is None
-    names = Walls.__dataclass_fields__.keys() - {"current_loop", "effects"}
+    names = Walls.__dataclass_fields__.keys() - {"current_loop", "effects", "encoder"}
     w = {name: getattr(walls, name)[i].item() for name in names}
     body = PlantParameters(w["inertia"], w["damping"], w["coulomb"])
     state, followed, half = State(start, velocity), start, 0.5 * w["backlash"]
@@ -249,10 +250,13 @@ def test_servos_with_a_current_loop_move_as_each_alone(
 
 
 def test_an_encoder_that_errs_is_what_the_wall_sees_and_rounds() -> None:
-    walls = make(3, counts_per_radian=100.0)
+    nothing = np.zeros(3)
+    errors = ManyEncoderErrors(
+        nothing, nothing, nothing, np.zeros(3, dtype=np.uint64), np.full(3, 0.018)
+    )
+    walls = replace(make(3, counts_per_radian=100.0), encoder=errors)
     start = np.array([0.01, -0.02, 0.0])
     loops = Loops(walls, start)
-    loops.encoder = lambda at: at + 0.018
     loops.run(1)
     np.testing.assert_allclose(loops.measured, [0.03, 0.0, 0.02], atol=1e-12)
     np.testing.assert_allclose(loops.torque, -walls.stiffness * loops.measured, atol=1e-12)

@@ -242,17 +242,41 @@ def test_friction_and_loads_of_the_servo_take_part_as_on_a_servo_alone() -> None
     assert not np.allclose(loops.bodies.position, 0.1, atol=0.01)
 
 
+@pytest.mark.parametrize("counts", [4096, 0], ids=["counts", "no counts"])
+def test_an_encoder_errs_on_a_map_as_it_does_on_a_servo_alone(counts: int) -> None:
+    sets = ["servo.encoder_eccentricity=0.02", "servo.encoder_phase=1", "wall.side=both"]
+    sets += [f"servo.counts_per_rev={counts}"]
+    sets += ["servo.encoder_noise=1.5", "servo.noise_seed=7"] if counts else []
+    setting = MapSettings.of(load_config("simulated", sets).config)
+    walls = setting.walls(np.array([0.05]), 1).with_stiffness(np.array([[20.0]]))
+    loops = Loops(walls, np.full(1, 0.1))
+    mechanism = Mechanism(replace(setting.servo, position=0.1, hand="none"), 0)
+    seen, errors = mechanism.measured_position(), []
+    for k in range(200):
+        loops.run(1)
+        position = mechanism.measured_position()
+        assert loops.measured[0] == pytest.approx(position, abs=1e-12)
+        errors.append(position - mechanism.position)
+        torque = -20.0 * position - 0.05 * (position - seen) / 1e-3
+        seen = position
+        mechanism.advance((k + 1) * 1_000_000)
+        mechanism.command(torque, mechanism.time_ns)  # a whole period later
+    assert np.ptp(errors) > 1e-3
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("servo.encoder_noise=0.2", ["servo.encoder_noise", "0.2", "sweep"]),
-        ("servo.encoder_eccentricity=0.02", ["servo.encoder_eccentricity", "sweep"]),
-        ("servo.current_period=0.0007", ["servo.current_period", "0.001 s"]),
+        (
+            ("servo.load_inertia=0.02", "servo.transmission_stiffness=200"),
+            ["servo.load_inertia", "0.02", "sweep"],
+        ),
+        (("servo.current_period=0.0007",), ["servo.current_period", "0.001 s"]),
     ],
 )
-def test_what_a_map_would_leave_out_is_refused(setting: str, words: list[str]) -> None:
+def test_what_a_map_would_leave_out_is_refused(setting: tuple[str, ...], words: list[str]) -> None:
     with pytest.raises(UserError) as caught:
-        MapSettings.of(load_config("simulated", (setting,)).config)
+        MapSettings.of(load_config("simulated", setting).config)
     assert all(word in str(caught.value) for word in words)
 
 

@@ -89,16 +89,26 @@ def test_bodies_with_effects_move_as_each_would_alone(turning: bool, thorough: b
     n, steps = 60, 1000 if thorough else 60
     rng, inertia, damping, coulomb = random_bodies(3, n, 1.5)
     inertia = np.maximum(inertia, 0.005)
+    loaded, rippled = rng.integers(0, 2, (2, n)).astype(np.float64)
     many = ManyEffects(
         static_friction=coulomb * rng.uniform(1.0, 2.0, n),
         stribeck_speed=rng.choice([0.0, 0.1, 1.0], n),
         damping_back=damping * rng.uniform(0.3, 3.0, n),
-        load_friction=rng.choice([0.0, 0.2], n),
+        load_friction=loaded * 0.2,
         gravity=rng.choice([0.0, 0.2], n),
         gravity_angle=rng.uniform(-3.0, 3.0, n),
         cogging=rng.choice([0.0, 0.05], n),
         cogging_periods=rng.integers(1, 60, n).astype(np.float64),
         cogging_phase=rng.uniform(-3.0, 3.0, n),
+        stribeck_exponent=rng.choice([0.76, 1.0, 3.0], n),
+        load_friction_external=loaded * rng.uniform(0.0, 0.3, n),
+        load_friction_at_rest=loaded * rng.choice([0.0, 0.2], n),
+        load_friction_at_rest_external=loaded * rng.choice([0.0, 0.1], n),
+        load_friction_square=loaded * 0.01,
+        load_friction_square_external=loaded * 0.02,
+        torque_ripple=rippled * 0.1,
+        torque_ripple_periods=rng.integers(1, 60, n).astype(np.float64),
+        torque_ripple_phase=rng.uniform(-3.0, 3.0, n),
     )
     position, velocity = rng.normal(size=(2, n))
     bodies = Bodies(inertia, damping, coulomb, position, velocity, many)
@@ -107,13 +117,13 @@ def test_bodies_with_effects_move_as_each_would_alone(turning: bool, thorough: b
     alone = []
     for row in range(n):
         parameters = PlantParameters(inertia[row], damping[row], coulomb[row])
-        effects = Effects(*(getattr(many, field.name)[row] for field in fields(Effects)))
+        effects = Effects(**{f.name: getattr(many, f.name)[row] for f in fields(Effects)})
         alone.append((parameters, Substeps(parameters, effects)))
     states = [State(x, v) for x, v in zip(position.tolist(), velocity.tolist(), strict=True)]
     stopped = stuck = 0
     for _ in range(steps):
         torque, outside = 0.3 * rng.normal(size=(2, n))
-        outside = 0.0 * outside if turning else outside * (many.load_friction == 0.0)
+        outside = 0.0 * outside if turning else outside * (loaded + rippled == 0.0)
         seen: list[list[float]] = [[] for _ in range(n)]
         states = [
             body.step(state, parameters, u, t, turns=turns)
