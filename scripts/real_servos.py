@@ -55,8 +55,12 @@ STATIC, STRIBECK = (1.4, 2.5), (1.1, 2.6)
 """Friction at rest over that in motion, and the speed over which it fades [rad/s]: bam's fits"""
 BACKWARD = (0.8, 1.25)
 """Viscous friction at negative over that at positive speeds: not published"""
+EXPONENT = (0.76, 3.0)
+"""Of that fading: bam's fits M2 and M4; not drawn for the identification, nor are the next two"""
 LOAD = (0.05, 0.15)
 """Share of the load: 0.076 to 0.122 in bam's fits"""
+LOAD_AT_REST, RIPPLE = (0.0, 0.234), 0.05
+"""What is added to it at rest: bam's fits M4; largest ripple of the torque: not published"""
 GRAVITY, COGGING, PERIODS = 1.1, 0.33, (4, 96)
 """Largest torques over the Coulomb friction; periods of the cogging in a turn: not published"""
 ECCENTRICITY, NOISE = 0.005, 0.3

@@ -16,7 +16,7 @@ from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.plant.current_loop import Winding, current_loop
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
+from haptic_wall.hw.plant.operator_model import OperatorModel, operator_of
 from haptic_wall.hw.plant.substeps import Substeps
 from haptic_wall.hw.plant.two_masses import TwoMasses
 from haptic_wall.hw.settings import TrueServo
@@ -70,6 +70,7 @@ class Mechanism:
         velocity: float = 0.0,
         winding: Winding | None = None,
         operator_waits: bool = False,
+        operator: OperatorModel | None = None,
     ) -> None:
         """Create a servo at ``true.position``, with no torque, at ``start_ns`` [ns].
 
@@ -80,6 +81,7 @@ class Mechanism:
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
+            operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
 
         Raises:
             ValueError: A value is out of range.
@@ -94,7 +96,8 @@ class Mechanism:
         self._two = TwoMasses(true) if true.flexible else None
         self._on_motor = true.encoder == "motor"
         self._true = true
-        self._operator = None if operator_waits else operator_of(true)
+        scripted = None if operator_waits else operator_of(true)
+        self._operator: OperatorModel | None = scripted if operator is None else operator
         self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
@@ -351,9 +354,9 @@ class Mechanism:
             state = self._step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
         else:
             while now_ns < until_ns:
-                reference, slope, turn_ns = operator.pull(now_ns - start_ns)
+                reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
-                pull = Pull(STIFFNESS, DAMPING, reference, slope)
+                pull = Pull(grip, damping, reference, slope)
                 duration = (cut_ns - now_ns) * 1e-9
                 state = self._step(state, parameters, torque, duration, pull, turns=turns)
                 now_ns = cut_ns
@@ -373,9 +376,9 @@ class Mechanism:
         while now_ns < until_ns:
             pull, cut_ns = None, until_ns
             if operator is not None:
-                reference, slope, turn_ns = operator.pull(now_ns - start_ns)
+                reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
-                pull = Pull(STIFFNESS, DAMPING, reference, slope)
+                pull = Pull(grip, damping, reference, slope)
             motor, output = two.step(
                 motor, output, self._parameters, self._torque, cut_ns - now_ns, pull
             )

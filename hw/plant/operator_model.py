@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from haptic_wall.hw.settings import HandName, TrueServo
 
@@ -30,14 +30,25 @@ LEAD_IN_SPEED = 2.0
 
 
 class ReferenceStretch(NamedTuple):
-    """A linear stretch of the reference."""
+    """A linear stretch of the reference, and how firmly the operator holds on to it."""
 
     reference: float
     """At the requested instant [rad]"""
     slope: float
     """[rad/s]"""
     until_ns: int
-    """Time of the next change of the slope [ns since the start]"""
+    """Time of the next change [ns since the start]"""
+    stiffness: float = STIFFNESS
+    """[N·m/rad]"""
+    damping: float = DAMPING
+    """[N·m·s/rad]"""
+
+
+class OperatorModel(Protocol):
+    """What moves a servo's output."""
+
+    def pull(self, elapsed_ns: int) -> ReferenceStretch:
+        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from scripts.trials.detector_trials import (
 from scripts.trials.hand_hours import HOURS
 from scripts.trials.hands import HANDS
 from scripts.trials.own_walls import WALLS
+from scripts.trials.real_rows import REAL
 from scripts.trials.recordings import RECORDINGS
 from scripts.trials.sections import HOURS_TRIED, WALLS_TRIED
 from scripts.trials.small_cycles import BACKLASH_CYCLES
@@ -186,6 +187,7 @@ STUDY = Study(
         LIMIT,
         BOUNCES,
         BACKLASH_CYCLES,
+        REAL,
         RECORDINGS,
     ),
     (Option("seed", SEED, "seed of all draws"), WALLS_TRIED, HOURS_TRIED),

@@ -11,7 +11,24 @@ import numpy as np
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from scripts.trials.truth import BackEmf, Truth
+from scripts.real_servos import (
+    BACKWARD,
+    BANDWIDTH,
+    COGGING,
+    DEAD_BAND,
+    DROOP,
+    ECCENTRICITY,
+    EXPONENT,
+    LOAD,
+    LOAD_AT_REST,
+    LOOP_PERIOD,
+    NOISE,
+    PERIODS,
+    RIPPLE,
+    STATIC,
+    STRIBECK,
+)
+from scripts.trials.truth import BackEmf, RealEffects, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""
@@ -19,6 +36,8 @@ MOST_BACKLASH = math.radians(0.5)
 MODE_HZ, MODE_DAMPING, MODE_LOAD = (10.0, 60.0), (0.01, 0.05), (0.1, 0.7)
 """Ranges for a flexible transmission: frequency with both ends free [Hz], damping ratio, load's
 fraction of the inertia"""
+_ARC_MINUTES = math.radians(0.25)
+"""Backlash of servos of the X series [rad]. Source: e-manual, tables of the XM540 and XH430"""
 _CORNERS = 0.5
 """Probability of a corner of the belief."""
 _MOTORS = {"xm430-w350": (46.0, 0.00269 * 4.1 / 2.3), "xl330-m288": (103.0, 0.0)}
@@ -73,6 +92,51 @@ def bench_of(preset: str) -> Bench:
         torque_step=step,
         sets=tuple(sets),
     )
+
+
+def draw_real(
+    bench: Bench, random: np.random.Generator, lags: tuple[float, float] = (0.0, 1.0)
+) -> Truth:
+    """Draw a servo from the whole belief that has every effect of a real one.
+
+    Args:
+        bench: With the belief; also of the backlash, 15 arcmin where it has none.
+        random: Draws.
+        lags: Range of the lag, as multiples of its believed upper bound; half of them are at its
+            upper end.
+    """
+    truth = draw_truth(bench, random, back_emf="current")
+    most = bench.belief.delay.high
+    low, high = max(bench.belief.delay.low, lags[0] * most), lags[1] * most
+    delay = high if random.random() < 0.5 else float(random.uniform(low, high))
+    periods = random.integers(*PERIODS, 2, endpoint=True).astype(np.float64).tolist()
+    phases = random.uniform(-math.pi, math.pi, 4).tolist()
+    real = RealEffects(
+        static_friction=truth.coulomb * random.uniform(*STATIC),
+        stribeck_speed=random.uniform(*STRIBECK),
+        stribeck_exponent=random.uniform(*EXPONENT),
+        damping_back=truth.damping * _within(BACKWARD, random),
+        load_friction=random.uniform(*LOAD),
+        load_friction_at_rest=random.uniform(*LOAD_AT_REST),
+        gravity=truth.coulomb * random.uniform(0.0, 0.8),
+        gravity_angle=phases[0],
+        cogging=truth.coulomb * random.uniform(0.0, COGGING),
+        cogging_periods=periods[0],
+        cogging_phase=phases[1],
+        torque_ripple=random.uniform(0.0, RIPPLE),
+        torque_ripple_periods=periods[1],
+        torque_ripple_phase=phases[2],
+        encoder_eccentricity=random.uniform(0.0, ECCENTRICITY),
+        encoder_phase=phases[3],
+        encoder_noise=random.uniform(0.0, NOISE),
+        noise_seed=int(random.integers(1 << 31)),
+        current_bandwidth=_within(BANDWIDTH, random),
+        current_period=random.uniform(0.0, LOOP_PERIOD),
+        current_droop=random.uniform(0.0, DROOP),
+        dead_band=bench.torque_limit * random.uniform(0.0, DEAD_BAND),
+    )
+    backlash = random.uniform(0.0, bench.belief.backlash.high or _ARC_MINUTES)
+    return replace(truth, delay=delay, backlash=backlash, real=real)
 
 
 def draw_truth(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,6 +153,14 @@ def told(results: list[list[HandTrial]]) -> Made:
         " true, and the rates of needless ones leave these trials out. Rates have one-sided bounds"
         " of 95 %.",
     ]
+    return Made([*lines, *hand_lines(trials, HANDS, HARDER)], needless(trials))
+
+
+def hand_lines(
+    trials: list[HandTrial], hands: Sequence[str], harder: Sequence[str] = ()
+) -> list[str]:
+    """Return the tables of both servos, and what is said of them together."""
+    lines = []
     for preset in PRESETS:
         here = [one for one in trials if one.case.preset == preset]
         lines += [
@@ -161,19 +170,24 @@ def told(results: list[list[HandTrial]]) -> Made:
             "| operator | hours | probes | found a hand | needlessly softened | taken back |"
             " needlessly suspected | goes on | trips |",
             "|---|---|---|---|---|---|---|---|---|",
-            *(_line(name, [t for t in here if t.case.operator == name]) for name in HANDS),
-            _line("**these together**", [t for t in here if t.case.operator in HANDS]),
+            *(_line(name, [t for t in here if t.case.operator == name]) for name in hands),
+            _line("**these together**", [t for t in here if t.case.operator in hands]),
             *(
                 _line(f"{name} (harder)", [t for t in here if t.case.operator == name])
-                for name in HARDER
+                for name in harder
             ),
         ]
-    lines += [
+    others = ", the operators that are not the harder ones" if harder else ""
+    return [
+        *lines,
         "",
-        "Both servos, the operators that are not the harder ones:"
-        f" {_sentence([t for t in trials if t.case.operator in HANDS])}",
+        f"Both servos{others}: {_sentence([t for t in trials if t.case.operator in hands])}",
     ]
-    wrong: list[tuple[str, object]] = [
+
+
+def needless(trials: list[HandTrial]) -> list[tuple[str, object]]:
+    """Return what was done to walls that did nothing wrong, and the case."""
+    return [
         (
             f"softened {one.softened}, taken back {one.returned}, suspected {one.believed},"
             f" trip {one.trip}, goes on {one.goes_on}",
@@ -182,19 +196,18 @@ def told(results: list[list[HandTrial]]) -> Made:
         for one in trials
         if one.trip or (one.softened and not one.goes_on)
     ]
-    return Made(lines, wrong)
 
 
 def _line(name: str, trials: list[HandTrial]) -> str:
     hours = sum(one.seconds for one in trials) / 3600.0
-    needless = [one for one in trials if not one.goes_on]
+    innocent = [one for one in trials if not one.goes_on]
     probes = sum(one.probes for one in trials)
     return (
         f"| {name} | {hours:.2f} | {probes / hours if hours else 0.0:.1f}/h |"
         f" {sum(one.hands for one in trials)} |"
-        f" {hourly(sum(one.softened for one in needless), hours)} |"
-        f" {sum(one.returned for one in needless)} |"
-        f" {hourly(sum(one.believed for one in needless), hours)} |"
+        f" {hourly(sum(one.softened for one in innocent), hours)} |"
+        f" {sum(one.returned for one in innocent)} |"
+        f" {hourly(sum(one.believed for one in innocent), hours)} |"
         f" {sum(one.goes_on for one in trials)} |"
         f" {hourly(sum(one.trip is not None for one in trials), hours)} |"
     )
@@ -202,12 +215,12 @@ def _line(name: str, trials: list[HandTrial]) -> str:
 
 def _sentence(trials: list[HandTrial]) -> str:
     hours = sum(one.seconds for one in trials) / 3600.0
-    needless = [one for one in trials if not one.goes_on]
+    innocent = [one for one in trials if not one.goes_on]
     return (
         f"{hours:.1f} hours; trips {hourly(sum(t.trip is not None for t in trials), hours)};"
-        f" needlessly softened {hourly(sum(t.softened for t in needless), hours)}, of these taken"
-        f" back {sum(t.returned for t in needless)}; needlessly suspected"
-        f" {hourly(sum(t.believed for t in needless), hours)}."
+        f" needlessly softened {hourly(sum(t.softened for t in innocent), hours)}, of these taken"
+        f" back {sum(t.returned for t in innocent)}; needlessly suspected"
+        f" {hourly(sum(t.believed for t in innocent), hours)}."
     )
 
 

@@ -97,31 +97,39 @@ def told(cells: list[Cell]) -> Made:
         " `reduce`, the motion sustains itself above four counts and is called quiet or decaying."
         " The trip by speed is off; the walls that are late are tried again with it.",
     ]
-    head = [
-        "| servo | lag | walls | oscillate | with `reduce` decays or ends in time | late, by at"
-        " most | of these, with the trip by speed | never | of all, a trip | unseen |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
     for preset in PRESETS:
         here = [one for one in cells if one.preset == preset]
-        lines += ["", f"**{preset}**", "", *head]
+        lines += ["", f"**{preset}**", "", *WALL_HEAD]
         for name in [row.name for row in ROWS]:
             lines += [
-                _line(name, lags.name, [c for c in here if c.row == name and c.lags == lags.name])
+                wall_line(
+                    name, lags.name, [c for c in here if c.row == name and c.lags == lags.name]
+                )
                 for lags in LAGS
             ]
         lines += [
-            _line("all rows", lags.name, [c for c in here if c.lags == lags.name]) for lags in LAGS
+            wall_line("all rows", lags.name, [c for c in here if c.lags == lags.name])
+            for lags in LAGS
         ]
-        lines.append(_line("all rows", "all", here))
+        lines.append(wall_line("all rows", "all", here))
+    return Made(lines, late_or_unseen(cells))
+
+
+WALL_HEAD = [
+    "| servo | lag | walls | oscillate | with `reduce` decays or ends in time | late, by at"
+    " most | of these, with the trip by speed | never | of all, a trip | unseen |",
+    "|---|---|---|---|---|---|---|---|---|---|",
+]
+
+
+def late_or_unseen(cells: list[Cell]) -> list[tuple[str, object]]:
+    """Return what went wrong, and the case."""
     found = [one for some in cells for one in some.found]
-    wrong: list[tuple[str, object]] = [
-        (_what(one), one.case) for one in found if not one.in_time or one.unseen
-    ]
-    return Made(lines, wrong)
+    return [(_what(one), one.case) for one in found if not one.in_time or one.unseen]
 
 
-def _line(name: str, lags: str, cells: list[Cell]) -> str:
+def wall_line(name: str, lags: str, cells: list[Cell]) -> str:
+    """Return the row of a table with ``WALL_HEAD``."""
     found = [one for some in cells for one in some.found]
     n = len(found)
     late = [one.late_s for one in found if not one.in_time and not one.never]

@@ -28,6 +28,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
 from scripts.trials.operators import NOBODY, Operator
+from scripts.trials.real_servo import RealTrialServo
 from scripts.trials.servo import TrialServo
 from scripts.trials.truth import Truth
 
@@ -136,7 +137,13 @@ def run_trial(
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
     clock = SimulatedClock()
-    servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, step_s=step_s)
+    servo: TrialServo | RealTrialServo
+    if truth.real is None:
+        servo = TrialServo(
+            truth, clock, operator, position=position, velocity=velocity, step_s=step_s
+        )
+    else:
+        servo = RealTrialServo(truth, clock, operator, position=position, velocity=velocity)
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
@@ -203,7 +210,7 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
 
 
 def _schedule(
-    config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
+    config: Config, servo: TrialServo | RealTrialServo, sets: tuple[str, ...], wall: WallAsked
 ) -> GainSchedule:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:

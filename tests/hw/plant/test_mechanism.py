@@ -237,7 +237,7 @@ def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking(
         torque = 0.5 * math.sin(0.05 * k)
         mechanism.command(torque, k * MS, braking=0.03)
         mechanism.advance((k + 1) * MS)
-        reference, slope, _ = operator.pull(k * MS)
+        reference, slope, *_ = operator.pull(k * MS)
         [state] = integrate_uneven(body, *state, [Stretch(1e-3, torque, reference, slope)])
     assert mechanism.position == pytest.approx(state[0], abs=1e-6)
     assert mechanism.velocity == pytest.approx(state[1], abs=1e-4)
