@@ -82,7 +82,7 @@ class Detector:
         )
         self._motion: HalfCycleSums | None = None
         self._before: HalfCycle | None = None
-        self._mixed = self._blind = False
+        self._mixed = self._blind = self._fresh = False
         self._streaks = Streaks(tuning.streaks)
         self._sizes: deque[float] = deque(maxlen=tuning.belief.sustained)
         self._times: deque[float] = deque(maxlen=tuning.belief.sustained)
@@ -148,6 +148,7 @@ class Detector:
             turning = self.settings.tuning.half_cycles
             self._motion = HalfCycleSums(self.settings.period, self._step, position, turning)
             self._refilter()
+            self._fresh = True
             return self.state
         if motion.update(position, torque, periods):
             earlier = motion.before
@@ -165,8 +166,20 @@ class Detector:
             since = motion.since
             way = abs(motion.position - since[0])
             if way > self._way:
-                self._check(self.balance.gives_out(motion.now(), since, way, motion.speed))
+                self._mixed = self._fresh and self._came_in(motion)
+                self._fresh = False
+                if not self._mixed:
+                    self._check(self.balance.gives_out(motion.now(), since, way, motion.speed))
         return self.state
+
+    def _came_in(self, motion: HalfCycleSums) -> bool:
+        """Whether the first motion goes into the wall: it came with a speed, or a hand moves it.
+
+        The wall's torque then began during the motion, later than its potential by the delay and
+        the filter, and seems to take less than the spring stores.
+        """
+        potential = self.balance.potential
+        return potential(motion.position) > potential(motion.since[0])
 
     @property
     def _torn(self) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 from scripts.trials.operators import NOBODY, Operator, operator_of
+from scripts.trials.real_servo import RealTrialServo
 from scripts.trials.servo import TrialServo
-from scripts.trials.truth import Truth
+from scripts.trials.truth import RealEffects, Truth
 from tests.scripts.trial_help import kick, mode_hz, released
 
 COUNT = math.tau / 4096
@@ -251,3 +253,29 @@ def test_a_kick_ends() -> None:
 def test_a_truth_says_what_is_wrong_with_it(wrong: dict[str, float], name: str) -> None:
     with pytest.raises(ValueError, match=name):
         Truth(**wrong)  # type: ignore[arg-type]
+
+
+def test_the_servo_with_every_effect_is_the_other_one_where_they_are_nothing() -> None:
+    truth = Truth(0.011, 0.012, 0.06, torque_gain=1.2, delay=2.3e-3, counts_per_rev=0)
+    sizes: dict[str, Any] = {
+        **{field.name: 0 for field in fields(RealEffects)},
+        "stribeck_exponent": 1.0,
+        "damping_back": truth.damping,
+        "cogging_periods": 1.0,
+        "torque_ripple_periods": 1.0,
+        "current_bandwidth": 5000.0,
+    }
+    real = replace(truth, real=RealEffects(**sizes))
+    hand = operator_of(6.0, 0.1, 0.3 * np.sin(np.arange(400) * 0.03), push=0.2)
+    ends: list[list[float]] = []
+    for make in (TrialServo, RealTrialServo):
+        clock = SimulatedClock()
+        servo = make(real if make is RealTrialServo else truth, clock, hand, position=0.1)
+        for k in range(600):
+            clock.wait_until(k * 1_000_000)
+            servo.request()
+            servo.collect(0)
+            assert servo.write(0.5 * math.sin(0.05 * k)) == pytest.approx(0.5 * math.sin(0.05 * k))
+        ends.append(servo.outputs)
+    assert np.ptp(ends[0]) > 0.3
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)

@@ -223,3 +223,17 @@ class TestRecord:
         assert position_step(noisy) == pytest.approx(COUNT, rel=1e-6)
         _, smooth, _ = free_oscillation(6.0, 0.0, 30 * COUNT, 2.0, step=0.0)
         assert position_step(smooth) == 0.0
+
+
+def test_a_shaft_that_comes_in_with_a_speed_as_the_wall_comes_on_is_no_alarm() -> None:
+    """The torque begins during the motion: it seems to take less than the spring stores."""
+    stiffness = 24.0
+    detector = Detector(settings(coulomb=0.0615))
+    detector.stiffness, detector.balance.surface, detector.balance.lag = stiffness, 0.0, 1.3e-3
+    sent = [0.0, 0.0]
+    for k in range(300):
+        depth = 20.0 * COUNT + 1.5 * 0.02 * (1.0 - math.exp(-k / 20.0))  # a hand slows it down
+        position = round(depth / COUNT) * COUNT
+        detector.update(position, sent[-2])
+        assert not detector.alarm
+        sent.append(-stiffness * position)
