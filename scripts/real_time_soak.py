@@ -15,6 +15,7 @@ import numpy as np
 from haptic_wall.controller.bench.loops import FORGIVING
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
@@ -66,9 +67,11 @@ def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Pat
         row.time_s for row in truth if row.event == "rx" and row.instruction == Instruction.READ
     ]
     _, rows = read_log(log)
-    rows = rows[np.isfinite(rows["position"])]
+    position: FloatArray = rows["position"]
+    known = np.isfinite(position)
+    sampled: FloatArray = rows["sampled_ns"][known] * 1e-9
     true = np.interp(
-        rows["sampled_ns"] * 1e-9,
+        sampled,
         [row.time_s for row in states],
         [row.position_rad for row in states],
     )
@@ -77,5 +80,5 @@ def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Pat
         json.loads(output),
         Counter(row.fault for row in truth if row.event == "fault"),
         1.0 / float(np.median(np.diff(last))),
-        float(np.abs(rows["position"] - true).max()),
+        float(np.abs(position[known] - true).max()),
     )

@@ -304,17 +304,14 @@ def on(port: str, *more: str) -> list[str]:
 
 
 def test_hardware_that_is_not_there_or_unfit_is_named(tmp_path: Path, refused: Refused) -> None:
+    """A kind of refusal each; tests/hw/dynamixel/test_startup.py has the others."""
     assert "/dev/ttyNONE does not exist" in refused(*on("/dev/ttyNONE"))
-    with emulator(tmp_path, "--servo", "XM430-W350:1", "--servo", "XL430-W250:2") as (_, port):
+    limp = refused(*on("/dev/ttyNONE", "servo.model=XL430-W250"), status=2)
+    assert "servo.model" in limp and "did you mean XM430-W350" in limp
+    with emulator(tmp_path) as (_, port):
         assert "id 7" in refused(*on(port, "servo.id=7"))
         wrong_model = refused(*on(port, "servo.model=XM540-W270"))
         assert "XM430-W350" in wrong_model and "XM540-W270" in wrong_model
-        no_current = refused(*on(port, "servo.id=2"))
-        assert "XL430-W250" in no_current
-        limp = refused(*on(port, "servo.model=XL430-W250"), status=2)
-        assert "servo.model" in limp and "did you mean XM430-W350" in limp
-        wrong_baud = refused(*on(port, "servo.baud=1000000"))
-        assert "1000000" in wrong_baud
 
 
 def test_a_port_that_another_run_holds_is_busy(tmp_path: Path, refused: Refused) -> None:

@@ -28,6 +28,7 @@ from haptic_wall.controller.runtime.telemetry import (
     Word,
 )
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 EVERY_S: Final = 0.1
@@ -105,8 +106,10 @@ class RunView:
             return None
         fine = (rows["outcome"] == Outcome.OK) | (rows["outcome"] == Outcome.WAITING)
         self._lost += int(np.count_nonzero(~fine))
-        self._largest = max(self._largest, float(np.abs(rows["torque"]).max()))
-        known = rows["position"][np.isfinite(rows["position"])]
+        torque: FloatArray = rows["torque"]
+        position: FloatArray = rows["position"]
+        self._largest = max(self._largest, float(np.abs(torque).max()))
+        known = position[np.isfinite(position)]
         if math.isnan(self._surface) and known.size:
             self._surface = self._config.surface(float(known[0]))
         row = rows[-1]

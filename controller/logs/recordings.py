@@ -31,6 +31,7 @@ from haptic_wall.controller.logs.windows import WINDOW, Window, windows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.printable import in_line
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
@@ -123,7 +124,8 @@ def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
     for piece in rows.pieces():
         log = logs[-1]
         if isinstance(piece, np.ndarray):
-            known = piece["position"][np.isfinite(piece["position"])]
+            position: FloatArray = piece["position"]
+            known = position[np.isfinite(position)]
             if log.begins and known.size:
                 log.started_at, log.begins = float(known[0]), False
             on = piece[(piece["flags"] & FLAG_WARM_UP) == 0]
@@ -170,13 +172,14 @@ def _with_wall_on(rows: LogRows) -> Iterator[tuple[int, NDArray[np.void]]]:
 
 def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> Recording:
     rows = window.rows
-    good = (rows["outcome"] == Outcome.OK) & np.isfinite(rows["position"])
+    position: FloatArray = rows["position"]
+    good: NDArray[np.bool_] = (rows["outcome"] == Outcome.OK) & np.isfinite(position)
     belief = config.belief()
     gain = belief.torque_gain.value
     age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
     whole = Part(
         times=(rows["deadline_ns"] - origin_ns) * 1e-9,
-        positions=np.where(good, rows["position"], np.nan),
+        positions=np.where(good, position, np.nan),
         torques=rows["torque"].astype(np.float64),
         stiffness=rows["stiffness"].astype(np.float64),
     )

@@ -25,6 +25,7 @@ from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 _GATHERED = 100_000
@@ -65,7 +66,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     begin = next(rows.blocks(), None)
     if begin is None or begin["seq"][0] != 0 or "cut" in metadata or "phases" in metadata:
         return None
-    known = begin["position"][np.isfinite(begin["position"])]
+    position: FloatArray = begin["position"]
+    known = position[np.isfinite(position)]
     whole = _looked_through(log)
     if whole is None:
         return None

@@ -16,6 +16,7 @@ from haptic_wall.controller.logs.rows import LogRows, gathered
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.controller.system.printable import in_line
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
 
@@ -150,7 +151,8 @@ class LogSummary:
         touched = (rows["flags"] & (FLAG_CONTACT | FLAG_WARM_UP | FLAG_OFF)) == FLAG_CONTACT
         self._contact += int(np.count_nonzero(touched))
         for extremes, field in ((self._position, "position"), (self._torque, "torque")):
-            known = rows[field][np.isfinite(rows[field])]
+            values: FloatArray = rows[field]
+            known = values[np.isfinite(values)]
             if known.size:
                 extremes[0] = min(extremes[0], float(known.min()))
                 extremes[1] = max(extremes[1], float(known.max()))

@@ -13,6 +13,7 @@ from haptic_wall.controller.report.dense_picture import line, outline
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,9 +39,10 @@ class DrawnRun:
     @property
     def surface(self) -> float:
         """Return the wall's position [rad]; NaN: not known."""
-        position = self.rows["position"][np.isfinite(self.rows["position"])]
-        begins = self.rows["seq"][0] == 0 and position.size
-        return self.config.surface(float(position[0]) if begins else math.nan)
+        position: FloatArray = self.rows["position"]
+        known = position[np.isfinite(position)]
+        begins = self.rows["seq"][0] == 0 and known.size
+        return self.config.surface(float(known[0]) if begins else math.nan)
 
     @property
     def rows(self) -> NDArray[np.void]:
@@ -95,10 +97,11 @@ def torque(ax: Axes, run: DrawnRun) -> None:
     saturated = (rows["flags"] & FLAG_SATURATED) != 0
     limit = _torque_limit(run, saturated)
     if limit is not None:
-        largest = float(np.nanmax(np.abs(rows["torque"])))
+        torque: FloatArray = rows["torque"]
+        largest = float(np.nanmax(np.abs(torque)))
         if largest > 0.4 * limit:
             for sign in (-1, 1):
-                if np.any(sign * rows["torque"] > 0.4 * limit):
+                if np.any(sign * torque > 0.4 * limit):
                     ax.axhline(sign * limit, color=_ALARM, linestyle="--", linewidth=1.0)
             ax.plot([], [], "--", color=_ALARM, label=f"limit ±{limit:.3g} N·m")
         else:
@@ -109,7 +112,8 @@ def torque(ax: Axes, run: DrawnRun) -> None:
 def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
     """Return the torque limit as far as the log shows it [N·m]."""
     if saturated.any():
-        return float(np.abs(run.rows["torque"][saturated]).max())
+        torque: FloatArray = run.rows["torque"][saturated]
+        return float(np.abs(torque).max())
     config = run.config
     limit = config.servo.torque_limit
     if config.servo.kind != "hardware":

@@ -285,7 +285,8 @@ def _share_of_exact(walls: _Walls, quick: bool) -> FloatArray:
         low, high = ends()
         # a narrow gap around the expected crossing
         around = np.array([-0.05, 0.05]) * (high - low)
-        tried = np.clip(bracket.crossing()[some, None] + around, low, high)
+        expected: FloatArray = bracket.crossing()[some, None]
+        tried = np.minimum(np.maximum(expected + around, low), high)
         bracket.narrow(some, tried, _worst(chosen, tried))
     share = np.where(bracket.low > 0, np.minimum(bracket.crossing(), 1.0), 0.0)
     return np.where(at_exact > 1, share, 1.0)

@@ -25,6 +25,7 @@ from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.telemetry import CAPACITY, FLAG_WARM_UP, Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT, TICK_MODULUS
@@ -94,9 +95,12 @@ class WatchedTelemetry(Telemetry):
         seq = np.arange(passed.rows, passed.rows + rows.size)
         passed.off_seq += int(np.count_nonzero(rows["seq"] != seq))
         on_grid = passed.first_ns + seq * PERIOD_NS
-        passed.off_grid += int(np.count_nonzero(rows["deadline_ns"] != on_grid))
+        deadline_ns: IntArray = rows["deadline_ns"]
+        passed.off_grid += int(np.count_nonzero(deadline_ns != on_grid))
         passed.failed += int(np.count_nonzero(rows["outcome"] != Outcome.OK))
-        finite = np.isfinite(rows["position"]) & np.isfinite(rows["torque"])
+        position: FloatArray = rows["position"]
+        torque: FloatArray = rows["torque"]
+        finite = np.isfinite(position) & np.isfinite(torque)
         passed.not_finite += int(np.count_nonzero(~finite))
         passed.alarmed += int(np.count_nonzero(rows["oscillation"] >= Oscillation.SUSTAINED))
         self._compare(rows[(rows["flags"] & FLAG_WARM_UP) == 0])
@@ -112,15 +116,17 @@ class WatchedTelemetry(Telemetry):
     def _compare(self, rows: NDArray[np.void]) -> None:
         """Each round of the hand with its third one."""
         length = round(SCRIPTS["push"].times_s[-1] * 1e9) // PERIOD_NS
-        number, place = np.divmod(rows["seq"], length)
+        seq: IntArray = rows["seq"]
+        position: FloatArray = rows["position"]
+        number, place = np.divmod(seq, length)
         third = number == 2
         if third.any():
             if self._round.size == 0:
                 self._round = np.full(length, np.nan)
-            self._round[place[third]] = rows["position"][third]
+            self._round[place[third]] = position[third]
         later = number > 2
         if later.any():
-            away = np.abs(rows["position"][later] - self._round[place[later]])
+            away = np.abs(position[later] - self._round[place[later]])
             counts = float(np.nanmax(away)) / POSITION_UNIT
             self.passed.furthest_counts = max(self.passed.furthest_counts, counts)
 

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 
 from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
 from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
 from scripts.study import Part, Study, table_of
@@ -103,7 +104,8 @@ def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
     ticks = found.ticks
     if not isinstance(reason, Trip):
         after = ticks[ticks["deadline_ns"] >= struck_ns - PERIOD_NS]
-        failed = int(np.count_nonzero(after["outcome"] != Outcome.OK))
+        outcome: IntArray = after["outcome"]
+        failed = int(np.count_nonzero(outcome != Outcome.OK))
         did = f"goes on; {counted}" if counted else "goes on; nothing is counted"
         periods = f"{failed} without a sample"
         return [name, f"`{spec}`", did, periods, difference(found, calm(preset))]

@@ -27,6 +27,7 @@ from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, peak
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
@@ -222,7 +223,8 @@ def _play(config: Config, case: Case) -> Outcome:
             break
     servo.close()
     rows = telemetry.read(0)[0]
-    away = np.abs(rows["position"])
+    position: FloatArray = rows["position"]
+    away = np.abs(position)
     alarm_s = parts.motion.watch.first_alarm_s
     alarm = len(away) if math.isnan(alarm_s) else max(1, round(alarm_s / PERIOD))
     five = round(5 * cycle)

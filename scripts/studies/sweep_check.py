@@ -262,7 +262,9 @@ def witnessed_delay(log: Path, limit: float) -> list[tuple[float, float]]:
         if not near or own.size < 2 * WINDOW:
             continue
         parts = np.array_split(own[:-1], own.size // WINDOW)
-        spoilt = [float(np.mean((part["outcome"] != 0) + part["missed"])) for part in parts]
+        spoilt = [
+            float(np.mean(part["outcome"] != 0)) + float(np.mean(part["missed"])) for part in parts
+        ]
         for part, share in zip(parts, spoilt, strict=True):
             if share > max(QUIET, float(np.median(spoilt))):
                 continue  # the sweep leaves out what was disturbed too

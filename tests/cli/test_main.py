@@ -185,7 +185,7 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
         (["run", "nosuch"], 2),
         (["run", "--nosuch"], 2),
         (["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"], 0),
-        (["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--out=there"], 0),
+        (["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"], 0),
     ],
 )
 def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
@@ -255,16 +255,21 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
 
 
 @pytest.mark.parametrize(
-    ("closed", "clock"), [("<&- >&- 2>&-", "monotonic"), ("<&-", "simulated"), (">&-", "simulated")]
+    ("closed", "clock", "picture"),
+    [
+        ("<&- >&- 2>&-", "monotonic", "--no-plot"),
+        ("<&-", "simulated", "--plot run.png"),
+        (">&-", "simulated", "--no-plot"),
+    ],
 )
 def test_closed_standard_streams_do_not_disturb_a_run(
-    closed: str, clock: str, tmp_path: Path
+    closed: str, clock: str, picture: str, tmp_path: Path
 ) -> None:
     """As a service manager may start it: what it opens must not take their numbers."""
     command = f"exec {PYTHON} -m haptic_wall.controller.cli.main run simulated --duration 0.1"
     command = f"{command} --set loop.clock={clock}"
     done = subprocess.run(
-        ["sh", "-c", f"{command} --log run.hwlog --plot run.png {closed}"],
+        ["sh", "-c", f"{command} --log run.hwlog {picture} {closed}"],
         capture_output=True,
         text=True,
         cwd=tmp_path,

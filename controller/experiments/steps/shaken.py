@@ -99,7 +99,8 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     played = bed.play(name, phases, shaking.delay_steps)
     rows, period = played.rows, config.period_s
     stepping = rows[np.isin(rows["phase"], [i for i, p in enumerate(phases) if not p.stiffness])]
-    away = np.ptp(stepping["position"]) if stepping.size else 0.0
+    position: FloatArray = stepping["position"]
+    away = float(np.ptp(position)) if stepping.size else 0.0
     if away < _MOVED * plan.travel:
         raise ExperimentFailedError(
             f"the servo does not move: {away:.2g} rad under torque steps of ±{plan.torque:.3g} N·m",

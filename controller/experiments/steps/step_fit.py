@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from haptic_wall.controller.experiments.steps.torque_steps import Step
@@ -79,6 +80,80 @@ class StepFit:
     def decay(self) -> float:
         """Return viscous damping over inertia [1/s]."""
         return float(self.values[DECAY])
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The samples of several steps, one step after the other: arrays of shape (samples,)."""
+
+    time: FloatArray
+    """Since the step was sent [s]"""
+    position: FloatArray
+    """[rad]"""
+    before: FloatArray
+    """Torque before the sample's step [N·m]"""
+    after: FloatArray
+    """Torque after it [N·m]"""
+    direction: FloatArray
+    """Of its motion, 1 or -1"""
+    begins: NDArray[np.intp]
+    """First sample of each step, shape (steps,)"""
+    sizes: NDArray[np.intp]
+    """Number of samples of each step, shape (steps,)"""
+
+    @classmethod
+    def of(cls, steps: Sequence[Step]) -> Samples:
+        """Join the samples of steps."""
+        sizes = np.array([step.time.size for step in steps])
+
+        def common(name: str) -> FloatArray:
+            return np.repeat([float(getattr(step, name)) for step in steps], sizes)
+
+        return cls(
+            np.concatenate([step.time for step in steps]),
+            np.concatenate([step.position for step in steps]),
+            common("before"),
+            common("after"),
+            common("direction"),
+            np.cumsum(sizes) - sizes,
+            sizes,
+        )
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """Return the residuals with the best initial state of each step [rad].
+
+        Args:
+            values: As in ``StepFit``.
+        """
+        lag, gain, friction, decay = values
+        time = self.time - lag
+        once, twice = shapes(float(decay), time)
+        torque = np.where(time < 0.0, self.before, self.after)
+        forced = (gain * torque - friction * self.direction) * twice
+        return self._without_line(once, self.position - forced)
+
+    def without_start(self, values: FloatArray, motion: FloatArray) -> FloatArray:
+        """Return the part of motions that no initial position and velocity of a step explains.
+
+        Args:
+            values: As in ``StepFit``.
+            motion: Shape (..., samples).
+        """
+        lag, _, _, decay = values
+        return self._without_line(shapes(float(decay), self.time - lag)[0], motion)
+
+    def _without_line(self, once: FloatArray, motion: FloatArray) -> FloatArray:
+        away, rest = once - self._mean(once), motion - self._mean(motion)
+        spread = self._mean(away**2)
+        slope = self._mean(away * rest) / np.where(spread > 0.0, spread, 1.0)
+        left: FloatArray = rest - slope * away
+        return left
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        """Return the mean over each step, at each of its samples."""
+        means = np.add.reduceat(values, self.begins, axis=-1) / self.sizes
+        repeated: FloatArray = np.repeat(means, self.sizes, axis=-1)
+        return repeated
 
 
 def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
@@ -186,35 +261,15 @@ def residuals(steps: Sequence[Step], values: FloatArray) -> list[FloatArray]:
         steps: Any.
         values: As in ``StepFit``.
     """
-    left = []
-    for step in steps:
-        _, once, forced = _parts(step, values)
-        left.append(_without_start(once, step.position - forced))
-    return left
+    samples = Samples.of(steps)
+    return np.split(samples.residuals(values), samples.begins[1:])
 
 
-def without_start(step: Step, values: FloatArray, motion: FloatArray) -> FloatArray:
-    """Return the part of a motion that a step's initial position and velocity cannot explain.
-
-    Args:
-        step: Its samples.
-        values: As in ``StepFit``.
-        motion: One or more motions at these samples, shape (samples, ...).
-    """
-    return _without_start(_parts(step, values)[1], motion)
-
-
-def _without_start(once: FloatArray, motion: FloatArray) -> FloatArray:
-    basis, _ = np.linalg.qr(np.stack([np.ones_like(once), once], axis=1))
-    rest: FloatArray = motion - basis @ (basis.T @ motion)
-    return rest
-
-
-def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) -> FloatArray:
+def jacobian_of(samples: Samples, values: FloatArray, scale: FloatArray) -> FloatArray:
     """Return derivatives of all residuals with respect to the values, shape (samples, 4).
 
     Args:
-        steps: Any.
+        samples: Of all steps.
         values: As in ``StepFit``.
         scale: Approximate size of each value, all above 0; from ``scale_of``.
     """
@@ -223,8 +278,7 @@ def jacobian_of(steps: Sequence[Step], values: FloatArray, scale: FloatArray) ->
         up, down = values.copy(), values.copy()
         up[i] += width
         down[i] -= width
-        ahead, behind = residuals(steps, up), residuals(steps, down)
-        columns.append((np.concatenate(ahead) - np.concatenate(behind)) / (2.0 * width))
+        columns.append((samples.residuals(up) - samples.residuals(down)) / (2.0 * width))
     return np.stack(columns, axis=1)
 
 
@@ -241,15 +295,16 @@ def _least_squares(
     The lag stays where most steps have samples on both sides: outside, the fit diverges to lags at
     which a torque has always acted, or never will.
     """
+    samples = Samples.of(steps)
     low, high = np.full(4, -np.inf), np.full(4, np.inf)
     low[LAG] = np.median([step.time[0] for step in steps])
     high[LAG] = np.median([step.time[-1] for step in steps])
     # A very large decay overflows; squares that are zero divide.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         found = least_squares(
-            lambda values: np.concatenate(residuals(steps, values)),
+            samples.residuals,
             values,
-            lambda values: jacobian_of(steps, values, scale),
+            lambda values: jacobian_of(samples, values, scale),
             bounds=(low, high),
             x_scale=scale,
             ftol=_ENOUGH,

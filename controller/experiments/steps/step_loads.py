@@ -24,13 +24,12 @@ from haptic_wall.controller.experiments.steps.step_check import ROUGH, noise
 from haptic_wall.controller.experiments.steps.step_fit import (
     GAIN,
     LAG,
+    Samples,
     StepFit,
     covariance_of,
     fit_steps,
     jacobian_of,
-    residuals,
     scale_of,
-    without_start,
 )
 from haptic_wall.controller.experiments.steps.torque_steps import Step
 from haptic_wall.controller.theory.checks import FloatArray
@@ -47,7 +46,7 @@ _ROUNDS = 2
 class _Measured(NamedTuple):
     """The measured steps, and their fit without loads."""
 
-    steps: tuple[Step, ...]
+    samples: Samples
     values: FloatArray
     rest: FloatArray
     """Residuals of all samples [rad]"""
@@ -99,7 +98,7 @@ def without_loads(fit: StepFit) -> StepFit:
 
 def _waves(measured: _Measured) -> list[float]:
     """Return the periods in a turn of the visible waves; 1: a weight."""
-    one = float(measured.rest @ measured.rest) / len(measured.steps)
+    one = float(measured.rest @ measured.rest) / measured.samples.sizes.size
     least = _solved(measured, [1.0]).left
     waves = [1.0]
     if measured.rest @ measured.rest - least < _WEIGHT * one:
@@ -113,15 +112,16 @@ def _waves(measured: _Measured) -> list[float]:
 
 def _measured(steps: tuple[Step, ...], values: FloatArray) -> _Measured:
     scale = scale_of(steps, abs(float(values[GAIN])))
-    rest = np.concatenate(residuals(steps, values))
-    return _Measured(steps, values, rest, jacobian_of(steps, values, scale))
+    samples = Samples.of(steps)
+    jacobian = jacobian_of(samples, values, scale)
+    return _Measured(samples, values, samples.residuals(values), jacobian)
 
 
 def _solved(measured: _Measured, waves: list[float]) -> _Found:
     """Fit the sizes of waves together with the values."""
-    values = measured.values
-    loads = [without_start(step, values, _moved(step, waves).T) for step in measured.steps]
-    columns = np.concatenate([measured.jacobian, -np.concatenate(loads)], axis=1)
+    samples = measured.samples
+    loads = samples.without_start(measured.values, _moved(samples, waves))
+    columns = np.concatenate([measured.jacobian, -loads.T], axis=1)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     solution = np.linalg.lstsq(columns / scale, -measured.rest, rcond=None)[0] / scale
@@ -131,16 +131,23 @@ def _solved(measured: _Measured, waves: list[float]) -> _Found:
 
 def _freed(steps: Sequence[Step], waves: list[float], sizes: FloatArray) -> list[Step]:
     """Return the steps as they would be without the waves."""
-    return [replace(s, position=s.position - sizes @ _moved(s, waves)) for s in steps]
+    samples = Samples.of(steps)
+    freed = np.split(samples.position - sizes @ _moved(samples, waves), samples.begins[1:])
+    return [replace(step, position=each) for step, each in zip(steps, freed, strict=True)]
 
 
-def _moved(step: Step, waves: list[float]) -> FloatArray:
+def _moved(samples: Samples, waves: list[float]) -> FloatArray:
     """Return the motion by each wave per size [s²], shape (2 per wave, samples)."""
-    angles = np.outer(waves, step.position)
+    angles = np.outer(waves, samples.position)
     pushed = np.concatenate([np.sin(angles), np.cos(angles)])
-    return _integrated(step.time, _integrated(step.time, pushed))
+    return _integrated(samples, _integrated(samples, pushed))
 
 
-def _integrated(time: FloatArray, values: FloatArray) -> FloatArray:
-    pieces = 0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(time)
-    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(pieces, axis=1)], axis=1)
+def _integrated(samples: Samples, values: FloatArray) -> FloatArray:
+    """Return the integral of values from the first sample of each step on."""
+    lengths = np.diff(samples.time, prepend=0.0)
+    lengths[samples.begins] = 0.0
+    before = np.concatenate([values[:, :1], values[:, :-1]], axis=1)
+    whole: FloatArray = np.cumsum(0.5 * (values + before) * lengths, axis=1)
+    integral: FloatArray = whole - np.repeat(whole[:, samples.begins], samples.sizes, axis=1)
+    return integral

@@ -20,7 +20,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.servo import Outcome
 
 TRAVEL = 0.12
@@ -162,8 +162,9 @@ def steps_of(
     """
     rows = good(rows)
     changes = _changes(rows, phases, period_ns, delay_steps)
-    sampled = rows["sampled_ns"]
-    sent = sampled + rows["age_ns"]
+    sampled: IntArray = rows["sampled_ns"]
+    age: IntArray = rows["age_ns"]
+    sent = sampled + age
     lag_ns = round(lag_s * 1e9)
     steps: list[Step] = []
     for place in range(1, len(changes) - 1):

@@ -11,7 +11,7 @@ from haptic_wall.controller.experiments.sweep.decrement import Growth, growth, t
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.servo import Outcome
 
 _DISTURBED, _HOPELESS = 0.03, 0.2
@@ -78,10 +78,14 @@ def _sound(
     period: float,
 ) -> NDArray[np.bool_]:
     """Whether each half-cycle is undisturbed: no loss, no stall, no saturation."""
-    asked = -phase.stiffness * position - phase.damping * own["velocity"]
+    velocity: FloatArray = own["velocity"]
+    torque: FloatArray = own["wall_torque"]
+    missed: IntArray = own["missed"]
+    failed: NDArray[np.bool_] = own["outcome"] != Outcome.OK
+    asked = -phase.stiffness * position - phase.damping * velocity
     # A torque that differs from spring and damper was limited.
-    cut = np.abs(asked - own["wall_torque"]) > 1e-9 * (1.0 + np.abs(asked))
-    wrong = cut + (own["outcome"] != Outcome.OK) + own["missed"]
+    cut = np.abs(asked - torque) > 1e-9 * (1.0 + np.abs(asked))
+    wrong = missed + cut + failed
     total = np.concatenate([[0.0], np.cumsum(wrong)])
     at = np.clip(np.searchsorted(time, turned), 0, own.size)
     share = np.diff(total[at]) / np.maximum(np.diff(turned) / period, 1.0)
@@ -95,8 +99,10 @@ def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> 
 
     A lost sample leaves an older one in force, a skipped period an older torque.
     """
-    held = np.append(1.0 + own["missed"][1:], 1.0) * used
-    stale = own["age_ns"] * 1e-9 + 0.5 * period * (held - 1.0)
+    missed: IntArray = own["missed"][1:]
+    age: FloatArray = own["age_ns"] * 1e-9
+    held = np.append(1.0 + missed, 1.0) * used
+    stale = age + 0.5 * period * (held - 1.0)
     return float(np.sum(held * stale) / np.sum(held))
 
 

@@ -21,6 +21,7 @@ from haptic_wall.controller.runtime.telemetry import (
     ROW,
 )
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -29,15 +30,16 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def run_rows(count: int = 600, side: int = 1) -> NDArray[np.void]:
     """A slow push in and out of a wall at zero, after a warm-up."""
     rows = np.zeros(count, ROW)
-    rows["seq"] = np.arange(count)
-    rows["deadline_ns"] = 5_000_000_000 + 1_000_000 * rows["seq"]
-    rows["position"] = side * 0.1 * np.sin(rows["seq"] / 50)
-    rows["velocity"] = side * 2.0 * np.cos(rows["seq"] / 50)
+    number = np.arange(count)
+    position = side * 0.1 * np.sin(number / 50)
+    rows["seq"], rows["position"] = number, position
+    rows["deadline_ns"] = 5_000_000_000 + 1_000_000 * number
+    rows["velocity"] = side * 2.0 * np.cos(number / 50)
     rows["stiffness"], rows["damping"], rows["delay_s"] = 8.0, 0.02, 0.0003
     rows["lateness_ns"], rows["work_ns"], rows["bus_ns"] = 500, 25_000, 90_000
-    contact = side * rows["position"] > 0
+    contact = side * position > 0
     rows["flags"] = np.where(contact, FLAG_CONTACT, 0)
-    rows["wall_torque"] = np.where(contact, -8.0 * rows["position"], 0.0)
+    rows["wall_torque"] = np.where(contact, -8.0 * position, 0.0)
     rows["torque"] = rows["wall_torque"]
     rows["flags"][:100] |= FLAG_WARM_UP
     return rows
@@ -163,8 +165,9 @@ def test_the_title_tells_a_trip_and_a_guard_that_is_off(
 
 def test_saturation_shows_the_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     rows = run_rows()
-    rows["torque"] = np.clip(rows["wall_torque"], -0.4, 0.4)
-    rows["flags"][rows["torque"] != rows["wall_torque"]] |= FLAG_SATURATED
+    asked: FloatArray = rows["wall_torque"]
+    rows["torque"] = np.clip(asked, -0.4, 0.4)
+    rows["flags"][np.abs(asked) > 0.4] |= FLAG_SATURATED
     figure = draw(monkeypatch, tmp_path, rows, metadata("xm430-w350"), saved=False)
     assert "limit ±0.4 N·m" in legend(figure.axes[1])
     assert "cut by the limit" in legend(figure.axes[1])

@@ -25,6 +25,7 @@ from haptic_wall.controller.runtime.telemetry import (
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.servo import Reading
@@ -47,7 +48,8 @@ def session(
 
 def heights(rows: Rows, wall: float = 0.0) -> tuple[float, float]:
     """Largest distance from the wall in the first and in the last quarter."""
-    distance = np.abs(rows["position"] - wall)
+    position: FloatArray = rows["position"]
+    distance = np.abs(position - wall)
     quarter = len(distance) // 4
     return distance[:quarter].max(), distance[-quarter:].max()
 
@@ -73,23 +75,28 @@ def call(arguments: list[str]) -> int:
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
-def test_the_same_run_gives_the_same_log_to_the_byte(preset: str, tmp_path: Path) -> None:
-    logs = []
-    for name, picture in (("a.hwlog", ["--plot", "p.png"]), ("b.hwlog", ["--no-plot"])):
-        arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--log", name]
-        done = run_command(tmp_path, *arguments, *picture, "--json")
-        assert done.returncode == 0, done.stderr
-        logs.append((tmp_path / name).read_bytes())
+def test_the_same_run_gives_the_same_log_to_the_byte(
+    preset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In another process too, and whether a picture is drawn or not."""
+    arguments = [preset, "--set", "loop.clock=simulated", "--duration", "1", "--json", "--log"]
+    done = run_command(tmp_path, *arguments, "a.hwlog", "--no-plot")
+    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    assert call(["run", *arguments, "b.hwlog", "--plot", "p.png"]) == 0
+    logs = [(tmp_path / name).read_bytes() for name in ("a.hwlog", "b.hwlog")]
     assert logs[0] == logs[1]
     assert len(logs[0]) > 1000 * 100
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_report_of_a_simulated_run(tmp_path: Path) -> None:
-    done = run_command(
-        tmp_path, "simulated", "--set", "loop.clock=simulated", "--duration", "3", "--json"
-    )
-    report = json.loads(done.stdout)
+def test_the_report_of_a_simulated_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulated = ["simulated", "--set", "loop.clock=simulated", "--duration", "3", "--json"]
+    assert call(["run", *simulated]) == 0
+    report = json.loads(capsys.readouterr().out)
     assert report["ticks"] == 3000
     assert report["missed_ticks"] == 0
     assert report["rate_hz"] == pytest.approx(1000.0)
@@ -130,7 +137,8 @@ def test_a_servo_with_the_effects_of_a_real_one_holds_its_wall_in_quiet() -> Non
     result, rows = session("emulated-xm430", "loop.clock=simulated", duration=2.5)
     assert (result.stop_reason, result.wall_came_on) == ("duration", True)
     assert not_none(result.oscillation)["state"] == "quiet"
-    deep = rows[rows["position"] > 0.05]
+    position: FloatArray = rows["position"]
+    deep = rows[position > 0.05]
     assert len(deep) > 300
     assert deep["torque"].max() < -0.3
 
@@ -302,7 +310,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
     )
     rows, _ = telemetry.read(0)
     assert len(rows) >= 1000
-    assert not np.any(rows["torque"])
+    assert not rows["torque"].any()
     assert (result.stop_reason, result.ticks, result.wall_came_on) == ("duration", 0, False)
     assert "turned to within 0.72° of 0.0° (0.00 turns)" in result.waited_for
     assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
@@ -349,7 +357,8 @@ OSCILLATES: tuple[str, ...] = (
 
 def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it() -> None:
     _, rows = session("simulated", *OSCILLATES)
-    (begins, *_) = np.flatnonzero(np.diff(rows["stiffness"]) < 0.0)
+    stiffness: FloatArray = rows["stiffness"]
+    (begins, *_) = np.flatnonzero(np.diff(stiffness) < 0.0)
     result, rows = session("simulated", *OSCILLATES, duration=(begins + 20) * 1e-3)
     guard = not_none(result.guard)
     assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
@@ -466,9 +475,12 @@ def test_a_dead_man_let_go_inside_the_wall(
     back = at + int(np.argmin(off[at:]))
     assert back > at + 300, "held again 20 ms later, but inside"
     rest = rows[back - 49 : back + 1]
-    assert np.all(rest["stiffness"] * rest["position"] <= 0.1), "for 50 ticks, that one counted"
+    stiffness: FloatArray = rest["stiffness"]
+    away: FloatArray = rest["position"]
+    assert np.all(stiffness * away <= 0.1), "for 50 ticks, that one counted"
     assert not np.any(off[back:])
-    assert rows["torque"][back:].min() < -0.5, "and it pushes again"
+    torque: FloatArray = rows["torque"]
+    assert torque[back:].min() < -0.5, "and it pushes again"
     assert not_none(result.oscillation)["state"] == "quiet"
 
 
@@ -544,7 +556,8 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
     assert result.stop_reason == "duration"
     assert not_none(result.guard)["commanded"]["stiffness"] == 7.0
     assert np.abs(rows["wall_torque"]).max() == 0.2
-    assert np.abs(rows["torque"]).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
+    torque: FloatArray = rows["torque"]
+    assert np.abs(torque).max() < 0.2 + 0.5 * 0.0049, "rounded to the current unit"
     assert np.any(rows["flags"] & FLAG_SATURATED)
     result, _ = session("emulated-ideal", *FIRST, "servo.torque_limit=0.2", duration=0.1)
     assert not_none(result.guard)["commanded"]["stiffness"] == 0.0
@@ -554,7 +567,8 @@ def test_the_clip_limits_the_wall_and_leaves_the_guard_its_stiffness() -> None:
 def test_a_tap_trips_nothing_though_the_hand_is_faster_than_the_servo() -> None:
     result, rows = session("emulated-ideal", "loop.clock=simulated", "servo.hand=tap", duration=5.0)
     assert result.stop_reason == "duration"
-    assert np.abs(np.diff(rows["position"][::10])).max() > 0.01 * 4.82
+    position: FloatArray = rows["position"][::10]
+    assert np.abs(np.diff(position)).max() > 0.01 * 4.82
 
 
 def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> None:
@@ -572,7 +586,8 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> N
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("for 10 ms, driven by the torque; at most 3.85 is allowed")
     assert 3.85 < float(result.message.split()[0]) < 4.5
-    assert np.abs(np.diff(rows["position"])).max() < 1e-3 * 6.0
+    position: FloatArray = rows["position"]
+    assert np.abs(np.diff(position)).max() < 1e-3 * 6.0
     assert rows["torque"][-1] == 0.0
     unlimited, _ = session("emulated-ideal", *sets, "safety.max_speed=1000")
     assert unlimited.stop_reason == "duration"
