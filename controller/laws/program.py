@@ -31,6 +31,7 @@ class Phase:
             is below stiffness × total damping / inertia.
         side: ``both``, or a one-sided wall at the centre that never pulls.
         torque: Amplitude of the additional torque [N·m].
+        bias: Constant torque beside it [N·m].
         wave: ``constant``, or a ``sine`` with a linear frequency sweep.
         from_hz: Frequency of the sine at the beginning of the phase [Hz].
         to_hz: Frequency at the end of ``seconds`` [Hz].
@@ -47,6 +48,7 @@ class Phase:
     integral: float = 0.0
     side: Side = "both"
     torque: float = 0.0
+    bias: float = 0.0
     wave: Wave = "constant"
     from_hz: float = 0.0
     to_hz: float = 0.0
@@ -205,9 +207,9 @@ class Program:
     def _beside(self, phase: Phase) -> float:
         """Return the additional torque [N·m]."""
         if phase.wave == "constant":
-            return phase.torque
+            return phase.bias + phase.torque
         share = min(1.0, self._ticks * self._period / phase.seconds)
         hertz = phase.from_hz + (phase.to_hz - phase.from_hz) * share
-        torque = phase.torque * math.sin(self._wave_phase)
+        torque = phase.bias + phase.torque * math.sin(self._wave_phase)
         self._wave_phase = (self._wave_phase + math.tau * hertz * self._period) % math.tau
         return torque

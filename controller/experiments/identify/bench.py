@@ -90,7 +90,7 @@ class Bench:
             strongest = max(torques)
             self._tell(f"pulses of {' and '.join(f'{t:.3g}' for t in dict.fromkeys(torques))} N·m")
             phases = pulses(torques[0], torques[1], bounds)
-            played = self._play(f"pulse-{len(tried) + 1}", phases)
+            played = self.play(f"pulse-{len(tried) + 1}", phases)
             furthest = _furthest(played)
             if furthest > bounds.reach:
                 raise UnidentifiableError(
@@ -150,7 +150,7 @@ class Bench:
         for attempt in range(1, _TRIES + 1):
             self._tell(f"motions of about {amplitude:.2g} rad to each side")
             label = name if attempt == 1 else f"{name}-{attempt}"
-            played = self._play(label, motions(guess, bounds, amplitude))
+            played = self.play(label, motions(guess, bounds, amplitude))
             furthest = _furthest(played)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             try:
@@ -210,7 +210,8 @@ class Bench:
             fit.inertia, max(fit.damping, least), friction, max(fit.delay, 0.0) + self._age
         )
 
-    def _play(self, name: str, phases: list[Phase]) -> Played:
+    def play(self, name: str, phases: list[Phase]) -> Played:
+        """Execute a program, and keep its log's name."""
         played = self._testbed.play(name, phases, delay_steps=0)
         self.logs.append(played.log)
         return played

@@ -66,6 +66,10 @@ class Bounds:
     """Sampling period [s]"""
 
 
+_WIDTH = 25.0
+"""Angular frequency of the spring that moves the shaft somewhere [rad/s]"""
+
+
 def first_pulse(guess: Guess, bounds: Bounds) -> float:
     """Return the torque [N·m] of a pulse that moves such a servo by about ``PULSE``."""
     speed = min(2.0 * PULSE / PULSE_S, bounds.speed)
@@ -167,23 +171,34 @@ def _coasts(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     return [*phases, *_home(guess, bounds)]
 
 
+def undamped_home(guess: Guess, bounds: Bounds) -> Phase:
+    """Move the shaft back to its start without virtual damping, which could drive a vibration."""
+    return Phase(
+        2.0,
+        stiffness=_spring(guess, bounds, _WIDTH),
+        speed=0.5,
+        reach=_LOST * bounds.reach,
+        still_s=0.03,
+        still_band=1.5 * bounds.step + 1e-5,
+    )
+
+
 def _home(guess: Guess, bounds: Bounds) -> list[Phase]:
     return _held(guess, bounds, 0.0)
 
 
 def _held(guess: Guess, bounds: Bounds, center: float) -> list[Phase]:
     """Move the shaft somewhere at constant speed, and wait until it rests."""
-    width = 25.0
     loop = (guess.inertia, guess.damping)
     ceiling = float(max_virtual_damping(*loop, bounds.period, guess.delay))
-    damping = min(1.4 * guess.inertia * width, 0.25 * ceiling)
+    damping = min(1.4 * guess.inertia * _WIDTH, 0.25 * ceiling)
     if bounds.step > 0.0:  # one encoder count makes a step of the torque
         damping = min(damping, 0.03 * bounds.torque * bounds.period / bounds.step)
     most = float(critical_stiffness(*loop, damping, bounds.period, guess.delay))
     return [
         Phase(
             2.0,
-            stiffness=min(guess.inertia * width**2, 0.4 * most),
+            stiffness=min(guess.inertia * _WIDTH**2, 0.4 * most),
             damping=damping,
             center=center,
             speed=0.5,

@@ -23,9 +23,16 @@ from haptic_wall.controller.experiments.identify.bench import (
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
 from haptic_wall.controller.experiments.identify.fitting import Fit
 from haptic_wall.controller.experiments.identify.misfit import misfit
+from haptic_wall.controller.experiments.identify.mode import Mode
+from haptic_wall.controller.experiments.identify.mode_search import find_mode
 from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
+from haptic_wall.controller.experiments.identify.vibration import (
+    Vibration,
+    heaviest_load,
+    vibration_of,
+)
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.settings.config import Config
 
@@ -44,6 +51,8 @@ _DROOP, _DRIVEN = 0.015, 0.64
 the planned speed over the no-load speed"""
 _FADING = (1.8, 0.8)
 """Speed over which friction fades, and its deviation [rad/s]: 1.1 to 2.6 in bam's fits"""
+_BENDS = 0.01
+"""Least relative standard error of the inertia with a vibration"""
 _LEAST = 1e-12
 """Least deviation of a prior"""
 
@@ -77,6 +86,8 @@ class Identified:
     """Whether the servo measures its current"""
     backlash: Estimated | None
     """Between shaft and encoder, full width [rad]; None: not visible"""
+    vibration: Vibration | None
+    """Of a load behind the gear's compliance; None: the motions were too small to look for it"""
     residual: float
     """Root mean square of measured minus fitted position [rad]"""
     rounding: float
@@ -160,7 +171,9 @@ def identify(
     guess = bench.find_moving_torque(_believed(config))
     _, fit = bench.fitted("gentle", guess, GENTLE * reach, rough=True)
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
-    return _judged(played, fit, bounds, tuple(bench.logs))
+    heaviest = heaviest_load(fit.inertia, config.belief())
+    mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder, heaviest)
+    return _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
 
 
 def _believed(config: Config) -> Guess:
@@ -191,7 +204,14 @@ def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
     }
 
 
-def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) -> Identified:
+def _judged(
+    played: Played,
+    fit: Fit,
+    bounds: Bounds,
+    logs: tuple[Path, ...],
+    mode: Mode | None,
+    heaviest: float,
+) -> Identified:
     rounding = rounding_of(bounds)
     warnings = tuple(misfit(fit, rounding))
     if fit.inertia <= _ERRORS * fit.stderr[0]:
@@ -204,6 +224,13 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
     damping, its_error = fit.weaker
     values = [scale * v for v in (fit.inertia, max(damping, 0.0), fit.coulomb)]
     errors = [scale * e for e in (fit.stderr[0], its_error, fit.stderr[2])]
+    vibration = None
+    if mode is not None:
+        most = damping + _ERRORS * its_error
+        vibration = vibration_of(mode, most, scale, heaviest, 1.0 / bounds.period)
+        if vibration.seen:  # a rigid shaft was fitted to what bends
+            values[0] = vibration.inertia
+            errors[0] = max(errors[0], _BENDS * vibration.inertia)
     three = list(map(Estimated, values, errors))
     return Identified(
         inertia=three[0],
@@ -214,6 +241,7 @@ def _judged(played: Played, fit: Fit, bounds: Bounds, logs: tuple[Path, ...]) ->
         torque_gain=Estimated(1.0, 0.0) if gain is None else Estimated(gain.value, gain.stderr),
         gain_measured=gain is not None,
         backlash=Estimated(fit.backlash, fit.stderr[4]) if fit.backlash > 0.0 else None,
+        vibration=vibration,
         residual=fit.residual,
         rounding=rounding,
         warnings=warnings,

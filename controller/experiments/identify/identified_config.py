@@ -7,6 +7,10 @@ import time
 import yaml
 
 from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.experiments.identify.vibration import (
+    believed_vibration,
+    vibration_lines,
+)
 from haptic_wall.controller.settings.config import Config
 
 _ERRORS = 3.0
@@ -28,7 +32,7 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
         source: Origin of ``config``, for people.
     """
     data = config.model_dump(mode="json", exclude_none=True)
-    data["model"] = identified_model(identified, config)
+    data["model"] = {**data.get("model", {}), **identified_model(identified, config)}
     unit = "torque measured by its current" if identified.gain_measured else "torque commanded"
     floors = ", ".join(f"{100 * share:g} % of {name}" for name, share in FLOORS.items())
     head = [
@@ -39,6 +43,7 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
         f"Inertia and friction are in the unit of the {unit}.",
         f"Residual of the fit: {1e3 * identified.residual:.3g} mrad, of which rounding leaves"
         f" {1e3 * identified.rounding:.3g}.",
+        *vibration_lines(identified.vibration),
         *identified.warnings,
     ]
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None)
@@ -46,7 +51,7 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
 
 
 def identified_model(identified: Identified, config: Config) -> dict[str, dict[str, float]]:
-    """Return value and bounds of each quantity of the model section.
+    """Return value and bounds of each quantity of the model section that was found.
 
     Args:
         identified: The result.
@@ -69,6 +74,8 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
+    if identified.vibration is not None:
+        model |= believed_vibration(identified.vibration, before)
     return model
 
 

@@ -7,6 +7,10 @@ from typing import Any
 
 from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryFit
 from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.experiments.identify.vibration import (
+    vibration_lines,
+    vibration_report,
+)
 from haptic_wall.controller.settings.config import Config
 
 UNITS = {
@@ -34,6 +38,7 @@ def report(found: Identified) -> dict[str, Any]:
         **{name: _entry(getattr(found, name)) for name in UNITS},
         "torque_unit": "measured" if found.gain_measured else "commanded",
         "backlash": None if found.backlash is None else _entry(found.backlash),
+        "vibration": vibration_report(found.vibration),
         "residual_rad": found.residual,
         "rounding_rad": found.rounding,
         "warnings": list(found.warnings),
@@ -95,6 +100,7 @@ def text(answer: dict[str, Any], found: Identified | None) -> str:
                 f"  backlash {1e3 * found.backlash.value:.3g} ±"
                 f" {1e3 * found.backlash.stderr:.2g} mrad"
             )
+        lines += [f"  {line}" for line in vibration_lines(found.vibration)]
         lines.append(
             f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding"
         )

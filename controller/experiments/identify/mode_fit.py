@@ -1,0 +1,303 @@
+"""Fits the vibration of two masses to cruises: frequency, damping ratio and inertia, with bounds.
+
+Motor and load, with the transmission between them, turn the encoder's side by ::
+
+    J y'' = u          and      z'' + 2 zeta w z' + w² z = u / J,      position = y + g z
+
+with J of both masses; g is -1 for an encoder on the output, whatever the ratio of the masses, and
+load over motor inertia on the motor. While the shaft cruises friction adds a slow course, so each
+cruise has a polynomial of its own, and a vibration that was there before. All of it is linear but
+the frequency, the damping ratio and the delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.experiments.identify.effects import Effects
+from haptic_wall.controller.experiments.identify.motion_model import Motion
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
+
+_FINE = 4
+"""Steps of the simulated torque in a period"""
+_DEGREE = 4
+"""Of the polynomial of a cruise"""
+_SETTLED_S = 0.02
+"""Left out at the beginning of a cruise [s]"""
+FEWEST = 80
+"""Samples of a cruise, and of its part in one direction"""
+_RIDGE, _NOTHING = 1e-10, 1e-300
+"""Keep columns that are alike apart, relative to their squares; stands for no square"""
+LOWEST_HZ, HIGHEST_HZ = 5.0, 400.0
+"""Frequencies between which a mode is looked for"""
+PER_OCTAVE = 12
+RATIOS = (0.01, 0.04, 0.15)
+"""Damping ratios at which a mode is looked for"""
+LAGS_S = (0.0, 0.5e-3, 1.0e-3)
+"""Time constants of the current loop that may be there unknown"""
+
+
+@dataclass(frozen=True, slots=True)
+class Cruises:
+    """Cruises on even grids: arrays of p cruises with n samples, padded with zeros."""
+
+    position: FloatArray
+    """Shape (p, n) [rad]"""
+    weights: FloatArray
+    """1 for a sample, 0 for padding and lost ones"""
+    time: FloatArray
+    """From the beginning of each cruise [s], shape (n,)"""
+    torque: FloatArray
+    """That acts, in steps of a quarter period from the beginning, shape (p, 4 n) [N·m]"""
+    way: FloatArray
+    """1.0 or -1.0, shape (p,)"""
+    period: float
+    """[s]"""
+    decay: float
+    """Viscous friction over inertia [1/s]"""
+
+
+def cruises_of(
+    motion: Motion,
+    spans: Sequence[tuple[float, float, float]],
+    period: float,
+    delay: float,
+    decay: float,
+    effects: Effects,
+) -> Cruises:
+    """Return the cruises of a motion.
+
+    Args:
+        motion: As recorded.
+        spans: Begin and end of each cruise [s], and its way.
+        period: [s].
+        delay: From sending a torque until it acts [s].
+        decay: Viscous friction over inertia [1/s].
+        effects: Dead band and friction by the gear's load are taken from the torque.
+    """
+    positions, weights, torques, ways = [], [], [], []
+    cumulative = np.concatenate([[0.0], np.cumsum(motion.torque[:-1] * np.diff(motion.sent))])
+    for begin, end, way in spans:
+        kept = (motion.sampled >= begin + _SETTLED_S) & (motion.sampled < end)
+        if np.count_nonzero(kept) < FEWEST:
+            continue
+        sampled, position = motion.sampled[kept], motion.position[kept]
+        first = float(sampled[0])
+        index = np.rint((sampled - first) / period).astype(int)
+        count = int(index[-1]) + 1
+        at = first + period * np.arange(count)
+        held = np.zeros(count)
+        held[index] = 1.0
+        positions.append(np.interp(at, sampled, position) - position[0])
+        weights.append(held)
+        edges = first - delay + period / _FINE * np.arange(_FINE * count + 1)
+        impulse = np.interp(edges, motion.sent, cumulative)
+        torque = np.diff(impulse) / (period / _FINE)
+        dead = max(effects.dead_band, 0.0)
+        torque = torque - np.clip(torque, -dead, dead)
+        torques.append(torque - way * max(effects.gear, 0.0) * np.abs(torque))
+        ways.append(way)
+    longest = max((len(each) for each in positions), default=0)
+
+    def padded(parts: list[FloatArray], length: int) -> FloatArray:
+        return np.array([np.pad(each, (0, length - each.size)) for each in parts])
+
+    return Cruises(
+        padded(positions, longest),
+        padded(weights, longest),
+        period * np.arange(longest),
+        padded(torques, _FINE * longest),
+        np.array(ways),
+        period,
+        decay,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """The linear part of a fit, at given frequency and damping ratio."""
+
+    cost: float
+    """Sum of squares [rad²]"""
+    gains: FloatArray
+    """1 / J of the rigid motion [1/(kg·m²)]; for an encoder on the motor also of the vibration"""
+    delay: float
+    """More than assumed [s]"""
+    own: FloatArray
+    """Coefficients of each cruise's own columns, p × q"""
+
+
+class ModeModel:
+    """The linear part of the model, for many frequencies and damping ratios.
+
+    Args:
+        cruises: The motion.
+        encoder: Side of the transmission that it measures.
+
+    Attributes:
+        cruises: See above.
+        on_motor: The encoder is on the motor's side.
+        samples: Number of samples that count.
+    """
+
+    def __init__(self, cruises: Cruises, encoder: str) -> None:
+        self.cruises = cruises
+        self.on_motor = encoder == "motor"
+        self._fine = cruises.period / _FINE
+        span = cruises.time[-1] if cruises.time.size else 1.0
+        each = 2.0 * cruises.time / span - 1.0
+        self._polynomials = np.polynomial.legendre.legvander(each, _DEGREE)
+        self._lagged = {lag: self._torque(lag) for lag in LAGS_S}
+        self._rigid = {lag: self._rigid_motion(torque) for lag, torque in self._lagged.items()}
+        self.samples = float(cruises.weights.sum())
+
+    def solved(
+        self, hertz: float | None, ratio: float = 0.0, lag: float = 0.0, gain: float | None = None
+    ) -> Solved:
+        """Return the best fit with a mode; None: with a rigid shaft.
+
+        Args:
+            hertz: Frequency, both ends free [Hz].
+            ratio: Damping ratio, < 1.
+            lag: One of ``LAGS_S`` [s].
+            gain: Of the vibration, g; None: -1 for an encoder on the output, fitted on the motor.
+        """
+        rigid, speed = self._rigid[lag]
+        shared = [rigid]
+        nuisance = self._nuisance(hertz, ratio)
+        rate = speed
+        if hertz is not None:
+            mode, its_rate = self._mode(self._lagged[lag], hertz, ratio)
+            if gain is None and self.on_motor:
+                shared.append(mode)
+            else:
+                gain = -1.0 if gain is None else gain
+                shared[0] = rigid + gain * mode
+                rate = speed + gain * its_rate
+        shared.append(-rate)
+        return self._least_squares(nuisance, shared)
+
+    def motor_speed(
+        self, hertz: float, ratio: float, lag: float, load_ratio: float
+    ) -> FloatArray:
+        """Return the motor's speed in the best fit, per cruise and sample [rad/s].
+
+        Args:
+            hertz: Frequency [Hz].
+            ratio: Damping ratio.
+            lag: As for ``solved``.
+            load_ratio: Load over motor inertia, of which an encoder on the output sees nothing.
+        """
+        solved = self.solved(hertz, ratio, lag)
+        forced = self._mode(self._lagged[lag], hertz, ratio)[1]
+        changing = np.gradient(self._nuisance(hertz, ratio), self.cruises.period, axis=0)
+        free = solved.own[:, -2:] @ changing[:, -2:].T
+        rigid = solved.own[:, :-2] @ changing[:, :-2].T + solved.gains[0] * self._rigid[lag][1]
+        gain = solved.gains[1] if self.on_motor else -solved.gains[0]
+        share = 1.0 if self.on_motor else -load_ratio
+        found: FloatArray = rigid + share * (free + gain * forced)
+        return found
+
+    def _torque(self, lag: float) -> FloatArray:
+        from scipy.signal import lfilter
+
+        torque = self.cruises.torque
+        if lag == 0.0:
+            return torque
+        kept = math.exp(-self._fine / lag)
+        # The mean over a step of the lagging torque, which began at rest long ago.
+        start = torque[:, :1] * kept
+        found, _ = lfilter([1.0 - kept], [1.0, -kept], torque, axis=1, zi=start)
+        result: FloatArray = found
+        return result
+
+    def _rigid_motion(self, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return position and speed at the samples, per 1 / J."""
+        from scipy.signal import lfilter
+
+        h, decay = self._fine, max(self.cruises.decay, 1e-3)
+        kept = math.exp(-decay * h)
+        phi = (1.0 - kept) / decay
+        psi = (h - phi) / decay
+        speed = _before(lfilter([phi], [1.0, -kept], torque, axis=1))
+        position = _before(np.cumsum(phi * speed + psi * torque, axis=1))
+        return position[:, ::_FINE], speed[:, ::_FINE]
+
+    def _mode(
+        self, torque: FloatArray, hertz: float, ratio: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return position and speed of the vibration at the samples, per 1 / J."""
+        from scipy.signal import lfilter
+
+        rate, damped = _pole(hertz, ratio)
+        kept = np.exp(rate * self._fine)
+        parts = (kept - 1.0) / rate * kept ** np.arange(_FINE - 1, -1, -1)
+        driven = torque.reshape(torque.shape[0], -1, _FINE) @ parts
+        state = _before(lfilter([1.0], [1.0, -(kept**_FINE)], driven, axis=1))
+        return state.imag / damped, (rate * state).imag / damped
+
+    def _nuisance(self, hertz: float | None, ratio: float) -> FloatArray:
+        """Return the columns that each cruise has by itself, n × q."""
+        if hertz is None:
+            return self._polynomials
+        rate, _ = _pole(hertz, ratio)
+        free: ComplexArray = np.exp(rate * self.cruises.time)
+        return np.column_stack([self._polynomials, free.real, free.imag])
+
+    def _least_squares(self, nuisance: FloatArray, shared: list[FloatArray]) -> Solved:
+        weights = self.cruises.weights[:, :, None]
+        lines = np.stack([self.cruises.position, *shared], axis=2)  # p, n, r
+        weighted = weights * nuisance  # p, n, q
+        gram = np.swapaxes(weighted, 1, 2) @ nuisance
+        scale = np.trace(gram, axis1=1, axis2=2) / gram.shape[1] + _NOTHING
+        gram = gram + _RIDGE * scale[:, None, None] * np.eye(gram.shape[1])
+        cross = np.swapaxes(weighted, 1, 2) @ lines  # p, q, r
+        own = np.linalg.solve(gram, cross)
+        square = np.swapaxes(weights * lines, 1, 2) @ lines - np.swapaxes(cross, 1, 2) @ own
+        square = square.sum(axis=0)
+        size = np.sqrt(np.maximum(np.diag(square)[1:], _NOTHING))
+        normal = square[1:, 1:] / np.outer(size, size)
+        found = np.linalg.lstsq(normal, square[1:, 0] / size, rcond=1e-12)[0] / size
+        return Solved(
+            float(square[0, 0] - found @ square[1:, 0]),
+            found[:-1],
+            float(found[-1] / (found[0] or 1.0)),
+            own[:, :, 0] - own[:, :, 1:] @ found,
+        )
+
+
+def _before(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return the values at the beginnings of steps, from those at their ends."""
+    return np.concatenate([np.zeros_like(values[:, :1]), values[:, :-1]], axis=1)
+
+
+def _pole(hertz: float, ratio: float) -> tuple[complex, float]:
+    w = math.tau * hertz
+    damped = w * math.sqrt(1.0 - ratio**2)
+    return complex(-ratio * w, damped), damped
+
+
+def joined(one: Cruises, other: Cruises) -> Cruises:
+    """Return the cruises of two motions of one servo."""
+    longest = max(one.time.size, other.time.size)
+
+    def together(name: str, length: int) -> FloatArray:
+        parts = [getattr(each, name) for each in (one, other)]
+        return np.concatenate(
+            [np.pad(each, ((0, 0), (0, length - each.shape[1]))) for each in parts]
+        )
+
+    return Cruises(
+        together("position", longest),
+        together("weights", longest),
+        one.period * np.arange(longest),
+        together("torque", _FINE * longest),
+        np.concatenate([one.way, other.way]),
+        one.period,
+        one.decay,
+    )

@@ -1,0 +1,154 @@
+"""A servo's vibration in the unit of its other results, and as bounds for the guard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from haptic_wall.controller.experiments.identify.mode import Mode
+from haptic_wall.controller.guard.belief import Belief, Bounded
+
+LIGHT_LOAD, HEAVY_LOAD = 0.03, 3.0
+"""Least and largest load over motor inertia that are thought possible"""
+USUAL_LOAD = 1.0
+"""Largest, where no heavier one was believed"""
+_LOAD_ERROR = 0.2
+"""Relative error of that ratio, where the encoder is on the motor"""
+_UNSEEN_RATIO = Bounded(0.02, 0.005, 0.1)
+"""Assumed damping ratio of a vibration that was not seen: bare metal to plastic gears"""
+_LEAST_RATIO = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Vibration:
+    """The vibration of a load behind the gear's compliance, or its absence."""
+
+    seen: bool
+    hertz: Bounded
+    """With both ends free [Hz]; not seen: below the lower bound there is none"""
+    ratio: Bounded | None
+    """Damping ratio of the transmission alone; None: not seen"""
+    load_inertia: Bounded
+    """[kg·m²]; not seen: of a load that may be there"""
+    inertia: float
+    """Of motor and load [kg·m²]"""
+    load_measured: bool
+    """Whether the motion shows the load's share; an encoder on the output does not see it"""
+
+
+def heaviest_load(inertia: float, belief: Belief) -> float:
+    """Return the largest load over motor inertia that is thought possible.
+
+    Args:
+        inertia: Of motor and load, in commanded units [kg·m²].
+        belief: What was believed beforehand, perhaps of the servo without its load.
+    """
+    beyond = inertia * belief.torque_gain.high / belief.inertia.low - 1.0
+    return min(max(beyond, USUAL_LOAD), HEAVY_LOAD)
+
+
+def vibration_of(
+    mode: Mode, damping: float, scale: float, heaviest: float, rate_hz: float
+) -> Vibration:
+    """Return the vibration that a mode is.
+
+    Args:
+        mode: In commanded units.
+        damping: Viscous friction, at most, in commanded units [N·m·s/rad].
+        scale: Measured torque per commanded torque.
+        heaviest: Largest possible load over motor inertia.
+        rate_hz: Of the loop [Hz].
+    """
+    inertia = scale * mode.inertia
+    loads = Bounded(math.sqrt(LIGHT_LOAD * heaviest), LIGHT_LOAD, heaviest)
+    if mode.load_ratio is not None:
+        loads = Bounded(
+            mode.load_ratio,
+            mode.load_ratio * (1.0 - _LOAD_ERROR),
+            mode.load_ratio * (1.0 + _LOAD_ERROR),
+        )
+    behind = Bounded(*(inertia * r / (1.0 + r) for r in (loads.value, loads.low, loads.high)))
+    if mode.hertz is None:
+        hertz = Bounded(math.sqrt(mode.low_hz * 0.5 * rate_hz), mode.low_hz, 0.5 * rate_hz)
+        return Vibration(False, hertz, None, behind, inertia, False)
+    # Friction on the motor damps the vibration too, and is counted by itself.
+    per_load = max(damping, 0.0) / (2.0 * math.tau * mode.hertz * mode.inertia)
+    low = max(mode.low_ratio - per_load * loads.high, _LEAST_RATIO)
+    value = max(mode.ratio - per_load * loads.value, low)
+    return Vibration(
+        True,
+        Bounded(mode.hertz, mode.low_hz, mode.high_hz),
+        Bounded(value, low, max(mode.high_ratio, value)),
+        behind,
+        inertia,
+        mode.load_ratio is not None,
+    )
+
+
+def believed_vibration(found: Vibration, belief: Belief) -> dict[str, dict[str, float]]:
+    """Return the fields of the model section that a vibration, or its absence, changes.
+
+    Args:
+        found: The result.
+        belief: What was believed beforehand.
+    """
+    if found.seen and found.ratio is not None:
+        return {
+            "load_inertia": _entry(found.load_inertia),
+            "flexible_hz": _entry(found.hertz),
+            "flexible_damping_ratio": _entry(found.ratio),
+        }
+    low = found.hertz.low
+    if belief.is_flexible:
+        before = belief.flexible_hz
+        if before.low >= low:
+            return {}
+        high = max(before.high, found.hertz.high)
+        value = min(max(before.value, low), high)
+        return {"flexible_hz": _entry(Bounded(value, low, high))}
+    return {
+        "load_inertia": _entry(found.load_inertia),
+        "flexible_hz": _entry(found.hertz),
+        "flexible_damping_ratio": _entry(_UNSEEN_RATIO),
+    }
+
+
+def vibration_report(found: Vibration | None) -> dict[str, Any] | None:
+    """Return a vibration for the report; None: it was not looked for."""
+    if found is None:
+        return None
+    seen = found.seen
+    return {
+        "seen": seen,
+        "not_seen_below_hz": None if seen else found.hertz.low,
+        "flexible_hz": _entry(found.hertz) if seen else None,
+        "flexible_damping_ratio": None if found.ratio is None else _entry(found.ratio),
+        "load_inertia": _entry(found.load_inertia) if seen else None,
+        "load_inertia_measured": found.load_measured,
+    }
+
+
+def vibration_lines(found: Vibration | None) -> Iterator[str]:
+    """Yield sentences for people, without their full stop."""
+    if found is None:
+        yield "no vibration was looked for: the motions are too small for it, give more --reach"
+    elif found.ratio is None:
+        yield f"no vibration of a load to be seen below {found.hertz.low:.3g} Hz"
+    else:
+        hertz, ratio, load = found.hertz, found.ratio, found.load_inertia
+        yield (
+            f"a load vibrates at {hertz.value:.4g} Hz ({hertz.low:.4g} to {hertz.high:.4g}),"
+            f" damping ratio {100 * ratio.value:.2g} % ({100 * ratio.low:.2g} to"
+            f" {100 * ratio.high:.2g})"
+        )
+        how = "" if found.load_measured else ", as believed: the motion does not show it"
+        yield f"that load has {load.low:.2g} to {load.high:.2g} kg·m²{how}"
+
+
+def _entry(bounded: Bounded) -> dict[str, float]:
+    value, low, high = (
+        float(f"{each:.6g}") for each in (bounded.value, bounded.low, bounded.high)
+    )
+    return {"value": value, "low": min(low, value), "high": max(high, value)}
