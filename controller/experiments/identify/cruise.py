@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess, undamped_home
 from haptic_wall.controller.experiments.identify.fitting import Fit
@@ -81,9 +81,7 @@ def survey(cruise: Cruise) -> list[Band]:
     ]
 
 
-def cruises(
-    cruise: Cruise, bands: Sequence[Band], guess: Guess, bounds: Bounds
-) -> list[Phase]:
+def cruises(cruise: Cruise, bands: Sequence[Band], guess: Guess, bounds: Bounds) -> list[Phase]:
     """Return the program: each band on the way there and on the way back.
 
     Args:
@@ -92,29 +90,61 @@ def cruises(
         guess: Parameters for the spring that brings the shaft back to its start.
         bounds: Limits.
     """
+    return _there_and_back(cruise, [_swept(cruise, band) for band in bands], guess, bounds)
+
+
+def damped_cruises(
+    cruise: Cruise, dampings: Sequence[float], guess: Guess, bounds: Bounds
+) -> list[Phase]:
+    """Return the program: each virtual damping on the way there and on the way back.
+
+    Args:
+        cruise: Of the servo.
+        dampings: At least one [N·m·s/rad].
+        guess: Parameters for the spring that brings the shaft back to its start.
+        bounds: Limits.
+    """
+    damped = [
+        Phase(cruise.seconds, damping=b, bias=cruise.bias + b * cruise.speed) for b in dampings
+    ]
+    return _there_and_back(cruise, damped, guess, bounds)
+
+
+def _swept(cruise: Cruise, band: Band) -> Phase:
+    return Phase(
+        cruise.seconds,
+        torque=max(min(band.torque, cruise.most - cruise.bias), 0.1 * cruise.bias),
+        bias=cruise.bias,
+        wave="sine",
+        from_hz=band.from_hz,
+        to_hz=band.to_hz,
+    )
+
+
+def _there_and_back(
+    cruise: Cruise, ways: Sequence[Phase], guess: Guess, bounds: Bounds
+) -> list[Phase]:
+    """Return a program that cruises there and back with each phase, given for the way there."""
     home = undamped_home(guess, bounds)
     impulse = cruise.inertia * 2.0 * cruise.speed
     seconds = max(cruise.turn, impulse / max(cruise.most - cruise.bias, 0.1 * cruise.most))
     turn, reach = impulse / seconds, 4.0 * cruise.half
     phases: list[Phase] = []
-    for number, band in enumerate(bands):
+    for number, there in enumerate(ways):
         if number % _PER_HOLD == 0:
             phases += [
                 home,
                 Phase(seconds, torque=-0.5 * turn - cruise.bias, reach=reach),
                 Phase(cruise.half / cruise.speed, torque=-cruise.bias, reach=reach),
             ]
-        torque = max(min(band.torque, cruise.most - cruise.bias), 0.1 * cruise.bias)
         for way in (1.0, -1.0):
-            swept = Phase(
-                cruise.seconds,
-                torque=torque,
-                bias=way * cruise.bias,
-                wave="sine",
-                from_hz=band.from_hz,
-                to_hz=band.to_hz,
-                center=-way * cruise.half,
-                reach=2.0 * cruise.half,
-            )
-            phases += [Phase(seconds, torque=way * turn, reach=reach), swept]
+            phases += [
+                Phase(seconds, torque=way * turn, reach=reach),
+                replace(
+                    there,
+                    bias=way * there.bias,
+                    center=-way * cruise.half,
+                    reach=2.0 * cruise.half,
+                ),
+            ]
     return [*phases, home]

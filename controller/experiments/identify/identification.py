@@ -229,8 +229,9 @@ def _judged(
         most = damping + _ERRORS * its_error
         vibration = vibration_of(mode, most, scale, heaviest, 1.0 / bounds.period)
         if vibration.seen:  # a rigid shaft was fitted to what bends
+            apart = abs(vibration.inertia - values[0])
+            errors[0] = max(errors[0], _BENDS * vibration.inertia, 0.5 * apart)
             values[0] = vibration.inertia
-            errors[0] = max(errors[0], _BENDS * vibration.inertia)
     three = list(map(Estimated, values, errors))
     return Identified(
         inertia=three[0],

@@ -24,8 +24,9 @@ from haptic_wall.controller.experiments.identify.mode_fit import (
 )
 from haptic_wall.controller.theory.checks import FloatArray
 
-WORSE = 1.05
-"""Squares of what cannot be true, over the least"""
+WORSE, BEYOND = 1.05, 1.02
+"""Squares of what cannot be true, over the least: that there is no mode, or one; and that a mode
+that was seen has other values"""
 SEEN_HZ = 220.0
 """Above it a mode cannot be told from a lag of the current loop"""
 MOST_RATIO = 0.3
@@ -36,8 +37,12 @@ _CLEARLY = 1.3
 """Squares over the limit from which a lag of the current loop need not be tried"""
 _FLOORS = (0.01, 0.1)
 """Least relative distance of the bounds of frequency and damping ratio"""
+_GAINS = (0.4, 2.5)
+"""Of a vibration at the output, fitted freely, over that of two masses"""
 _STARTS = 3
 _FEWEST_CRUISES = 4
+_IMPOSSIBLE = 1e6
+"""Stands for infinite squares, over those of a rigid shaft"""
 _NARROWEST, _WIDEST = (0.004, 0.05), (0.7, 5.0)
 """First and last distance of a bound that is tried, in the logarithm of each value"""
 
@@ -84,9 +89,10 @@ def looked_at(model: ModeModel) -> Mode:
     best = min((_refined(model, start) for start in starts), key=_cost)
     best = _with_lag(model, best)
     least = min(best.cost, rigid)
-    seen = rigid > WORSE * least and best.hertz < SEEN_HZ
-    if seen and (not model.on_motor or _load_of(model, best) > 0.0):
+    seen = rigid > WORSE * least and LOWEST_HZ <= best.hertz < SEEN_HZ
+    if seen and _is_like(model, best):
         return _seen(model, best)
+    least = rigid  # what fits better is no vibration
     solved = model.solved(None)
     return Mode(
         None,
@@ -174,6 +180,13 @@ def _with_lag(model: ModeModel, best: _Point) -> _Point:
     return min((best, *others), key=_cost)
 
 
+def _is_like(model: ModeModel, point: _Point) -> bool:
+    """Return whether the vibration has the gain of two masses when it is fitted freely."""
+    gains = model.solved(point.hertz, point.ratio, point.lag, free=True).gains
+    share = float(gains[1] / gains[0])
+    return share > 0.0 if model.on_motor else _GAINS[0] < -share < _GAINS[1]
+
+
 def _load_of(model: ModeModel, point: _Point) -> float:
     """Return load over motor inertia as an encoder on the motor has seen it."""
     gains = model.solved(point.hertz, point.ratio, point.lag).gains
@@ -184,9 +197,7 @@ def _seen(model: ModeModel, best: _Point) -> Mode:
     ends = [_ends(model, best, which) for which in (0, 1)]
     (low_hz, high_hz), (low_ratio, high_ratio) = (
         (min(low, value * (1.0 - floor)), max(high, value * (1.0 + floor)))
-        for (low, high), value, floor in zip(
-            ends, (best.hertz, best.ratio), _FLOORS, strict=True
-        )
+        for (low, high), value, floor in zip(ends, (best.hertz, best.ratio), _FLOORS, strict=True)
     )
     return Mode(
         best.hertz,
@@ -206,10 +217,10 @@ def _refined(model: ModeModel, start: _Point) -> _Point:
     """Return the nearest best fit with the start's lag."""
     from scipy.optimize import minimize
 
-    scale = model.solved(start.hertz, start.ratio, start.lag).cost
+    scale = model.solved(None).cost
 
     def cost(point: FloatArray) -> float:
-        return model.solved(*_values(point), start.lag).cost / scale
+        return min(model.solved(*_values(point), start.lag).cost / scale, _IMPOSSIBLE)
 
     begun = np.log([start.hertz, start.ratio])
     simplex = begun + np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.5]])
@@ -228,7 +239,7 @@ def _ends(model: ModeModel, best: _Point, which: int) -> tuple[float, float]:
     from scipy.optimize import minimize_scalar
 
     at = np.log([best.hertz, best.ratio])
-    limit = WORSE * best.cost
+    limit = BEYOND * best.cost
 
     def fits(away: float) -> bool:
         def cost(other: float) -> float:

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,11 @@ _DEGREE = 4
 """Of the polynomial of a cruise"""
 _SETTLED_S = 0.02
 """Left out at the beginning of a cruise [s]"""
+Sample = TypeVar("Sample", np.float64, np.complex128)
 FEWEST = 80
 """Samples of a cruise, and of its part in one direction"""
+_LIGHTEST, _HEAVIEST = 0.6, 1.7
+"""Range of 1 / J over that of other motions"""
 _RIDGE, _NOTHING = 1e-10, 1e-300
 """Keep columns that are alike apart, relative to their squares; stands for no square"""
 LOWEST_HZ, HIGHEST_HZ = 5.0, 400.0
@@ -105,14 +109,16 @@ def cruises_of(
     longest = max((len(each) for each in positions), default=0)
 
     def padded(parts: list[FloatArray], length: int) -> FloatArray:
+        if not parts:
+            return np.zeros((0, length))
         return np.array([np.pad(each, (0, length - each.size)) for each in parts])
 
     return Cruises(
         padded(positions, longest),
         padded(weights, longest),
-        period * np.arange(longest),
+        period * np.arange(longest, dtype=np.float64),
         padded(torques, _FINE * longest),
-        np.array(ways),
+        np.array(ways, np.float64),
         period,
         decay,
     )
@@ -138,6 +144,7 @@ class ModeModel:
     Args:
         cruises: The motion.
         encoder: Side of the transmission that it measures.
+        inertia: Of motor and load by other motions, roughly [kg·m²].
 
     Attributes:
         cruises: See above.
@@ -145,7 +152,8 @@ class ModeModel:
         samples: Number of samples that count.
     """
 
-    def __init__(self, cruises: Cruises, encoder: str) -> None:
+    def __init__(self, cruises: Cruises, encoder: str, inertia: float) -> None:
+        self._gain = 1.0 / inertia
         self.cruises = cruises
         self.on_motor = encoder == "motor"
         self._fine = cruises.period / _FINE
@@ -157,7 +165,13 @@ class ModeModel:
         self.samples = float(cruises.weights.sum())
 
     def solved(
-        self, hertz: float | None, ratio: float = 0.0, lag: float = 0.0, gain: float | None = None
+        self,
+        hertz: float | None,
+        ratio: float = 0.0,
+        lag: float = 0.0,
+        gain: float | None = None,
+        *,
+        free: bool = False,
     ) -> Solved:
         """Return the best fit with a mode; None: with a rigid shaft.
 
@@ -166,6 +180,10 @@ class ModeModel:
             ratio: Damping ratio, < 1.
             lag: One of ``LAGS_S`` [s].
             gain: Of the vibration, g; None: -1 for an encoder on the output, fitted on the motor.
+            free: It is fitted on the output too.
+
+        Returns:
+            The squares are infinite where the inertia is far from that of other motions.
         """
         rigid, speed = self._rigid[lag]
         shared = [rigid]
@@ -173,18 +191,19 @@ class ModeModel:
         rate = speed
         if hertz is not None:
             mode, its_rate = self._mode(self._lagged[lag], hertz, ratio)
-            if gain is None and self.on_motor:
+            if free or (gain is None and self.on_motor):
                 shared.append(mode)
             else:
                 gain = -1.0 if gain is None else gain
                 shared[0] = rigid + gain * mode
                 rate = speed + gain * its_rate
         shared.append(-rate)
-        return self._least_squares(nuisance, shared)
+        found = self._least_squares(nuisance, shared)
+        if hertz is not None and not _LIGHTEST < found.gains[0] / self._gain < _HEAVIEST:
+            return replace(found, cost=math.inf)
+        return found
 
-    def motor_speed(
-        self, hertz: float, ratio: float, lag: float, load_ratio: float
-    ) -> FloatArray:
+    def motor_speed(self, hertz: float, ratio: float, lag: float, load_ratio: float) -> FloatArray:
         """Return the motor's speed in the best fit, per cruise and sample [rad/s].
 
         Args:
@@ -244,7 +263,8 @@ class ModeModel:
     def _nuisance(self, hertz: float | None, ratio: float) -> FloatArray:
         """Return the columns that each cruise has by itself, n × q."""
         if hertz is None:
-            return self._polynomials
+            plain: FloatArray = np.asarray(self._polynomials, np.float64)
+            return plain
         rate, _ = _pole(hertz, ratio)
         free: ComplexArray = np.exp(rate * self.cruises.time)
         return np.column_stack([self._polynomials, free.real, free.imag])
@@ -271,7 +291,7 @@ class ModeModel:
         )
 
 
-def _before(values: NDArray[np.generic]) -> NDArray[np.generic]:
+def _before(values: NDArray[Sample]) -> NDArray[Sample]:
     """Return the values at the beginnings of steps, from those at their ends."""
     return np.concatenate([np.zeros_like(values[:, :1]), values[:, :-1]], axis=1)
 
@@ -295,7 +315,7 @@ def joined(one: Cruises, other: Cruises) -> Cruises:
     return Cruises(
         together("position", longest),
         together("weights", longest),
-        one.period * np.arange(longest),
+        one.period * np.arange(longest, dtype=np.float64),
         together("torque", _FINE * longest),
         np.concatenate([one.way, other.way]),
         one.period,

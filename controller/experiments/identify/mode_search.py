@@ -63,17 +63,17 @@ def find_mode(
     every = _cruised("mode", bench, fit, bounds, cruise, survey(cruise))
     if every is None:
         return None
-    mode = looked_at(ModeModel(every, encoder))
+    mode = looked_at(ModeModel(every, encoder, fit.inertia))
     if mode.hertz is None:
         return mode
     steady, bands = _closer_look(mode, mode.hertz, cruise, load_ratio)
     near = _cruised("mode-closer", bench, fit, bounds, steady, bands)
     if near is None:
         return mode
-    seen = closer(ModeModel(near, encoder), mode)
-    model = ModeModel(joined(every, near), encoder)
+    seen = closer(ModeModel(near, encoder, fit.inertia), mode)
+    model = ModeModel(joined(every, near), encoder, fit.inertia)
     kept = one_way(model, seen, load_ratio, _AHEAD * cruise.speed)
-    return closer(ModeModel(kept, encoder), seen)
+    return closer(ModeModel(kept, encoder, fit.inertia), seen)
 
 
 def _closer_look(

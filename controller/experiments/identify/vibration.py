@@ -148,7 +148,5 @@ def vibration_lines(found: Vibration | None) -> Iterator[str]:
 
 
 def _entry(bounded: Bounded) -> dict[str, float]:
-    value, low, high = (
-        float(f"{each:.6g}") for each in (bounded.value, bounded.low, bounded.high)
-    )
+    value, low, high = (float(f"{each:.6g}") for each in (bounded.value, bounded.low, bounded.high))
     return {"value": value, "low": min(low, value), "high": max(high, value)}
