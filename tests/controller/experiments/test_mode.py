@@ -63,12 +63,12 @@ def mode_of(motion: Motion, encoder: str = "output") -> Mode:
     return looked_at(ModeModel(cruises, encoder, WHOLE))
 
 
-@pytest.mark.parametrize(("hertz", "ratio", "load"), [(38.0, 0.02, 0.3), (110.0, 0.01, 1.0)])
 def believed(inertia: float) -> Belief:
     known = Bounded.exactly
     return Belief(known(inertia), known(FRICTION), known(0.09), known(1e-3), known(1.0))
 
 
+@pytest.mark.parametrize(("hertz", "ratio", "load"), [(38.0, 0.02, 0.3), (110.0, 0.01, 1.0)])
 def test_a_vibration_is_found_within_its_bounds(hertz: float, ratio: float, load: float) -> None:
     mode = mode_of(moved(hertz, ratio, load))
     assert mode.low_hz <= hertz <= mode.high_hz < 1.1 * mode.low_hz
