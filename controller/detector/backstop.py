@@ -211,8 +211,10 @@ class Backstop:
         lets_go = abs(elongation) < abs(last)
         self._elongation = elongation
         hold = self._hold
-        if hold is not None and hold.torque:
-            self._follow_load(hold, elongation)
+        if hold is not None and hold.torque and hold.left(elongation, soft=phase == Phase.REDUCED):
+            hold.leave()
+            if phase == Phase.PROBING:
+                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
         if phase == Phase.WATCHING:
             if self.suspected and lets_go and not (ended or self._settings.bounces):
                 self._probe_a_suspicion(begun=True)
@@ -229,32 +231,6 @@ class Backstop:
             self._gaining = self._motion.gaining
             if self._gaining >= self._tuning.throws:
                 self._probe_what_throws()
-
-    def _follow_load(self, hold: LoadHold, elongation: float) -> None:
-        """Drop the hold where the load has gone.
-
-        Args:
-            hold: Holds a load.
-            elongation: Of the spring [rad].
-        """
-        rests = self._motion.elapsed > self._still * self._motion.interval
-        if hold.left(elongation) or (rests and hold.gone(self._spring(elongation))):
-            hold.drop()
-            if self.phase == Phase.PROBING:
-                self._answer(Verdict.HAND if hold.inside else Verdict.CHANGED)
-
-    def _spring(self, elongation: float) -> float:
-        """Return the torque of the present spring, with what holds a load [N·m].
-
-        Args:
-            elongation: Of the spring [rad].
-        """
-        scale, limit = self.stiffness_scale, self._settings.torque_limit
-        torque = scale * min(max(-self._stiffness * elongation, -limit), limit)
-        hold = self._hold
-        if hold is not None:
-            torque += hold.acts(elongation, self._stiffness, scale)
-        return torque
 
     def _missing(self, elongation: float) -> float:
         """Return the torque by which the whole spring's differs from the present one's [N·m].
@@ -283,19 +259,13 @@ class Backstop:
         softer = 1.0 - self.stiffness_scale
         if abs(missing) <= max(most, least * softer * self._stiffness):
             self.stiffness_scale = self.damping_scale = 1.0
-            self._let_go()
             self.phase = Phase.WATCHING
             self._whole = -1  # the present half-cycle began on a softer wall
 
     def _take_load(self) -> None:
         """Hold the load of the last cycle from now on."""
         if self._hold is not None:
-            self._hold.begin(self._stiffness, whole=self.stiffness_scale == 1.0)
-
-    def _let_go(self) -> None:
-        """Hold no load."""
-        if self._hold is not None:
-            self._hold.drop()
+            self._hold.begin(self._stiffness)
 
     def raise_again(self) -> None:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
@@ -308,7 +278,8 @@ class Backstop:
         """Restart the watch after a pause; reductions stay."""
         self._streak = self._count = 0
         self.alarm = False
-        self._let_go()
+        if self._hold is not None:
+            self._hold.drop()
         if self.phase == Phase.PROBING:
             self.phase = Phase.RETURNING
 
@@ -340,20 +311,10 @@ class Backstop:
             self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
             self._judge(undying)
-            self._check_load()
         elif self.steady and size >= settings.threshold:
             self._begun = self._since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
-        elif self._hold is not None:
-            # A load that has changed keeps the shaft away from where the wall comes back.
-            self._hold.follow(settings.rest_torque, self._stiffness)
-
-    def _check_load(self) -> None:
-        """Drop the hold on the reduced wall if its mean torque shows that the load has gone."""
-        hold = self._hold
-        if hold is not None and hold.torque and hold.gone(self._motion.load):
-            hold.drop()
 
     def _watch(self, size: float) -> None:
         """React to a regular motion that does not decay.
@@ -488,7 +449,7 @@ class Backstop:
     def _gives_way(self, steps: int) -> bool:
         """Whether the load would push through a wall reduced ``steps`` times."""
         load, limit = abs(self._motion.load), self._settings.torque_limit
-        if self._hold is not None:
+        if self._hold is not None and not self._settings.bounces:
             return load > self._tuning.loaded * limit
         return load > self._tuning.loaded_contacts * self._probing.scale**steps * limit
 
@@ -536,7 +497,9 @@ class Backstop:
         self.probes += 1
         self._take_load()
         self._probe.begin(self._motion, within=within)
-        self.stiffness_scale = self.damping_scale = self._probing.scale
+        self.stiffness_scale = self._probing.scale
+        loaded = self._hold is not None and self._hold.torque
+        self.damping_scale = 1.0 if loaded else self._probing.scale
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""

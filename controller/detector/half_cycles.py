@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Protocol
 
@@ -155,6 +156,12 @@ class HalfCycles:
         self.known = 0
         self._direction = 0
         self._hysteresis = self._least
+
+    @property
+    def settled(self) -> float:
+        """Return the time since the last turning point, over the longest half-cycle lately [1]."""
+        longest = max(self.duration, self.duration_2, self.duration_3)
+        return self.elapsed / longest if longest else math.inf
 
     def mean_torque(self) -> float:
         """Return the mean torque of the last cycle [N·m].

@@ -1,9 +1,8 @@
-"""Holds the load on a wall while its spring is softer: the spring is softened about its torque.
+"""Softens the spring only about its load, and only as far as the motion goes.
 
-The velocity is zero at both ends of a whole cycle, so that the wall's mean torque in it is that of
-the load, whether or not the torque saturates; friction cancels. It is constant from one half-cycle
-to the next at least, so that the loop is that of the softer spring. The hold ends where the load
-has gone: at the wall's surface, or where the wall pushes with less than half of it.
+The load is the wall's mean torque between two instants of rest: over a whole cycle, or while no
+turning point comes. Whatever the wall does in between, its torque has carried the load then,
+whether or not it saturates; friction cancels. So what is held follows the load, slowly.
 """
 
 from __future__ import annotations
@@ -23,19 +22,26 @@ class LoadHold:
         inside: The load's motion has stayed clear of the surface.
         reach: Distance from the surface up to which it acts in full, on the side without the load
             [rad].
-        permitted: A load may be held from now on. Not while something else has softened the wall:
-            the mean torque is then that of the softer spring.
+        deep: Distance from the surface, either way, up to which the motion goes [rad]: deeper, the
+            softer spring has the whole limit.
+        whole: The whole spring has acted until now, so that the load may be held at once.
     """
 
     __slots__ = (
         "_limit",
+        "_load",
+        "_margin",
         "_motion",
         "_one_sided",
+        "_place",
+        "_rested",
+        "_slack",
         "_tuning",
+        "deep",
         "inside",
-        "permitted",
         "reach",
         "torque",
+        "whole",
     )
 
     def __init__(
@@ -54,40 +60,76 @@ class LoadHold:
         self._tuning = tuning
         self._one_sided = one_sided
         self.inside = False
-        self.permitted = True
-        self.torque = self.reach = 0.0
+        self.whole = True
+        self.torque = self.reach = self.deep = self._load = self._margin = 0.0
+        self._place = self._rested = self._slack = 0.0
 
-    def begin(self, stiffness: float, *, whole: bool) -> None:
-        """Hold the mean torque of the last cycle.
+    def begin(self, stiffness: float) -> None:
+        """Hold the load of the last cycle from now on; on a softer wall, what is held already.
+
+        The whole spring carries the load in the middle of the motion: where the middle of the last
+        half-cycle is clearly nearer to the surface, the load is just leaving.
 
         Args:
             stiffness: K of the whole spring [N·m/rad].
-            whole: The whole spring acted until now. It carries the load in the middle of the
-                motion: where the middle of the last half-cycle is clearly nearer to the surface,
-                the load is just leaving.
         """
-        self.drop()
-        motion = self._motion
-        if not self.permitted or motion.known < 2:
-            return  # friction has its part in a single half-cycle
-        load = motion.mean_torque()
-        if whole:
+        motion, load = self._motion, self.torque
+        if self.whole:
+            load = motion.mean_torque() if motion.known >= 2 else 0.0
             side = math.copysign(1.0, load)
             depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
             load = side * min(abs(load), stiffness * max(depth, 0.0))
-        if abs(load) > self._least:
-            self._hold(load, stiffness)
+            self._slack = 0.0
+        self._load = load = load if abs(load) > self._least else 0.0
+        place = load / stiffness if stiffness > 0.0 else 0.0
+        turned = motion.turned, motion.turned_2, motion.turned_3
+        self.deep = max(abs(one) for one in turned) + self._room
+        if load:
+            side = math.copysign(1.0, load)
+            self._margin = max(0.0, *(side * (one + place) for one in turned)) + self._room
+        else:
+            self._margin = self.deep
+        self._hold(load, stiffness)
 
-    def follow(self, most: float, stiffness: float) -> None:
-        """Change what is held toward the mean torque of the last cycle.
+    def follow(
+        self,
+        away: float,
+        torque: float,
+        span: float,
+        stiffness: float,
+        scale: float,
+        *,
+        ended: bool,
+        returning: bool,
+    ) -> None:
+        """Change what is held toward the load.
 
         Args:
-            most: Largest change [N·m].
+            away: Position from the surface [rad].
+            torque: Of the wall now [N·m]: that of the load where no turning point comes any more.
+            span: Time since the last sample [s].
             stiffness: K of the whole spring [N·m/rad].
+            scale: Of the present one [1].
+            ended: A half-cycle has ended.
+            returning: The wall waits to come back, which it does where it holds the whole load.
         """
-        if self.torque and self._motion.known >= 2:
-            change = self._motion.mean_torque() - self.torque
-            self._hold(self.torque + min(max(change, -most), most), stiffness)
+        motion = self._motion
+        self._rested += span
+        if stiffness * abs(away - self._place) > self._least:
+            self._place, self._rested = away, 0.0
+        if self._rested > self._tuning.rests_s and motion.settled > self._tuning.settled:
+            self._load = torque
+        elif ended:
+            load = motion.mean_torque() if motion.known >= 2 else self.torque
+            clear = returning or abs(load - self.torque) > self._least
+            self._load = load if clear else self.torque
+        change = self._load - self.torque
+        slack = self._tuning.slack * self._limit
+        if returning or abs(change) > slack * scale:
+            # The load is as far from where the whole spring carries it as the slack allows.
+            self._slack = 0.0 if returning or stiffness <= 0.0 else slack / stiffness
+            share = min(span / self._tuning.follows_s, 1.0)
+            self._hold(self.torque + share * change, stiffness)
 
     @property
     def _least(self) -> float:
@@ -104,17 +146,21 @@ class LoadHold:
             torque: [N·m]
             stiffness: K of the whole spring [N·m/rad].
         """
-        motion = self._motion
         if stiffness <= 0.0:
             return
-        places = motion.turned, motion.turned_2, motion.turned_3, -torque / stiffness
+        place, margin = -torque / stiffness, self._margin + self._slack
         self.torque = torque
-        self.reach = max(places) + self._room if torque > 0.0 else min(places) - self._room
+        self.reach = place + math.copysign(margin, torque)
         self.inside = self.reach * torque < 0.0
+
+    def leave(self) -> None:
+        """Hold nothing any more: the load has gone, and the motion until now was its motion."""
+        self.drop()
+        self._motion.known = 0
 
     def drop(self) -> None:
         """Hold nothing any more."""
-        self.torque = self.reach = 0.0
+        self.torque = self.reach = self._load = 0.0
 
     def acts(self, away: float, stiffness: float, scale: float) -> float:
         """Return the torque that is added at a distance from the surface [N·m].
@@ -128,20 +174,14 @@ class LoadHold:
             return 0.0
         return held_torque(self.torque, self.reach, away, stiffness, scale)
 
-    def left(self, away: float) -> bool:
+    def left(self, away: float, *, soft: bool) -> bool:
         """Whether the shaft is past the surface where nothing must be held.
 
-        That is outside a one-sided wall, and where the load's motion has not come near before.
+        That is outside a one-sided wall, and where the load's motion has not come near before if
+        the whole wall comes back now.
 
         Args:
             away: Distance from the surface [rad].
+            soft: The wall stays soft.
         """
-        return (self.inside or self._one_sided) and away * self.torque >= 0.0
-
-    def gone(self, torque: float) -> bool:
-        """Whether the wall pushes with less than half of the hold: the load has gone.
-
-        Args:
-            torque: Mean or resting torque of the wall [N·m].
-        """
-        return torque * self.torque < self._tuning.gone * self.torque * self.torque
+        return ((self.inside and not soft) or self._one_sided) and away * self.torque >= 0.0

@@ -63,7 +63,7 @@ class OwnMotion:
         self.hold = LoadHold(self._half_cycles, limit, tuning.hold, one_sided=side != 0)
         self._backstop = Backstop(settings, self._half_cycles, self.hold)
         self._contacts = Contacts(settings.position_step, tuning.contacts)
-        self._bounces = None if bounces is None else Backstop(bounces, self._contacts)
+        self._bounces = None if bounces is None else Backstop(bounces, self._contacts, self.hold)
         self._inside = True
         self.hold.permitted = elongation is None
         self.scale = self.damping_scale = 1.0
@@ -85,17 +85,16 @@ class OwnMotion:
             elongation = away if self._elongation is None else self._elongation(away)
             backstop.update(span, elongation, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
+            self._follow_load(away, torque, span, stiffness, ended=ended)
             return
         depth = away * self._side
         elongation = away if depth > 0.0 else 0.0
-        if depth <= 0.0:
+        if depth <= 0.0:  # a half-cycle with a part outside is no evidence about the spring
             self._inside = False
+            self._half_cycles.known = 0
         whole = ended and self._inside
         if ended:
-            if not whole:  # a half-cycle with a part outside is no evidence about the spring
-                self._half_cycles.known = 0
             self._inside = depth > 0.0
-        self.hold.permitted = bounces.stiffness_scale == 1.0
         backstop.update(span, elongation, stiffness, ended=whole)
         left = self._contacts.update(depth, torque * self._side, span)
         bounces.update(span, elongation, stiffness, ended=left)
@@ -103,6 +102,28 @@ class OwnMotion:
             self._suspect(False)
         self.scale = min(backstop.stiffness_scale, bounces.stiffness_scale)
         self.damping_scale = min(backstop.damping_scale, bounces.damping_scale)
+        self._follow_load(away, torque, span, stiffness, ended=whole)
+
+    def _follow_load(
+        self, away: float, torque: float, span: float, stiffness: float, *, ended: bool
+    ) -> None:
+        """Hold the load as it is now, except in a probe; nothing on the whole wall.
+
+        Args:
+            away: Position, counted from the wall's surface [rad].
+            torque: Sent with the last sample [N·m].
+            span: Time since the last sample [s].
+            stiffness: K without this object's scale [N·m/rad].
+            ended: A half-cycle has ended inside of the wall.
+        """
+        hold, bounces = self.hold, self._bounces
+        hold.whole = self.scale == 1.0
+        phases = self._backstop.phase, Phase.WATCHING if bounces is None else bounces.phase
+        if hold.whole:
+            hold.drop()
+        elif Phase.PROBING not in phases:
+            returning = Phase.RETURNING in phases
+            hold.follow(away, torque, span, stiffness, self.scale, ended=ended, returning=returning)
 
     def suspect(self) -> None:
         """Request a probe of this motion, regular or not; cancelled if it stops before."""
@@ -156,9 +177,9 @@ class OwnMotion:
 
     @property
     def reduced(self) -> tuple[float, float]:
-        """Return the scales of stiffness and damping after alarms, without probes."""
+        """Return the scales of stiffness and damping, without those of a probe that goes on."""
         both = [self._backstop] if self._bounces is None else [self._backstop, self._bounces]
-        taken = [one for one in both if one.phase == Phase.REDUCED]
+        taken = [one for one in both if one.phase != Phase.PROBING]
         return (
             min((one.stiffness_scale for one in taken), default=1.0),
             min((one.damping_scale for one in taken), default=1.0),

@@ -796,12 +796,34 @@ class HoldTuning:
         "chosen: a motion that grows by half in each half-cycle is still about its middle",
         off=ANY,
     )
-    gone: float = tuned(
-        0.5,
+    settled: float = tuned(
+        1.5,
+        "half-cycles",
+        "The wall's torque is the load's if no turning point has come for so many of the longest of"
+        " the last three half-cycles,",
+        "chosen: a motion that goes on turns around before",
+        off=ANY,
+    )
+    rests_s: float = tuned(
+        0.15,
+        "s",
+        "and for so long the whole spring's torque has changed by less than what is held at least.",
+        "chosen: a creeping shaft is at rest, a swinging one is not",
+        off=ANY,
+    )
+    slack: float = tuned(
+        0.1,
         "1",
-        "The load has gone where the wall pushes with less than this fraction of the hold.",
-        "chosen: a leaning person's push varies by less",
+        "On a wall that stays reduced, what is held follows where the spring about it carries more"
+        " than this fraction of its limit.",
+        "chosen: the mean torque of a decaying motion is less",
         off=0.0,
+    )
+    follows_s: float = tuned(
+        0.5,
+        "s",
+        "What is held follows the load with this time constant.",
+        "chosen: longer than a half-cycle on most reduced walls",
     )
 
 

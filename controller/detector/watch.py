@@ -289,6 +289,11 @@ class Watch:
         return 0.0 if self.own is None else self.own.hold.reach
 
     @property
+    def soft_to(self) -> float:
+        """Return the distance from the surface up to which the spring's limit is scaled [rad]."""
+        return 0.0 if self.own is None else self.own.hold.deep
+
+    @property
     def damping_scale(self) -> float:
         """Return the scale of its damping [1]."""
         return 1.0 if self.own is None else self.own.damping_scale

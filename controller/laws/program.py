@@ -106,6 +106,7 @@ class Program:
         "phase",
         "position",
         "scale",
+        "soft_to",
         "stiffness",
     )
 
@@ -125,7 +126,7 @@ class Program:
         self.stiffness = self.damping = self.injected = self.position = 0.0
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.held = 0.0
+        self.carried = self.carried_to = self.held = self.soft_to = 0.0
         self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position

@@ -25,7 +25,8 @@ class Law(Protocol):
         done: Nothing is left to render; never for a wall.
         scale: Derating of the stiffness after an oscillation [1].
         damping_scale: Derating of the damping [1].
-        elastic_limit: Largest torque of the spring alone [N·m].
+        elastic_limit: Largest torque of the spring alone up to ``soft_to`` [N·m].
+        soft_to: Distance from its zero up to which that limit holds [rad].
         carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
         carried_to: Distance from its zero up to which it is added in full [rad].
         held: Torque added for the load in the last tick [N·m].
@@ -46,6 +47,7 @@ class Law(Protocol):
     scale: float
     damping_scale: float
     elastic_limit: float
+    soft_to: float
     carried: float
     carried_to: float
     held: float
@@ -125,8 +127,10 @@ class Wall:
         one_sided: The wall never pulls, and so has an outside.
         scale: Derating of the stiffness after an oscillation [1].
         damping_scale: Derating of the damping, the injected included [1].
-        elastic_limit: Largest torque of the spring alone [N·m]. Where it is lowered along with the
-            stiffness, a spring that saturates gets softer too.
+        elastic_limit: Largest torque of the spring alone up to ``soft_to`` [N·m]. Where it is
+            lowered along with the stiffness, a spring that saturates gets softer too.
+        soft_to: Distance from its zero up to which that limit holds [rad]. Deeper, the spring's
+            torque rises with its stiffness again.
         carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
         carried_to: Distance from its zero up to which it is added in full [rad].
         held: Torque added for the load in the last tick [N·m].
@@ -150,6 +154,7 @@ class Wall:
         "phase",
         "position",
         "scale",
+        "soft_to",
         "stiffness",
     )
 
@@ -172,7 +177,7 @@ class Wall:
         self.guarded, self.phase, self.done = True, 0, False
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.held = 0.0
+        self.carried = self.carried_to = self.held = self.soft_to = 0.0
 
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
@@ -199,12 +204,14 @@ class Wall:
     def torque(self, position: float, velocity: float) -> float:
         """Return the wall's torque [N·m] at a position [rad] and an estimated velocity [rad/s]."""
         away = position - self.position
-        torque = -self.stiffness * self.scale * away
+        stiffness = self.stiffness * self.scale
+        torque = -stiffness * away
         limit = self.elastic_limit
-        if torque > limit:
-            torque = limit
-        elif torque < -limit:
-            torque = -limit
+        if torque > limit or torque < -limit:
+            # The rise beyond soft_to starts from the limit, or from the spring's line below it.
+            rise = stiffness * (abs(away) - self.soft_to)
+            limit = min(limit + rise, abs(torque)) if rise > 0.0 else limit
+            torque = limit if torque > 0.0 else -limit
         if self.carried:
             self.held = held = held_torque(
                 self.carried, self.carried_to, away, self.stiffness, self.scale

@@ -98,17 +98,25 @@ class Gains:
         self.in_force = True
 
     def scale(
-        self, stiffness_scale: float, damping_scale: float, carried: float, carried_to: float
+        self,
+        stiffness_scale: float,
+        damping_scale: float,
+        carried: float,
+        carried_to: float,
+        soft_to: float,
     ) -> None:
         """Scale the law at once: the derating after an oscillation.
 
         Args:
-            stiffness_scale: Of the stiffness, and of the largest torque of the spring [1].
+            stiffness_scale: Of the stiffness, and of the largest torque of the spring up to
+                ``soft_to`` [1].
             damping_scale: Of the damping [1].
             carried: Torque about which the spring is softened [N·m].
             carried_to: Distance from its zero up to which it is added in full [rad].
+            soft_to: Distance from its zero up to which the spring's torque is limited [rad].
         """
         law = self._law
+        law.soft_to = soft_to
         if carried != law.carried or carried_to != law.carried_to:
             law.carried, law.carried_to, law.held = carried, carried_to, 0.0
         if stiffness_scale != law.scale or damping_scale != law.damping_scale:

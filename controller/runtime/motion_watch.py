@@ -81,7 +81,9 @@ class MotionWatch:
             trip = Trip.OVERSPEED
         elif watch.failed:
             trip = Trip.OSCILLATION
-        self._gains.scale(watch.scale, watch.damping_scale, watch.carried, watch.carried_to)
+        self._gains.scale(
+            watch.scale, watch.damping_scale, watch.carried, watch.carried_to, watch.soft_to
+        )
         injected = 0.0
         if self._passivity is not None:
             injected = self._passivity.update(

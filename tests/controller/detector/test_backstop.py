@@ -593,6 +593,59 @@ def test_whoever_lets_go_in_a_probe_is_not_pushed(side: Side) -> None:
         assert trial.held[-1] == 0.0
 
 
+@pytest.mark.parametrize("side", ["both", "above"])
+@pytest.mark.parametrize("then", [0.45, 0.6])
+def test_a_push_that_comes_in_a_probe_does_not_go_through(side: Side, then: float) -> None:
+    """The probed wall and its hold are weaker than the push, which comes without turning points."""
+
+    def moved(operator: Operator, duration_s: float) -> Trial:
+        wall = WallAsked(19.0, 0.02, side)
+        return run_trial(VALUE, BENCH.sets, wall, operator, duration_s=duration_s)
+
+    asked = int(np.flatnonzero(moved(leaning(0.82, 3.0), 1.6).stiffness < 19.0)[0])
+    sways = leaning(0.82, 1e-3 * (asked + 100))
+    pushes = [(0.0, 0.02, 0.0, 0.0, 4.1 * then)] * 5000
+    trial = moved(replace(sways, rows=[*sways.rows, *pushes]), 4.5)
+    assert trial.stiffness[asked + 150] == 4.75, "it is still probed"
+    assert np.abs(trial.output).max() < 7.0 * 4.1 * then / 19.0, "27 turns and more"
+    assert trial.output[-1] == pytest.approx(4.1 * then / 19.0, rel=0.1)
+    assert trial.stiffness[-1] == 19.0
+    assert trial.trip is None
+
+
+def test_a_load_that_eases_on_a_reduced_wall_stays_at_its_place() -> None:
+    """Less than half of it was left, and its hold was dropped: it went through by four turns."""
+    truth = replace(XL330, damping=0.0036617, no_load_speed=10.786, delay=0.0125)
+    eases = np.interp(np.arange(9000) * 1e-3, [2.5, 5.5], [0.286, 0.129])
+    load = operator_of(0.0, 0.0, np.zeros(9000), push=eases)
+    sets = bench_of("xl330-m288").sets
+    wall = WallAsked(1.32, 0.005)
+    trial = run_trial(truth, sets, wall, load, duration_s=7.5, position=0.2667)
+    assert trial.counts[2] == 1
+    assert trial.trip is None
+    assert np.abs(trial.output[2500:]).max() < 0.3
+    assert trial.torque[-1] == pytest.approx(-0.129, abs=0.02)
+    assert np.abs(np.diff(trial.torque[2500:])).max() < 0.05 * 0.52, "no step"
+
+
+def test_whoever_lets_go_in_a_probe_of_a_damped_wall_is_not_thrown() -> None:
+    """It holds its damping too: with a quarter of it three times as much energy came back."""
+    truth = replace(VALUE, coulomb=0.045195)
+
+    def moved(seconds: float, duration_s: float) -> Trial:
+        time = np.arange(round(seconds * 1e3)) * 1e-3
+        wanted = 0.372 + 0.0868 * np.sin(math.tau * 1.5 * time)
+        holds = operator_of(14.88, 0.42, wanted)
+        wall = WallAsked(7.44, 0.2)
+        sets = BENCH.sets
+        return run_trial(truth, sets, wall, holds, duration_s=duration_s, position=0.248)
+
+    asked = int(np.flatnonzero(moved(9.0, 6.0).stiffness < 7.44)[0])
+    trial = moved(1e-3 * (asked + 333), 1e-3 * asked + 0.8)
+    out = -np.diff(trial.output[asked + 333 :]).min() * 1e3
+    assert out < 1.15 * 5.3, "the whole wall gives 5.3 rad/s from the deepest place, not 7.7"
+
+
 def test_the_log_says_what_was_commanded_while_a_load_is_held() -> None:
     truth = replace(VALUE, delay=0.004)
     load = operator_of(0.0, 0.0, np.zeros(3000), push=1.1)

@@ -25,7 +25,7 @@ def swung(place: float, amplitude: float, cycles: float = 3.2, friction: float =
 
 def holding(seen: HalfCycles, *, one_sided: bool = False) -> LoadHold:
     hold = LoadHold(seen, LIMIT, TUNING.hold, one_sided=one_sided)
-    hold.begin(STIFFNESS, whole=True)
+    hold.begin(STIFFNESS)
     return hold
 
 
@@ -74,6 +74,7 @@ def test_a_shaft_that_swings_about_the_surface_again_has_no_load_to_be_held() ->
 def test_it_ends_a_quarter_of_the_swing_beyond_the_turning_points() -> None:
     hold = holding(swung(0.2, 0.1))
     assert hold.reach == pytest.approx(0.075, abs=1e-3)
+    assert hold.deep == pytest.approx(0.325, abs=1e-3)
     assert hold.acts(0.1, STIFFNESS, 0.25) == hold.acts(0.3, STIFFNESS, 0.25)
     assert abs(hold.acts(0.0, STIFFNESS, 0.25)) < abs(hold.acts(0.1, STIFFNESS, 0.25))
     assert hold.acts(-0.2, STIFFNESS, 0.25) == 0.0
@@ -82,14 +83,60 @@ def test_it_ends_a_quarter_of_the_swing_beyond_the_turning_points() -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_whoever_passes_the_surface_has_taken_the_load_away(side: float) -> None:
     clear, near = holding(swung(0.2 * side, 0.1)), holding(swung(0.1 * side, 0.1))
-    assert clear.left(-0.001 * side)
-    assert not clear.left(0.001 * side)
-    assert not near.left(-0.001 * side), "the load itself swings there"
-    assert holding(swung(0.1 * side, 0.1), one_sided=True).left(0.0), "outside nothing is held"
+    assert clear.left(-0.001 * side, soft=False)
+    assert not clear.left(0.001 * side, soft=False)
+    assert not clear.left(-0.001 * side, soft=True), "the wall does not come back there"
+    assert not near.left(-0.001 * side, soft=False), "the load itself swings there"
+    outside = holding(swung(0.1 * side, 0.1), one_sided=True)
+    assert outside.left(0.0, soft=True), "outside nothing is held"
 
 
-def test_a_load_has_gone_where_the_wall_pushes_with_less_than_half_of_it() -> None:
-    hold = holding(swung(0.2, 0.1))
-    assert not hold.gone(-1.1)
-    assert hold.gone(-0.9)
-    assert hold.gone(1.5)
+def followed(
+    hold: LoadHold, away: float, torque: float, seconds: float, *, returning: bool = False
+) -> float:
+    """What is held after a time at rest, on a wall with a sixteenth of its stiffness [N·m]."""
+    for _ in range(round(1e3 * seconds)):
+        hold.follow(away, torque, 1e-3, STIFFNESS, 1 / 16, ended=False, returning=returning)
+    return hold.torque
+
+
+def at_rest(seen: HalfCycles, place: float) -> None:
+    for _ in range(400):
+        seen.update(place, -STIFFNESS * place, 1e-3)
+
+
+@pytest.mark.parametrize("eased", [-0.8, -1.8, 0.4])
+def test_a_load_at_rest_that_has_changed_is_held_as_it_is_now(eased: float) -> None:
+    """Less than half of it was dropped at once, and fell through a wall at a sixteenth."""
+    hold = holding(seen := swung(0.2, 0.1))
+    at_rest(seen, 0.1)
+    assert followed(hold, 0.1, eased, 0.1) == pytest.approx(-2.0, abs=0.05), "it may move on"
+    assert abs(followed(hold, 0.1, eased, 3.0) - eased) < 0.03
+
+
+def test_what_is_held_changes_slowly() -> None:
+    hold = holding(seen := swung(0.2, 0.1))
+    at_rest(seen, 0.1)
+    last = hold.torque
+    for _ in range(1000):
+        torque = followed(hold, 0.1, -0.2, 1e-3)
+        assert abs(torque - last) < 0.01 * LIMIT
+        last = torque
+
+
+def test_a_load_that_came_on_the_softer_wall_is_held_in_the_end() -> None:
+    hold = holding(seen := swung(0.0, 0.1))
+    assert hold.torque == 0.0
+    hold.whole = False
+    at_rest(seen, 0.3)
+    assert followed(hold, 0.3, -1.5, 3.0, returning=True) == pytest.approx(-1.5, abs=0.01)
+
+
+def test_a_shaft_that_swings_on_has_no_torque_of_rest() -> None:
+    hold = holding(seen := swung(0.2, 0.1))
+    for k in range(400):
+        phase = math.tau * 5.0 * k * 1e-3
+        ended = seen.update(0.2 + 0.1 * math.cos(phase), -2.0 - math.cos(phase), 1e-3)
+        away, torque = 0.2 + 0.1 * math.cos(phase), -2.0 - 0.25 * math.cos(phase)
+        hold.follow(away, torque, 1e-3, STIFFNESS, 0.25, ended=ended, returning=False)
+        assert hold.torque == pytest.approx(-2.0, abs=0.05)

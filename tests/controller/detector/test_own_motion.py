@@ -76,19 +76,24 @@ def test_a_wall_comes_back_to_somebody_who_leans_more_than_before() -> None:
     leaned_on(own, 0.2, 0.1, 0.72)
     assert own.scale == 0.25
     assert own.hold.torque == pytest.approx(-2.0, abs=0.05)
-    leaned_on(own, 0.3, 0.04, 3.0)
-    assert own.scale == 1.0
+    assert own.reduced == (1.0, 1.0), "a probe takes nothing"
+    leaned_on(own, 0.3, 0.04, 0.5)
+    assert own.reduced == (0.25, 1.0), "it waits, and the report says so"
+    assert 1.0 in leaned_on(own, 0.3, 0.04, 2.0)
     assert own.hold.torque == 0.0
 
 
 def test_a_wall_that_contacts_have_softened_gets_no_torque_on_top() -> None:
-    """What a probe of half-cycles would hold is the load of a wall of which a quarter is left."""
+    """What a probe of half-cycles holds is what that wall carries already, and comes slowly."""
     own = OwnMotion(SETTINGS, SETTINGS, 1)
     bounces = not_none(own._bounces)
     bounces.phase, bounces.stiffness_scale = Phase.REDUCED, 0.25
+    held = 0.0
     for k in range(2000):
         away = round((0.2 + 0.1 * math.sin(math.tau * 5.0 * k * 1e-3)) / COUNT) * COUNT
         own.update(away, -10.0 * own.scale * away, 1e-3, 10.0)
         assert own.scale <= 0.25
-        assert own.hold.torque == 0.0
+        assert -0.6 < own.hold.torque <= held + 0.01
+        assert abs(own.hold.torque - held) < 0.01
+        held = own.hold.torque
     assert own.counts[0] == 1, "the motion is probed all the same"

@@ -59,8 +59,24 @@ def softer(side: Side, load: float, reach: float, scale: float, limit: float = 4
     """A wall with 10 N·m/rad at 0 that holds a load."""
     wall = Wall(10.0, 0.0, 0.0, side)
     wall.scale, wall.elastic_limit = scale, scale * limit
-    wall.carried, wall.carried_to = load, reach
+    wall.carried, wall.carried_to, wall.soft_to = load, reach, math.inf
     return wall
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.0, 2.0), share)
+def test_a_softer_wall_has_its_whole_limit_deeper_than_the_motion(
+    depth: float, soft_to: float, scale: float
+) -> None:
+    """With a limit of 4 N·m the whole spring saturates 0.4 rad deep."""
+    wall = softer("both", 0.0, 0.0, scale)
+    wall.soft_to = soft_to
+    torque = -wall.torque(depth, 0.0)
+    assert torque == wall.torque(-depth, 0.0)
+    if depth <= max(soft_to, 0.4):
+        assert torque == pytest.approx(scale * min(10.0 * depth, 4.0))
+    else:
+        rise = 10.0 * scale * (depth - max(soft_to, 0.4))
+        assert torque == pytest.approx(scale * 4.0 + rise), "the softer spring goes on"
 
 
 @given(st.floats(0.01, 0.38), share, st.sampled_from([1.0, -1.0]))

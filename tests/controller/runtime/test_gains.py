@@ -92,7 +92,7 @@ def test_a_longer_delay_that_allows_more_waits_for_a_moment_at_rest() -> None:
 def test_a_scale_lowers_the_springs_largest_torque_too() -> None:
     made, wall = gains((40.0, 0.2))
     made.begin()
-    made.scale(0.25, 1.0, 0.0, 0.0)
+    made.scale(0.25, 1.0, 0.0, 0.0, 0.0)
     assert (wall.scale, wall.damping_scale) == (0.25, 1.0)
     assert wall.elastic_limit == 0.25 * 2.0, "of the clip, which is below the servo's limit"
     assert wall.stiffness == 40.0
