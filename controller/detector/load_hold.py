@@ -25,6 +25,7 @@ class LoadHold:
         deep: Distance from the surface, either way, up to which the motion goes [rad]: deeper, the
             softer spring has the whole limit.
         whole: The whole spring has acted until now, so that the load may be held at once.
+        permitted: The law is one linear spring: nothing is held by another one.
     """
 
     __slots__ = (
@@ -39,6 +40,7 @@ class LoadHold:
         "_tuning",
         "deep",
         "inside",
+        "permitted",
         "reach",
         "torque",
         "whole",
@@ -60,7 +62,7 @@ class LoadHold:
         self._tuning = tuning
         self._one_sided = one_sided
         self.inside = False
-        self.whole = True
+        self.whole = self.permitted = True
         self.torque = self.reach = self.deep = self._load = self._margin = 0.0
         self._place = self._rested = self._slack = 0.0
 
@@ -75,7 +77,7 @@ class LoadHold:
         """
         motion, load = self._motion, self.torque
         if self.whole:
-            load = motion.mean_torque() if motion.known >= 2 else 0.0
+            load = motion.mean_torque() if motion.known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)
             depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
             load = side * min(abs(load), stiffness * max(depth, 0.0))
@@ -113,6 +115,8 @@ class LoadHold:
             ended: A half-cycle has ended.
             returning: The wall waits to come back, which it does where it holds the whole load.
         """
+        if not self.permitted:
+            return
         motion = self._motion
         self._rested += span
         if stiffness * abs(away - self._place) > self._least:
