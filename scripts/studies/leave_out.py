@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -28,7 +28,7 @@ from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.experiments.maps.many_walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.asked_numbers import Asked, asked_tuning
-from scripts.study import ROOT, Found, Given, Option, Part, Study, table
+from scripts.study import ROOT, Found, Option, Part, Study, table
 from scripts.trials.cases import Case
 from scripts.trials.detector_trials import Drawn, draw_held, draw_kicked, kick_trial, kicked_at
 from scripts.trials.hands import HANDS, draw_hands, handled
@@ -46,16 +46,15 @@ SEED, KICKED, SHARES = 36, 10, (0.6, 1.2, 2.0)
 """Of what the belief's detector hears: number of kicked walls, and K over their limit"""
 HELD, HELD_S = 2, 10.0
 """Walls for each hand that it hears, and their length [s]"""
+EACH, LONGEST_S, MOST = 6, 25.0, 12
+"""For single numbers: cases of each kind, their greatest length [s], and runs with each value"""
 HEARD = ("belief", "streaks", "energy", "recording")
 """Groups of the detector that knows the believed servo: its alarm is only a suspicion in a run, so
 that recorded motions tell more of them"""
-WHOLE = tuple(group.name for group in fields(TUNING) if group.name not in HEARD)
 EVERY = tuple(group.name for group in fields(TUNING))
 
 Numbers = Mapping[str, object]
 """Values by ``group.name``"""
-Tried = tuple[str, str]
-"""Name of a case, and the group whose numbers are changed"""
 Tries = dict[str, Numbers]
 """Numbers that are changed together, by a name"""
 
@@ -115,6 +114,21 @@ class Row:
     """Tries that may change it; all others leave every bit of it the same"""
     changed: dict[str, Outcome]
     """Of those that ran, the ones that did change it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """What some cases came to with another value of one number."""
+
+    may: int
+    """Cases that the value may change"""
+    ran: int
+    """Of those, how many ran: until an answer changed, at most ``MOST``"""
+    differ: int
+    """Of those, how many have other figures"""
+    change: str
+    """The answer that changed; empty: none"""
+    worse: bool = False
 
 
 def varied(numbers: Numbers) -> Tuning:
@@ -181,15 +195,16 @@ def table_cases() -> dict[str, tuple[str, Case]]:
     return found
 
 
-def whole_names(most: int) -> list[str]:
+def whole_names(most: int, longest_s: float = math.inf) -> list[str]:
     """Return names of whole runs, the kinds in turn; ``most``: of each kind."""
     kinds: dict[str, list[str]] = {}
-    for name, (kind, _) in table_cases().items():
-        kinds.setdefault(kind, []).append(name)
+    for name, (kind, case) in table_cases().items():
+        if case.duration_s <= longest_s:
+            kinds.setdefault(kind, []).append(name)
     places = sorted(
         ((i + 0.5) / len(names), name)
-        for names in kinds.values()
-        for i, name in enumerate(names[:most])
+        for names in (every[:most] for every in kinds.values())
+        for i, name in enumerate(names)
     )
     return [name for _, name in places]
 
@@ -321,7 +336,7 @@ _JUDGES: dict[str, Callable[..., Outcome]] = {
 }
 
 
-@lru_cache(maxsize=4)
+@cache
 def as_it_is(name: str) -> tuple[Outcome, dict[str, Asked]]:
     """Run a case with the detector's numbers; return in which range of each it stays the same."""
     tuning, notes = asked_tuning()
@@ -334,57 +349,94 @@ def _may(notes: Mapping[str, Asked], numbers: Numbers) -> bool:
     )
 
 
-def _row(name: str, tries: Tries, others: Tries | None = None) -> Row:
-    """Run a case with each of these tries; ``others``: only whether they may change it."""
-    plain, notes = as_it_is(name)
-    changed = {}
-    for title, numbers in tries.items():
-        if _may(notes, numbers):
-            try:
-                other = outcome(name, varied(numbers))
-            except (ArithmeticError, ValueError) as error:
-                other = Outcome(f"cannot run: {error}", 9, "")
-            if other != plain:
-                changed[title] = other
-    every = {**tries, **(others or {})}
-    may = [title for title, numbers in every.items() if _may(notes, numbers)]
-    return Row(plain, [name for name, one in notes.items() if one.used], may, changed)
+def _changed(name: str, numbers: Numbers) -> Outcome:
+    try:
+        return outcome(name, varied(numbers))
+    except (ArithmeticError, ValueError) as error:
+        return Outcome(f"cannot run: {error}", 9, "")
 
 
 def without_criteria(name: str) -> Row:
     """Run a case without each criterion, and note which single numbers may change it."""
-    singles = {
-        title: numbers
-        for group in EVERY
-        for title, numbers in (without(group) | scaled(group)).items()
+    plain, notes = as_it_is(name)
+    found = {
+        title: _changed(name, numbers)
+        for title, numbers in CRITERIA.items()
+        if _may(notes, numbers)
     }
-    return _row(name, CRITERIA, singles)
+    changed = {title: other for title, other in found.items() if other != plain}
+    singles = {title: numbers for group in EVERY for title, numbers in tries_of(group).items()}
+    may = [title for title, numbers in (CRITERIA | singles).items() if _may(notes, numbers)]
+    return Row(plain, [name for name, one in notes.items() if one.used], may, changed)
 
 
-def left_out(case: Tried) -> Row:
-    """Run a case without each criterion of a group that is a single number."""
-    return _row(case[0], without(case[1]))
+def tries_of(group: str) -> Tries:
+    """Return each number of a group left out, smaller and larger."""
+    return without(group) | scaled(group)
 
 
-def resized(case: Tried) -> Row:
-    """Run a case with each number of a group smaller and larger."""
-    return _row(case[0], scaled(case[1]))
+def names_of(number: str) -> list[str]:
+    """Return names of the cases that a single number is tried on."""
+    if number.partition(".")[0] in HEARD:
+        return heard_names(EACH)
+    return whole_names(EACH, LONGEST_S)
 
 
-def _whole(given: Given) -> list[Tried]:
-    return [(name, group) for name in whole_names(given.cases) for group in WHOLE]
+def with_other_values(number: str) -> dict[str, Felt]:
+    """Run some cases with each other value of a number, until an answer changes."""
+    tries = tries_of(number.partition(".")[0])
+    return {
+        title: _felt_by(names_of(number), numbers)
+        for title, numbers in tries.items()
+        if number in numbers
+    }
 
 
-def _heard_cases(given: Given) -> list[Tried]:
-    return [(name, group) for name in heard_names(given.cases) for group in HEARD]
+def _felt_by(names: Sequence[str], numbers: Numbers) -> Felt:
+    may = [name for name in names if _may(as_it_is(name)[1], numbers)]
+    differ = 0
+    for ran, name in enumerate(may[:MOST], 1):
+        plain, other = as_it_is(name)[0], _changed(name, numbers)
+        differ += other != plain
+        if other.label != plain.label:
+            change = f"{_kind(name)}: {plain.label} → {other.label}"
+            return Felt(len(may), ran, differ, change, other.rank > plain.rank)
+    return Felt(len(may), min(len(may), MOST), differ, "")
+
+
+def numbers_lines(found: Found[str, dict[str, Felt]]) -> Iterator[str]:
+    """Yield the text on single numbers: a row for each answer that changes, then the others."""
+    if not found:
+        yield "Not run."
+        return
+    felt = [(title, one) for _, tries in found for title, one in tries.items()]
+    changes = [
+        (f"`{title}`", one.may, one.ran, *(("", one.change) if one.worse else (one.change, "")))
+        for title, one in felt
+        if one.change
+    ]
+    yield f"{len(found)} numbers with {len(felt)} other values; an answer changes with"
+    yield f"{len(changes)} of them."
+    yield ""
+    yield from table(("with", "may", "ran", "better", "worse"), *changes)
+    yield ""
+    figures = [f"`{t}` ({o.ran} of {o.may})" for t, o in felt if o.differ and not o.change]
+    nothing = [f"`{t}` ({o.ran} of {o.may})" for t, o in felt if o.may and not o.differ]
+    never = [f"`{t}`" for t, o in felt if not o.may]
+    yield "Figures change, but no answer, in brackets how many ran:"
+    yield f"{', '.join(figures) or 'none'}."
+    yield ""
+    yield f"Nothing changes: {', '.join(nothing) or 'none'}."
+    yield ""
+    yield f"No case may change: {', '.join(never) or 'none'}."
 
 
 def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
     """Yield the text on whole criteria, and on what no single number can change."""
-    rows_of = [((name, ""), row) for name, row in found]
-    yield from _lines(rows_of, lambda _: CRITERIA, len(whole_names(MANY)))
     if not found:
+        yield "Not run."
         return
+    yield from _lines(found)
     yield "A case stays the same to the bit for every value of a number that turns none of its"
     yield "comparisons. How many of these cases may change if a number is left out, divided by"
     yield f"{FACTOR:g}, or multiplied by it; numbers that none may feel are named below."
@@ -413,39 +465,22 @@ def _felt(found: Found[str, Row], number: str, end: str) -> int | str:
     return sum(not mine.isdisjoint(row.may) for _, row in found) if mine else ""
 
 
-def lines_of(
-    tries: Callable[[str], Tries], names: Callable[[int], list[str]]
-) -> Callable[[Found[Tried, Row]], list[str]]:
-    """Return the function that makes a part's text; ``names``: of all its cases."""
-    return lambda found: list(_lines(found, tries, len(names(MANY))))
-
-
-def _lines(found: Found[Tried, Row], tries: Callable[[str], Tries], whole: int) -> Iterator[str]:
-    """Yield what was run, a table, and what leaves no trace."""
-    plain: dict[str, Outcome] = {}
-    groups: dict[str, list[tuple[str, Row]]] = {}
-    for (name, group), row in found:
-        if plain.setdefault(name, row.plain) != row.plain:
-            raise ValueError(f"rows of {name} are of two detectors: begin a new file of rows")
-        groups.setdefault(group, []).append((name, row))
-    if not found:
-        yield "Not run."
-        return
-    labels = Counter(f"{_kind(name)}: {one.label}" for name, one in plain.items())
-    yield f"{len(plain)} of {whole} cases; as the detector is: {_counted(labels)}."
+def _lines(found: Found[str, Row]) -> Iterator[str]:
+    """Yield what was run, a table of the criteria, and those that leave no trace."""
+    labels = Counter(f"{_kind(name)}: {row.plain.label}" for name, row in found)
+    yield f"{len(found)} of {len(table_cases())} cases; as the detector is: {_counted(labels)}."
     yield ""
     lines, silent = [], []
-    for group, rows in groups.items():
-        for title in tries(group):
-            ran = sum(title in row.may for _, row in rows)
-            changes = [(name, row.plain, row.changed.get(title)) for name, row in rows]
-            others = [(name, old, new) for name, old, new in changes if new is not None]
-            ways = [_counted(_ways(others, worse=worse)) for worse in (True, False)]
-            if others:
-                lines.append((f"`{title}`" if group else title, len(rows), ran, len(others), *ways))
-            else:
-                silent.append(f"{f'`{title}`' if group else title} ({ran} of {len(rows)})")
-    yield from table(("without" if tries is not scaled else "with", *HEAD), *lines)
+    for title in CRITERIA:
+        ran = sum(title in row.may for _, row in found)
+        changes = [(name, row.plain, row.changed.get(title)) for name, row in found]
+        others = [(name, old, new) for name, old, new in changes if new is not None]
+        ways = [_counted(_ways(others, worse=worse)) for worse in (True, False)]
+        if others:
+            lines.append((title, len(found), ran, len(others), *ways))
+        else:
+            silent.append(f"{title} ({ran} of {len(found)})")
+    yield from table(("without", *HEAD), *lines)
     yield ""
     yield f"No case differs, in brackets how many ran: {', '.join(silent) or 'none'}."
     yield ""
@@ -478,10 +513,18 @@ STUDY = Study(
             criteria_lines,
             case_s=4.0,
         ),
-        Part("single", _whole, left_out, lines_of(without, whole_names), case_s=3.0),
-        Part("belief", _heard_cases, left_out, lines_of(without, heard_names), case_s=3.0),
-        Part("numbers", _whole, resized, lines_of(scaled, whole_names), case_s=6.0),
-        Part("belief-numbers", _heard_cases, resized, lines_of(scaled, heard_names), case_s=6.0),
+        Part(
+            "numbers",
+            lambda given: [
+                f"{group}.{one.name}" for group in EVERY for one in fields(getattr(TUNING, group))
+            ][:: max(1, given.every)],
+            with_other_values,
+            numbers_lines,
+            case_s=8.0,
+        ),
     ),
-    (Option("cases", 1000, "cases of each kind at most", quick=1),),
+    (
+        Option("cases", 1000, "cases of each kind at most, for whole criteria", quick=1),
+        Option("every", 1, "of the single numbers only each so many", quick=20),
+    ),
 )

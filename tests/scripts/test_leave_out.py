@@ -8,18 +8,22 @@ import pytest
 from haptic_wall.controller.detector.tuning import TUNING
 from scripts.asked_numbers import Asked, asked_tuning
 from scripts.studies import leave_out
-from scripts.studies.leave_out import CRITERIA, EVERY, Outcome, Row, scaled, varied, without
+from scripts.studies.leave_out import (
+    CRITERIA,
+    EVERY,
+    Felt,
+    Outcome,
+    Row,
+    scaled,
+    varied,
+    without,
+)
 
 CASE = next(
     name
     for name, (kind, case) in leave_out.table_cases().items()
     if kind == "hands" and case.duration_s < 20.0
 )
-
-
-def two_names(_most: object) -> list[str]:
-    """Names of two cases."""
-    return ["one", "two"]
 
 
 def test_a_number_is_known_to_matter_only_beyond_what_it_was_compared_to() -> None:
@@ -112,26 +116,45 @@ def test_a_case_that_never_asks_is_not_run_again(monkeypatch: pytest.MonkeyPatch
     plain = Outcome("late", 2, "")
     monkeypatch.setattr(leave_out, "as_it_is", lambda _: (plain, {"probe.scale": Asked()}))
     monkeypatch.setattr(leave_out, "outcome", lambda *_: pytest.fail("it ran"))
-    row = leave_out._row("any", {"probe.scale": {"probe.scale": 0.5}})
-    assert row == Row(plain, [], [], {})
+    assert leave_out._felt_by(["walls-1"], {"probe.scale": 0.5}) == Felt(0, 0, 0, "")
+
+
+def test_a_value_is_tried_until_an_answer_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = Outcome("in time", 0, "a")
+    comes_to = {
+        "walls-1": plain,
+        "walls-2": Outcome("in time", 0, "b"),
+        "walls-3": Outcome("late", 2, "c"),
+    }
+    asked = {"probe.scale": Asked(computed=True)}
+    monkeypatch.setattr(leave_out, "as_it_is", lambda _: (plain, asked))
+    monkeypatch.setattr(leave_out, "outcome", lambda name, _: comes_to[name])
+    numbers = {"probe.scale": 0.5}
+    found = leave_out._felt_by([*comes_to, "walls-4"], numbers)
+    assert found == Felt(4, 3, 2, "walls: in time → late", worse=True)
+    assert leave_out._felt_by(["walls-1", "walls-2"], numbers) == Felt(2, 2, 1, "")
+    assert leave_out._felt_by(20 * ["walls-1"], numbers) == Felt(20, leave_out.MOST, 0, "")
 
 
 def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run() -> None:
     plain, worse = Outcome("in time", 0, "a"), Outcome("late", 2, "b")
-    title = "backstop.again_s"
-    row = Row(plain, [title], [title], {title: worse})
-    text = "\n".join(leave_out.lines_of(without, two_names)([]))
-    assert text == "Not run."
-    lines = leave_out.lines_of(without, two_names)([(("walls-1", "backstop"), row)])
-    assert "1 of 2 cases; as the detector is: 1 walls: in time." in lines
-    assert f"| `{title}` | 1 | 1 | 1 | 1 walls: in time → late |  |" in lines
-    assert "`backstop.longest_s` (0 of 1)" in lines[-2]
-
-
-def test_rows_of_two_detectors_make_no_page() -> None:
-    rows = [
-        (("walls-1", group), Row(Outcome("late", 2, figures), [], [], {}))
-        for group, figures in (("backstop", "a"), ("probe", "b"))
-    ]
-    with pytest.raises(ValueError, match="begin a new file of rows"):
-        leave_out.lines_of(without, two_names)(rows)
+    first, second, *_ = CRITERIA
+    assert list(leave_out.criteria_lines([])) == list(leave_out.numbers_lines([])) == ["Not run."]
+    row = Row(plain, ["probe.scale"], [first, second], {first: worse})
+    lines = list(leave_out.criteria_lines([("walls-1", row)]))
+    assert (
+        f"1 of {len(leave_out.table_cases())} cases; as the detector is: 1 walls: in time." in lines
+    )
+    assert f"| {first} | 1 | 1 | 1 | 1 walls: in time → late |  |" in lines
+    assert any(
+        line.startswith("No case differs") and f"{second} (1 of 1)" in line for line in lines
+    )
+    tries = {
+        "probe.scale / 1.5": Felt(7, 2, 1, "walls: in time → late", worse=True),
+        "probe.scale × 1.5": Felt(7, 4, 3, ""),
+        "probe.scale": Felt(0, 0, 0, ""),
+    }
+    lines = list(leave_out.numbers_lines([("probe.scale", tries)]))
+    assert "| `probe.scale / 1.5` | 7 | 2 |  | walls: in time → late |" in lines
+    assert "`probe.scale × 1.5` (4 of 7)." in lines
+    assert lines[-1] == "No case may change: `probe.scale`."
