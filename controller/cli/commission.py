@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         " commissioning of the same settings that was interrupted there goes on."
     ),
     force=False,
+    of_walls=True,
 )
 def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
     """Examine, identify and measure CONFIG's servo; say how stiff it can be, and why.

@@ -29,6 +29,7 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, Work, working
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
 from haptic_wall.controller.settings.servo import Servo
@@ -87,6 +88,7 @@ def experiment(
     *,
     moves: bool = True,
     force: bool = True,
+    of_walls: bool = False,
     without: tuple[str, Callable[..., None]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command CONFIG and the options of all experiments, as ``Asked``.
@@ -96,6 +98,7 @@ def experiment(
         default: CONFIG where none is given; None: it must be given.
         moves: The command has ``--yes``.
         force: The command has ``--force``.
+        of_walls: It measures a wall, and refuses any other law.
         without: An option that makes CONFIG needless, and the function that is called then with all
             that was given.
     """
@@ -120,6 +123,13 @@ def experiment(
                 wanted = next(each for each in asked.command.params if each.name == "config")
                 raise click.MissingParameter(ctx=asked, param=wanted)
             loaded = load_config(config, sets)
+            if of_walls and loaded.config.wall.law != "wall":
+                raise UserError(
+                    f"found {loaded.config.wall.law}",
+                    field="wall.law",
+                    wanted="wall: only walls are measured",
+                    advice="haptic-wall run renders any law",
+                )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
 
         options = [config_argument(default, needed=without is None), set_option, out]

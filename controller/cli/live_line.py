@@ -114,7 +114,7 @@ class RunView:
             self._surface = self._config.surface(float(known[0]))
         row = rows[-1]
         depth = float(row["position"]) - self._surface
-        sign = SIGNS[self._config.wall.side]
+        sign = SIGNS[self._config.wall.acting_side]
         if sign:
             depth = max(0.0, sign * depth)
         state, wrong = _state(row, lost=not bool(fine.all()))

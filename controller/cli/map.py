@@ -76,6 +76,7 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
     folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
     "simulated",
     moves=False,
+    of_walls=True,
 )
 def command(
     asked: Asked,

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 @experiment(
     folder_option(
         "Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/."
-    )
+    ),
+    of_walls=True,
 )
 def command(asked: Asked, seed: int) -> None:
     """Measure the stiffness, drag and contacts that CONFIG's servo renders.

@@ -77,7 +77,8 @@ _MOST_STEPS = 1000
     folder_option(
         "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
         " was interrupted there goes on. Default: a new folder in ./runs/."
-    )
+    ),
+    of_walls=True,
 )
 def command(
     asked: Asked,

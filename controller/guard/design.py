@@ -93,7 +93,7 @@ def improvements(
         for k, index in enumerate(some):
             for i, answer in enumerate(answers):
                 answer.append(_improvement(tried[index], after, k * len(parts) + i))
-    if "two_sided" in changes and found.one_sided is not None:
+    if "two_sided" in changes and found.one_sided is not None and request.linear:
         _append(answers, "two_sided", replace(found, one_sided=None))
     if "encoder" in changes and found.quantisation is not None:
         finer = replace(situation, position_step=situation.position_step / FINER)

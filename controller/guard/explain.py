@@ -96,6 +96,7 @@ def _stiffness(
         value,
         decision.margin,
         commanded,
+        decision.request.law,
     )
     if decision.binding == LimitName.QUANTISATION:
         yield _coarse_count(decision, situation, settings)

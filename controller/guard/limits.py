@@ -6,6 +6,7 @@ The acting torque is the torque gain times the commanded torque. A limit is ther
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -31,6 +32,7 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
+from haptic_wall.controller.theory.passivity import passive_slope
 
 BACKLASH_COUNTS = 4
 """An oscillation of backlash of up to so many counts to either side is let be"""
@@ -63,6 +65,7 @@ class PlantLimits:
     passive: FloatArray | None
     backlash: FloatArray | None = None
     flexible: FloatArray | None = None
+    resolution: FloatArray | None = None
     vibrates: NDArray[np.bool_] | None = None
     """The ceiling is that of the load's vibration on its transmission"""
 
@@ -154,10 +157,28 @@ def evaluate(
         exact=exact / g,
         one_sided=None if one_sided is None else one_sided / g,
         quantisation=quantisation_limit(request, settings, situation, damping, t),
-        passive=passive_limit(b, acting, t, t_d, n) / g if settings.mode == "passive" else None,
+        passive=_passive(request, plants, acting) if settings.mode == "passive" else None,
         flexible=flexible,
+        resolution=None if math.isinf(request.resolved) else np.full_like(g, request.resolved),
         vibrates=vibrates,
     )
+
+
+def _passive(request: Request, plants: Plants, acting: FloatArray) -> FloatArray:
+    """Return the stiffness below which the law is passive [N·m/rad].
+
+    Args:
+        request: The law.
+        plants: To be evaluated.
+        acting: Virtual damping that acts [N·m·s/rad].
+    """
+    b, t, t_d = plants.damping, plants.period, plants.delay
+    if request.linear:
+        limit = passive_limit(b, acting, t, t_d, request.velocity_samples)
+    else:
+        limit = passive_slope(b, acting, t, t_d)
+    found: FloatArray = limit / plants.gain
+    return found
 
 
 def evaluate_box(
@@ -242,7 +263,7 @@ def _evaluate_box(
     if situation.belief.backlash.high > 0.0:
         backlash = backlash_over_box(request, situation, corners, at_corner.damping)
         at_corner = replace(at_corner, backlash=backlash)
-    if at_corner.passive is not None:
+    if at_corner.passive is not None and request.linear:
         at_corner = replace(
             at_corner,
             passive=passive_over_delays(request, situation, corners, at_corner.damping),

@@ -33,6 +33,8 @@ class LimitName(StrEnum):
     """Backlash sustains no oscillation of more than four counts below it"""
     FLEXIBLE = "flexible"
     """A load behind a flexible transmission does not vibrate below it"""
+    RESOLUTION = "resolution"
+    """The encoder resolves the law below it"""
 
 
 Change = Literal[
@@ -93,6 +95,8 @@ class StiffnessBound:
     """Share of the limit that is allowed [1]"""
     commanded: bool
     """The allowed stiffness is commanded; else something besides the guard commands less"""
+    law: str = ""
+    """Another law than a wall, with its steepest part"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ MEANING: dict[LimitName, str] = {
         "above it the believed backlash may sustain an oscillation that friction does not stop"
     ),
     LimitName.FLEXIBLE: "above it the believed load may vibrate on its flexible transmission",
+    LimitName.RESOLUTION: "above it friction slips before the encoder has seen it bend",
     LimitName.PASSIVE: "above it some passive hand makes the wall unstable",
 }
 
@@ -108,6 +109,8 @@ def _verb(commanded: bool) -> str:
 
 def _stiffness(reason: StiffnessBound, asked: bool) -> str:
     allowed = f"{reason.allowed:.4g} {_verb(reason.commanded)}"
+    if reason.law:
+        allowed += f" where the law is steepest ({reason.law})"
     start = (
         f"stiffness {reason.asked:.4g} N·m/rad was asked, {allowed}"
         if asked

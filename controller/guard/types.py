@@ -24,6 +24,14 @@ class Request:
     side: Side
     velocity_samples: int = 1
     """N of the velocity difference"""
+    law: str = ""
+    """Another law than a wall, with its steepest part, for people; K is the slope there"""
+    linear: bool = True
+    """The law has one slope wherever it is in contact"""
+    falls: bool = False
+    """Its torque falls somewhere: the slope lies within -K and K; else within 0 and K"""
+    resolved: float = math.inf
+    """K up to which the encoder resolves the law [N·m/rad]"""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stiffness) and self.stiffness >= 0):
@@ -99,6 +107,8 @@ class Limits:
     flexible: float | None = None
     """Below it a load behind a flexible transmission does not vibrate, nor return faster; None
     where the belief has none"""
+    resolution: float | None = None
+    """Below it a law that slips travels four encoder counts first; None for any other law"""
 
     def smallest(self) -> tuple[LimitName, float]:
         """Return name and value of the smallest limit that applies."""

@@ -118,6 +118,11 @@ def start_text(law: Law, side: str, position: float) -> str:
         side: Its side, as in the configuration.
         position: Of the shaft [rad].
     """
+    if not law.linear:
+        return (
+            f"the law {law.name} counts from {place_text(law.position)}, "
+            f"the shaft is at {place_text(position)}"
+        )
     away = position - law.position
     where = "inside" if law.in_contact(position) else "outside"
     away_text = place_text(abs(away)) + (f" {where}" if law.one_sided else " away")
@@ -141,8 +146,15 @@ def waiting_text(
         torque_limit: Largest torque of the servo [N·m].
     """
     away = position - law.position
-    if not law.in_contact(position) or abs(away) <= room:
+    if not law.in_contact(position) or abs(law.elongation(position)) <= room:
         return f"the wall waits until the shaft has stayed where it is for {1e3 * REST_S:g} ms"
+    if not law.linear:
+        return (
+            f"the law {law.name} holds {1e3 * 0.5 * stiffness * law.elongation(position) ** 2:.3g}"
+            f" mJ where the shaft is, {place_text(position)}: it goes on when the shaft has been "
+            f"turned to where it holds less than {1e3 * 0.5 * stiffness * room**2:.2g} mJ, and "
+            f"stays there for {1e3 * REST_S:g} ms"
+        )
     surface = place_text(law.position)
     goal = {
         "above": f"below {surface}",

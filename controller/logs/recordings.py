@@ -197,7 +197,7 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
         position_step=position_step(whole.positions),
         virtual_damping=float(np.median(rows["damping"])),
         surface=surface,
-        side=0 if math.isnan(surface) else SIGNS[config.wall.side],
+        side=0 if math.isnan(surface) else SIGNS[config.wall.acting_side],
     )
     since_s = float(whole.times[window.seen]) if window.seen else -math.inf
     parts = parted(whole, config.period_s, notes)

@@ -64,7 +64,7 @@ def position(ax: Axes, run: DrawnRun) -> None:
     if math.isnan(surface):
         return
     ax.axhline(surface, color=_WALL, linewidth=1.2, label="wall's surface")
-    if wall.side == "both":
+    if wall.acting_side == "both":
         return  # always in contact: there is nothing to shade
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
@@ -201,7 +201,7 @@ def _missed_label(run: DrawnRun) -> str:
 
 def _shade_contact(ax: Axes, run: DrawnRun) -> None:
     """Mark the contact with a one-sided wall; a two-sided one always acts."""
-    if run.config.wall.side != "both":
+    if run.config.wall.acting_side != "both" or run.config.wall.law == "stops":
         contact = (run.rows["flags"] & FLAG_CONTACT) != 0
         label = "in contact" if _is_first(ax) else ""
         _shade(ax, run.time, contact & run.on, _CONTACT, label)

@@ -27,7 +27,7 @@ from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagem
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import velocity_estimator
-from haptic_wall.controller.laws.wall import Law, Wall
+from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.gains import Gains
 from haptic_wall.controller.runtime.missed import MissedPeriods
@@ -73,7 +73,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
         if not some or some[-1] != ages_ns[-1]:
             some.append(ages_ns[-1])
         found = decide(
-            config.request(),
+            config.request(situation.position_step),
             settings_at(config, interval),
             there,
             [inserted + age * 1e-9 for age in some],
@@ -104,7 +104,7 @@ def decision_in_force(
     delays = [inserted + schedule.age_ns * 1e-9]
     settings = settings_at(config, decision.period)
     (again,) = decide(
-        config.request(),
+        config.request(situation.position_step),
         settings,
         situation,
         delays,
@@ -182,12 +182,10 @@ def _reply_s(servo: Servo) -> float:
 
 
 def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
-    """Return the law to render: the wall, or an experiment's program in its place."""
+    """Return the law to render: that of the configuration, or an experiment's program."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    wall = config.wall
-    clip = math.inf if wall.torque_clip is None else wall.torque_clip
-    return Wall(0.0, 0.0, wall.position, wall.side, clip)
+    return config.law(servo.facts.position_step)
 
 
 def tick_parts(

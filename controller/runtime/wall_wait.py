@@ -86,7 +86,7 @@ class WallWait:
         if math.isnan(position):
             return False
         if law.guarded:
-            self._tell(start_text(law, config.wall.side, position))
+            self._tell(start_text(law, config.wall.acting_side, position))
         return True
 
     def _reason(self) -> tuple[str, str]:
@@ -100,7 +100,7 @@ class WallWait:
         room = parts.engagement.limits.room(stiffness)
         text = waiting_text(
             parts.law,
-            self._config.wall.side,
+            self._config.wall.acting_side,
             tick.position,
             stiffness,
             room,

@@ -61,7 +61,7 @@ def watch_settings(
         lag=belief.delay.value,
         inserted=config.delay.steps * config.period_ns * 1e-9,
         patient=law.guarded and config.wall.passivity_control,
-        side=SIGNS[config.wall.side],
+        side=SIGNS[config.wall.acting_side],
         backstop=_backstop(config, facts, law.clip, tuning, bounces=False) if law.guarded else None,
         bounces=_backstop(config, facts, law.clip, tuning, bounces=True),
         damping_high=belief.damping.high / belief.torque_gain.low,
@@ -74,7 +74,7 @@ def _backstop(
     config: Config, facts: WatchFacts, clip: float, tuning: Tuning, *, bounces: bool
 ) -> BackstopSettings | None:
     """Return when the wall is probed for self-sustained motion; ``bounces``: by its contacts."""
-    if bounces and config.wall.side == "both":
+    if bounces and config.wall.acting_side == "both":
         return None
     belief = config.belief()
     step = facts.position_step

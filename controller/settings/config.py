@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationInfo, model_validator
 
+from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
-from haptic_wall.controller.laws.wall import SIGNS
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
+from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.model import (
     Estimate,
     Loop,
@@ -18,7 +22,7 @@ from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesErro
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
-from haptic_wall.hw.errors import BackendError
+from haptic_wall.hw.errors import BackendError, Problem
 from haptic_wall.hw.open import backend
 from haptic_wall.hw.servo import JUMP_SPEED
 from haptic_wall.hw.settings import ServoSettings, TrueServo
@@ -26,6 +30,7 @@ from haptic_wall.hw.settings import ServoSettings, TrueServo
 if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import GuardSettings, Request
 
+Made = TypeVar("Made")
 APPROACH = 0.1
 """Default distance of a simulated servo's start from a one-sided wall [rad]."""
 MOST_KICK = math.tau / 4.0
@@ -118,9 +123,18 @@ class Config(Sections):
     def start_position(self) -> float:
         """Return where a simulated or emulated servo starts, at rest [rad]."""
         if self.servo.kick is not None:
-            return self.wall.position + self.servo.kick
+            return self.wall.position + self._end + self.servo.kick
+        wall = self.wall
+        if wall.law == "stops" and wall.low is not None and wall.high is not None:
+            return wall.position + max(wall.high - APPROACH, 0.5 * (wall.low + wall.high))
         outside = {"above": -APPROACH, "below": APPROACH, "both": 0.0}
-        return self.wall.position + outside[self.wall.side]
+        return wall.position + outside[wall.acting_side]
+
+    @property
+    def _end(self) -> float:
+        """Position of the upper stop, from which a hand and a kick count [rad]; 0: no stops."""
+        wall = self.wall
+        return wall.high if wall.law == "stops" and wall.high is not None else 0.0
 
     @property
     def start_room(self) -> float:
@@ -129,7 +143,7 @@ class Config(Sections):
         It applies at the start only: 0 on a real servo; infinite where the wall comes on at once. A
         ``servo.kick`` into the spring is an intended impact, up to a quarter turn.
         """
-        servo, inward = self.servo, SIGNS[self.wall.side]
+        servo, inward = self.servo, 1 if self._end else SIGNS[self.wall.acting_side]
         if self.safety.engage == "at-once":
             return math.inf
         if servo.kind == "hardware" or self.wall.reference == "start":
@@ -208,8 +222,8 @@ class Config(Sections):
             ambient=servo.ambient,
             position=self.start_position,
             hand=servo.hand,
-            hand_origin=self.surface(self.start_position),
-            hand_direction=-1 if self.wall.side == "below" else 1,
+            hand_origin=self.surface(self.start_position) + self._end,
+            hand_direction=-1 if self.wall.acting_side == "below" else 1,
         )
 
     def servo_settings(self) -> ServoSettings:
@@ -225,7 +239,7 @@ class Config(Sections):
         return replace(
             asked,
             port="" if in_memory else asked.port,
-            probe_direction=1 if self.wall.side == "below" else -1,
+            probe_direction=1 if self.wall.acting_side == "below" else -1,
             period_s=self.period_s,
             max_speed=JUMP_SPEED if emulated and most is None else most,
             speed_asked=most is not None,
@@ -267,14 +281,60 @@ class Config(Sections):
             transmission_stiffness=stiffness,
         )
 
-    def request(self) -> Request:
-        """Return the requested wall, for the guard."""
+    def request(self, step: float | None = None) -> Request:
+        """Return the requested law, for the guard.
+
+        Args:
+            step: The servo's encoder step [rad]; None: as configured.
+
+        Raises:
+            ConfigError: The encoder does not resolve the law.
+        """
         from haptic_wall.controller.guard.guard import (
             Request,  # not at the top: it loads the theory's arrays
         )
 
         wall = self.wall
-        return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
+        if wall.law == "wall":
+            return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
+        facts = self._of_law(facts_of, step)
+        own = facts.own_stiffness
+        return Request(
+            wall.stiffness if own is None else own,
+            wall.damping,
+            facts.side,
+            wall.velocity_samples,
+            facts.steepest,
+            facts.linear,
+            facts.falls,
+            facts.resolved,
+        )
+
+    def law(self, step: float) -> Law:
+        """Return the law to render, with stiffness and damping 0.
+
+        Args:
+            step: The servo's encoder step [rad].
+
+        Raises:
+            ConfigError: The encoder does not resolve the law.
+        """
+        wall = self.wall
+        clip = math.inf if wall.torque_clip is None else wall.torque_clip
+        return self._of_law(
+            lambda numbers, grid: rendered_law(numbers, grid, wall.position, clip), step
+        )
+
+    def _of_law(self, ask: Callable[[Numbers, Grid], Made], step: float | None) -> Made:
+        """Return what the table of laws makes of this one's numbers."""
+        counts = self.servo.counts_per_rev
+        if step is None:
+            step = math.tau / counts if counts else 0.0
+        try:
+            return ask(self.wall, Grid(self.period_s, step))
+        except LawError as error:
+            problem = Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
+            raise ConfigError("the law", [problem]) from error
 
     def guard_settings(self) -> GuardSettings:
         """Return the guard's settings."""

@@ -15,8 +15,8 @@ from haptic_wall.controller.errors import ConfigError, UserError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import OLD_NAMES, Config
 from haptic_wall.controller.settings.fields import fields, sections
+from haptic_wall.controller.settings.refusal import IN_WORDS
 from haptic_wall.controller.settings.rules import BrokenRulesError
-from haptic_wall.controller.settings.servo import IN_WORDS
 from haptic_wall.controller.system import regular_file
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.hw.errors import Problem

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from haptic_wall.controller.laws.wall import Side
+from haptic_wall.controller.settings.profile_file import profile_of
 from haptic_wall.hw.settings import Kind
 
 
@@ -106,12 +107,13 @@ class Realtime(Section):
     )
 
 
-class Wall(Section):
-    """The requested virtual wall; the guard decides the commanded one."""
+class _Rendered(Section):
+    """What every law has."""
 
     stiffness: float = setting(
         8.0,
-        "Stiffness K; any value may be asked for, the guard commands what is stable",
+        "Stiffness K, the steepest slope of the torque; any value may be asked for, the guard "
+        "commands what is stable (a profile and a law of your own have their own)",
         "N·m/rad",
         ge=0,
         le=1e12,
@@ -125,7 +127,8 @@ class Wall(Section):
     )
     position: float = setting(
         0.0,
-        "Where the surface is, counted over turns as wall.reference says",
+        "Where the surface is, or from where a law's positions count, itself counted over turns "
+        "as wall.reference says",
         "rad",
         ge=-1000,
         le=1000,
@@ -134,11 +137,6 @@ class Wall(Section):
         "absolute",
         "What wall.position and safety.travel count from: absolute: the servo's own zero, start: "
         "where the shaft stands when the run begins",
-    )
-    side: Side = setting(
-        "above",
-        "above: fills the positions above and pushes down; below: fills those below and pushes "
-        "up; both: two-sided, always in contact",
     )
     torque_clip: Positive | None = setting(
         None,
@@ -152,6 +150,85 @@ class Wall(Section):
     passivity_control: bool = setting(
         False, "Put damping in where the wall gives more energy than it took"
     )
+
+
+def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Read a profile from a CSV file, or let a list of pairs be what pydantic calls tuples."""
+    if isinstance(found, str):
+        return profile_of(found)
+    return tuple(map(pair, found)) if isinstance(found, list) else found
+
+
+Row = tuple[Place, Place]
+
+
+class LawNumbers(Section):
+    """A law and its own numbers; positions count from ``wall.position``."""
+
+    law: str = setting(
+        "wall",
+        "What is rendered: wall, stops (a wall at each end), spring, damper, detents, friction, "
+        "texture (a grating), profile (torque over position), sum (of wall.parts), a law that is "
+        "installed, or your own as module:Class",
+        min_length=1,
+        max_length=200,
+    )
+    side: Side = setting(
+        "above",
+        "Of the law wall; above: fills the positions above and pushes down; below: fills those "
+        "below and pushes up; both: two-sided, always in contact",
+    )
+    low: Place | None = setting(None, "Of stops: the lower end of the free range", "rad")
+    high: Place | None = setting(None, "Of stops: its upper end", "rad")
+    count: Whole | None = setting(None, "Of detents: how many there are in a turn", ge=1, le=1024)
+    width: Positive | None = setting(
+        None, "Of detents: their distance, in place of wall.count", "rad"
+    )
+    snap: float = setting(
+        0.25,
+        "Of detents: where the torque peaks between two of them, as a fraction of their distance; "
+        "a smaller one is firm at the detent, a larger one lets go sharply",
+        ge=0.05,
+        le=0.45,
+    )
+    friction: Positive | None = setting(None, "Of friction: the torque at which it slips", "N·m")
+    period: Positive | None = setting(None, "Of texture: the distance of its ridges", "rad")
+    profile: Annotated[tuple[Row, ...] | None, BeforeValidator(rows)] = setting(
+        None,
+        "Of profile: a CSV file with the columns position_rad and torque_nm, or a list of "
+        "[position, torque]; straight in between, constant beyond its ends",
+        max_length=4096,
+    )
+    options: dict[str, Any] = setting(
+        {}, "Of a law of your own: the arguments of its class, by name"
+    )
+
+
+class Part(LawNumbers):
+    """A law in a sum."""
+
+    share: float = setting(1.0, "How stiff this part is beside the others", gt=0, le=1e3)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Return nothing: a sum has no sums in it."""
+        return ()
+
+
+class Wall(LawNumbers, _Rendered):
+    """The requested law, a virtual wall by default; the guard decides the commanded one."""
+
+    parts: Annotated[tuple[Part, ...], BeforeValidator(pair)] = setting(
+        (),
+        "Of sum: its laws, each a section with law, its numbers, and share: how stiff it is beside "
+        "the others",
+        max_length=16,
+    )
+
+    @property
+    def acting_side(self) -> Side:
+        """Return the side of a wall; ``both`` for any other law."""
+        return self.side if self.law == "wall" else "both"
 
 
 class Delay(Section):

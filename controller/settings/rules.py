@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
@@ -9,6 +10,9 @@ from dataclasses import dataclass, fields, is_dataclass
 from pydantic import ValidationError
 
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
+from haptic_wall.controller.laws.shape import Grid, LawError
+from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.settings.model import LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
 from haptic_wall.controller.settings.shares import SPIN_SHARE
@@ -184,6 +188,45 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
             field="safety.engage_torque",
             wanted=f"at most {MOST_TORQUE:g} N·m: the servo at {config.servo.port} is real, "
             "and a wall that comes on with more torque strikes whoever holds it",
+        )
+
+
+@_reads(
+    *_KIND,
+    *(f"wall.{name}" for name in LawNumbers.model_fields),
+    "wall.parts",
+    "loop.rate_hz",
+    "servo.counts_per_rev",
+)
+def _law_is_whole(config: Sections) -> Iterator[Problem]:
+    wall, counts = config.wall, config.servo.counts_per_rev
+    if wall.law == "wall":
+        yield from _numbers_of_another_law(config)
+        return
+    # The encoder of a real servo is known only once it is open.
+    step = math.tau / counts if counts and config.servo.kind != "hardware" else 0.0
+    try:
+        shape_of(wall, Grid(config.period_s, step))
+    except LawError as error:
+        yield Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
+    else:
+        yield from _numbers_of_another_law(config)
+
+
+def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
+    """Find numbers that the law does not use: whoever set them meant another one."""
+    wall = config.wall
+    uses = {law: kind.numbers for law, kind in LAWS.items()} | {SUM: ("parts",)}
+    used = uses.get(wall.law, ("options",))
+    for name in (*LawNumbers.model_fields, "parts"):
+        default = Wall.model_fields[name].default
+        if name in ("law", "side", *used) or getattr(wall, name) == default:
+            continue
+        others = [law for law, numbers in uses.items() if name in numbers] or ["module:Class"]
+        yield Problem(
+            f"found a value, which the law {wall.law} does not use",
+            field=f"wall.{name}",
+            advice=f"it is for wall.law {' or '.join(others)}",
         )
 
 

@@ -13,7 +13,6 @@ from pydantic import (
     TypeAdapter,
     model_serializer,
 )
-from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.settings.model import (
     Lag,
@@ -25,6 +24,7 @@ from haptic_wall.controller.settings.model import (
     setting,
     whole,
 )
+from haptic_wall.controller.settings.refusal import refusal
 from haptic_wall.hw.errors import BackendError, Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
@@ -40,9 +40,6 @@ from haptic_wall.hw.settings import (
     Schedule,
     ServoSettings,
 )
-
-IN_WORDS = "in_words"
-"""Kind of an error whose message is already written for people."""
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
@@ -61,7 +58,7 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 def _port(found: str) -> str:
     """Refuse impossible device names and misspellings of ``emulated``."""
     if "\0" in found or (found != EMULATED and found.strip().lower() == EMULATED):
-        raise _refusal(
+        raise refusal(
             Problem(f"found {found!r}", wanted="a serial device such as /dev/ttyUSB0, or emulated")
         )
     return found
@@ -75,12 +72,8 @@ def _backend(found: str) -> str:
         names = backend_names()
         wanted, near = f"one of {', '.join(names)}", did_you_mean(found, names)
         problem = Problem(f"found {found!r}", wanted=wanted, advice=near)
-        raise _refusal(Problem(str(error).rstrip(".")) if found in names else problem) from error
+        raise refusal(Problem(str(error).rstrip(".")) if found in names else problem) from error
     return found
-
-
-def _refusal(problem: Problem) -> PydanticCustomError:
-    return PydanticCustomError(IN_WORDS, "{in_words}", {IN_WORDS: problem})
 
 
 def used_by(name: str) -> tuple[str, ...]:

@@ -95,6 +95,31 @@ def _kappa(ratio: float, delay: float, n_samples: int) -> float:
     return float(np.min(least))
 
 
+def passive_slope(
+    damping: ArrayLike, virtual_damping: ArrayLike, period: ArrayLike, delay: ArrayLike
+) -> FloatArray:
+    """Return the slope of torque up to which any law of position is passive with any passive hand.
+
+    A sampled law acts on the position of up to ``t_d + T`` ago. Its torque thus differs by at most
+    ``L |x(t) - x(t_k)|`` from that of a spring without delay, which gives back no more than it
+    took. With the inequality of Cauchy and Schwarz the difference injects at most
+    ``L (t_d + T) ∫ v² dt``, and the delayed damper at most ``|B| ∫ v² dt``; friction dissipates
+    ``b ∫ v² dt``. The slope may have either sign.
+
+    Args:
+        damping: Viscous damping b >= 0 [N·m·s/rad].
+        virtual_damping: B [N·m·s/rad].
+        period: T > 0 [s].
+        delay: t_d >= 0, from the sample to its torque acting [s].
+
+    Returns:
+        Largest slope L [N·m/rad] in the broadcast shape; 0 where none is passive.
+    """
+    b, virtual, t, t_d = (np.asarray(x, float) for x in (damping, virtual_damping, period, delay))
+    least: FloatArray = np.maximum(b - np.abs(virtual), 0.0) / (t_d + t)
+    return least
+
+
 def _kappa_at(theta: FloatArray, ratio: float, delay: float, n_samples: int) -> FloatArray:
     """Return the largest K T / b that meets the condition at ``theta``, from a quadratic.
 

@@ -278,6 +278,8 @@ def test_every_field_says_what_it_means(field: Field) -> None:
         "realtime.priority",
         "realtime.core",
         "wall.velocity_samples",
+        "wall.count",
+        "wall.snap",
         "guard.margin",
         "guard.damping_cap",
         "guard.quantisation_share",

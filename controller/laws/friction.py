@@ -1,0 +1,72 @@
+"""Friction: a bristle that bends up to the friction torque, and then slips."""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+
+TRAVEL_COUNTS = 4.0
+"""Least travel of the bristle before it slips [encoder counts]"""
+
+
+class Friction:
+    """A spring to an anchor, which is dragged along where the spring would exceed the friction.
+
+    It gives back only the energy of the bent bristle, which is lost when it slips.
+
+    Args:
+        torque: At which it slips [N·m].
+    """
+
+    __slots__ = ("_anchor", "_bent", "_torque")
+    lowest_slope, highest_slope = 0.0, 1.0
+    damped_everywhere = True
+    steepest = "its bristle"
+
+    def __init__(self, torque: float) -> None:
+        self._torque = torque
+        self._anchor = math.nan
+        self._bent = 0.0
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
+        """Return the bristle's bend [rad], and drag its anchor along."""
+        bent = away - self._anchor
+        if math.isnan(bent):  # the first sample
+            bent = 0.0
+            self._anchor = away
+        if stiffness > 0.0:
+            most = self._torque / stiffness
+            if not -most <= bent <= most:
+                bent = math.copysign(most, bent)
+                self._anchor = away - bent
+        self._bent = bent
+        return bent
+
+    def potential(self, away: float) -> float:  # noqa: ARG002
+        """Return that of the bristle as it was bent last [rad²]."""
+        return 0.5 * self._bent * self._bent
+
+    def in_contact(self, away: float) -> bool:  # noqa: ARG002
+        """Return true: friction acts at every position."""
+        return True
+
+    def settle(self, away: float) -> None:
+        """Straighten the bristle at this position."""
+        self._anchor = away
+        self._bent = 0.0
+
+    def resolved(self, step: float) -> float:
+        """Return the K at which the bristle's travel is four encoder counts [N·m/rad]."""
+        return self._torque / (TRAVEL_COUNTS * step) if step > 0.0 else math.inf
+
+
+def make(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law
+    """Make friction from ``wall.friction``.
+
+    Raises:
+        LawError: It is missing.
+    """
+    if numbers.friction is None:
+        raise LawError("friction", "found nothing", "the torque at which it slips [N·m] above 0")
+    return Friction(numbers.friction)

@@ -1,0 +1,55 @@
+"""A sum of laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from haptic_wall.controller.laws.shape import Shape
+
+
+class Sum:
+    """The sum of several shapes, each with a share, scaled to a steepest slope of one.
+
+    The bound of its slope is the sum of the parts' bounds, wherever these are steepest.
+
+    Args:
+        parts: Name, shape and share of each, with shares above 0 [1].
+    """
+
+    __slots__ = ("_parts", "damped_everywhere", "highest_slope", "lowest_slope", "steepest")
+
+    def __init__(self, parts: Sequence[tuple[str, Shape, float]]) -> None:
+        low = sum(share * shape.lowest_slope for _, shape, share in parts)
+        high = sum(share * shape.highest_slope for _, shape, share in parts)
+        most = max(-low, high)
+        scale = 1.0 / most if most > 0.0 else 1.0
+        self.lowest_slope, self.highest_slope = low * scale, high * scale
+        self._parts = [(shape, share * scale) for _, shape, share in parts]
+        self.damped_everywhere = any(shape.damped_everywhere for _, shape, _ in parts)
+        self.steepest = max(
+            parts, key=lambda part: part[2] * max(-part[1].lowest_slope, part[1].highest_slope)
+        )[0]
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:
+        """Return the sum of the parts' elongations, each times its share [rad]."""
+        total = 0.0
+        for shape, share in self._parts:
+            total += share * shape.elongation(away, speed, share * stiffness)
+        return total
+
+    def potential(self, away: float) -> float:
+        """Return the sum of the parts' potentials, each from its own lowest point [rad²]."""
+        return sum(share * shape.potential(away) for shape, share in self._parts)
+
+    def in_contact(self, away: float) -> bool:
+        """Whether any part acts at this position."""
+        return any(shape.in_contact(away) for shape, _ in self._parts)
+
+    def settle(self, away: float) -> None:
+        """Start every part at rest at this position."""
+        for shape, _ in self._parts:
+            shape.settle(away)
+
+    def resolved(self, step: float) -> float:
+        """Return the highest K at which every part is resolved [N·m/rad]."""
+        return min(shape.resolved(step) / share for shape, share in self._parts)

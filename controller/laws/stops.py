@@ -1,0 +1,62 @@
+"""Stops: a wall at each end of a free range."""
+
+from __future__ import annotations
+
+from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+
+
+class Stops(Memoryless):
+    """Zero between two ends, and beyond each a wall that never pulls.
+
+    Args:
+        low: Lower end of the free range [rad].
+        high: Upper end, above ``low`` [rad].
+    """
+
+    __slots__ = ("_high", "_low")
+    damped_everywhere = False
+    lowest_slope, highest_slope = 0.0, 1.0
+
+    def __init__(self, low: float, high: float) -> None:
+        self._low = low
+        self._high = high
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
+        """Return the penetration of the nearest end, signed [rad]."""
+        if away > self._high:
+            return away - self._high
+        return away - self._low if away < self._low else 0.0
+
+    def potential(self, away: float) -> float:
+        """Return half the penetration's square [rad²]."""
+        depth = self.elongation(away, 0.0, 0.0)
+        return 0.5 * depth * depth
+
+    def in_contact(self, away: float) -> bool:
+        """Whether the shaft is beyond an end."""
+        return not self._low <= away <= self._high
+
+
+def make(numbers: Numbers, grid: Grid) -> Shape:
+    """Make the stops from ``wall.low`` and ``wall.high``.
+
+    Raises:
+        LawError: An end is missing, or the free range is shorter than four encoder counts.
+    """
+    low, high = numbers.low, numbers.high
+    for name, value in (("low", low), ("high", high)):
+        if value is None:
+            raise LawError(name, "found nothing", "the position of this end [rad]")
+    assert low is not None
+    assert high is not None
+    if high <= low or high - low < RANGE_COUNTS * grid.step:
+        raise LawError(
+            "high",
+            f"found {high:g} rad with wall.low {low:g} rad",
+            f"an end above wall.low by at least {RANGE_COUNTS:g} encoder counts",
+        )
+    return Stops(low, high)
+
+
+RANGE_COUNTS = 4.0
+"""Shortest free range between two stops [encoder counts]"""

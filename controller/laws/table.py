@@ -1,0 +1,158 @@
+"""The table of laws, and what makes a law from its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from haptic_wall.controller.laws import (
+    damper,
+    detents,
+    friction,
+    one_sided,
+    own,
+    profile,
+    spring,
+    stops,
+    texture,
+)
+from haptic_wall.controller.laws.profile import Profile
+from haptic_wall.controller.laws.several import Sum
+from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
+from haptic_wall.controller.laws.shaped import ShapedLaw
+from haptic_wall.controller.laws.wall import Law, Side, Wall
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A law that comes with the program."""
+
+    meaning: str
+    """What is felt, for people"""
+    numbers: tuple[str, ...]
+    """Names of its numbers in the configuration"""
+    make: Callable[[Numbers, Grid], Shape]
+
+
+SUM: Final = "sum"
+LAWS: Final[dict[str, Kind]] = {
+    "wall": Kind("a wall at a position", ("side",), one_sided.make),
+    "stops": Kind("a wall at each end of a free range", ("low", "high"), stops.make),
+    "spring": Kind("a spring to a centre", (), spring.make),
+    "damper": Kind("viscous friction", (), damper.make),
+    "detents": Kind("positions that hold the shaft", ("count", "width", "snap"), detents.make),
+    "friction": Kind("friction that sticks and slips", ("friction",), friction.make),
+    "texture": Kind("a grating", ("period",), texture.make),
+    "profile": Kind("torque over position from a table", ("profile",), profile.make),
+}
+"""Every law by its name in ``wall.law``, besides ``sum`` and those of users"""
+
+
+def names() -> list[str]:
+    """Return the names that ``wall.law`` takes besides ``module:Class``."""
+    return [*LAWS, SUM, *(each for each in own.registered() if each not in LAWS and each != SUM)]
+
+
+def shape_of(numbers: Numbers, grid: Grid) -> Shape:
+    """Return the shape of a law.
+
+    Args:
+        numbers: Its name and numbers.
+        grid: On which it is rendered.
+
+    Raises:
+        LawError: There is no such law, or its numbers make none.
+    """
+    name = numbers.law
+    if name == SUM:
+        return _sum(numbers, grid)
+    if name in LAWS:
+        return LAWS[name].make(numbers, grid)
+    if ":" not in name and name not in own.registered():
+        raise LawError("law", f"found {name}", f"one of {', '.join(names())}, or module:Class")
+    return own.tabulated(name, own.own_law(name, numbers.options), grid)
+
+
+def _sum(numbers: Numbers, grid: Grid) -> Sum:
+    made = []
+    for place, part in enumerate(numbers.parts):
+        if part.law == SUM:
+            raise LawError("parts", f"found a sum in part {place}", "its parts in this list")
+        try:
+            made.append((part.law, shape_of(part, grid), part.share))
+        except LawError as error:
+            raise LawError(
+                "parts", f"in part {place}, {part.law}.{error.field}: {error.found}", error.wanted
+            ) from None
+    if not made:
+        raise LawError("parts", "found none", "a list of laws, each with its numbers and a share")
+    return Sum(made)
+
+
+def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = math.inf) -> Law:
+    """Return the law to render, with stiffness and damping 0.
+
+    A wall, a spring and a damper are linear, and rendered by the quickest code.
+
+    Args:
+        numbers: Its name and numbers.
+        grid: On which it is rendered.
+        position: From which its positions count [rad].
+        clip: Largest torque [N·m].
+
+    Raises:
+        LawError: As for ``shape_of``.
+    """
+    if numbers.law in LINEAR:
+        side: Side = numbers.side if numbers.law == "wall" else "both"
+        wall = Wall(0.0, 0.0, position, side, clip)
+        wall.name = numbers.law
+        return wall
+    return ShapedLaw(numbers.law, shape_of(numbers, grid), position, clip)
+
+
+LINEAR: Final = ("wall", "spring", "damper")
+"""Laws with one spring of one slope"""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the guard must know of a law."""
+
+    side: Side
+    """``both`` where damping acts everywhere; else the law never pulls"""
+    linear: bool
+    """One slope wherever it is in contact"""
+    falls: bool
+    """The torque falls with the elongation somewhere"""
+    steepest: str
+    """Law and steepest part, for people; empty for a wall"""
+    resolved: float
+    """Highest stiffness at which the encoder resolves it [N·m/rad]; inf: any"""
+    own_stiffness: float | None
+    """The stiffness that the law itself asks for [N·m/rad]; None: ``wall.stiffness``"""
+
+
+def facts_of(numbers: Numbers, grid: Grid) -> Facts:
+    """Return what the guard must know of a law.
+
+    Raises:
+        LawError: As for ``shape_of``.
+    """
+    name = numbers.law
+    if name == "wall":
+        return Facts(numbers.side, True, False, "", math.inf, None)
+    if name in LINEAR:
+        return Facts("both", True, False, name, math.inf, 0.0 if name == "damper" else None)
+    shape = shape_of(numbers, grid)
+    steepest = f"{name}, {shape.steepest}" if shape.steepest else name
+    return Facts(
+        side="both" if shape.damped_everywhere else "above",
+        linear=False,
+        falls=shape.lowest_slope < 0.0,
+        steepest=steepest,
+        resolved=shape.resolved(grid.step),
+        own_stiffness=shape.stiffness if isinstance(shape, Profile) else None,
+    )

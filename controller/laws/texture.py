@@ -1,0 +1,59 @@
+"""Texture: a grating that the shaft moves over."""
+
+from __future__ import annotations
+
+import math
+
+from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
+
+PERIOD_COUNTS = 8.0
+"""Least period of a grating [encoder counts]"""
+FULL_TICKS = 8.0
+"""The grating is felt in full while a period takes this many ticks; at half as many it is gone"""
+
+
+class Texture(Memoryless):
+    """A sine over position, faded out at speeds at which ticks do not resolve it.
+
+    Args:
+        period: Of the grating [rad].
+        tick: Sampling period [s].
+    """
+
+    __slots__ = ("_amplitude", "_full", "_wave")
+    lowest_slope, highest_slope = -1.0, 1.0
+
+    def __init__(self, period: float, tick: float) -> None:
+        self._wave = math.tau / period
+        self._amplitude = 1.0 / self._wave
+        self._full = period / (FULL_TICKS * tick)
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
+        """Return the grating's elongation [rad]."""
+        fade = 2.0 - abs(speed) / self._full
+        if fade <= 0.0:
+            return 0.0
+        value = self._amplitude * math.sin(self._wave * away)
+        return value if fade >= 1.0 else fade * value
+
+    def potential(self, away: float) -> float:
+        """Return the potential of the whole grating, not faded [rad²]."""
+        return self._amplitude * self._amplitude * (1.0 - math.cos(self._wave * away))
+
+
+def make(numbers: Numbers, grid: Grid) -> Shape:
+    """Make a grating from ``wall.period``.
+
+    Raises:
+        LawError: It is missing, or the encoder does not resolve it.
+    """
+    period = numbers.period
+    if period is None:
+        raise LawError("period", "found nothing", "the grating's period [rad]")
+    if period < PERIOD_COUNTS * grid.step:
+        raise LawError(
+            "period",
+            f"found {period:.4g} rad",
+            f"at least {PERIOD_COUNTS:g} encoder counts, {PERIOD_COUNTS * grid.step:.4g} rad",
+        )
+    return Texture(period, grid.period)

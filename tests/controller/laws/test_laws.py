@@ -1,0 +1,203 @@
+"""What every law keeps: slopes within the stated ones, a potential, no pull, no hidden NaN."""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.laws.shape import Grid, Shape
+from haptic_wall.controller.laws.shaped import ShapedLaw
+from haptic_wall.controller.laws.table import LAWS, SUM, facts_of, shape_of
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.settings.model import Wall
+
+GRID = Grid(1e-3, math.tau / 4096)
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "wall": {"side": "below"},
+    "stops": {"low": -0.5, "high": 0.3},
+    "spring": {},
+    "damper": {},
+    "detents": {"count": 12, "snap": 0.4},
+    "friction": {"friction": 0.1},
+    "texture": {"period": 0.1},
+    "profile": {"profile": [(-1.0, 0.3), (-0.2, 0.5), (0.4, -0.1), (1.0, 0.0)]},
+    "sum": {
+        "parts": [
+            {"law": "detents", "width": 0.2, "snap": 0.1},
+            {"law": "stops", "low": -0.9, "high": 0.9, "share": 3.0},
+        ]
+    },
+}
+PLACES = np.linspace(-1.5, 1.5, 3001)
+
+
+def numbers(law: str, **changes: Any) -> Wall:
+    return Wall.model_validate({"law": law, **EXAMPLES[law], **changes})
+
+
+def shape(law: str) -> Shape:
+    return shape_of(numbers(law), GRID)
+
+
+def test_every_law_has_an_example() -> None:
+    assert set(EXAMPLES) == {*LAWS, SUM}
+
+
+@pytest.mark.parametrize("law", EXAMPLES)
+def test_the_slope_stays_within_what_is_stated(law: str) -> None:
+    made = shape(law)
+    e = np.array([made.elongation(x, 0.0, 8.0) for x in PLACES])
+    slopes = np.diff(e) / np.diff(PLACES)
+    assert made.lowest_slope - 1e-6 <= slopes.min()
+    assert slopes.max() <= made.highest_slope + 1e-6
+    assert max(-made.lowest_slope, made.highest_slope) == (0.0 if law == "damper" else 1.0)
+    if law != SUM:  # its parts need not be steepest at one place
+        assert max(-slopes.min(), slopes.max()) == pytest.approx(
+            max(-made.lowest_slope, made.highest_slope), abs=0.01
+        )
+
+
+@pytest.mark.parametrize("law", [law for law in EXAMPLES if law != "friction"])
+def test_the_potential_is_what_the_elongation_adds_up_to(law: str) -> None:
+    made = shape(law)
+    e = np.array([made.elongation(x, 0.0, 8.0) for x in PLACES])
+    u = np.array([made.potential(x) for x in PLACES])
+    work = 0.5 * (e[1:] + e[:-1]) * np.diff(PLACES)
+    assert np.diff(u) == pytest.approx(work, abs=2e-6)
+    assert u.min() >= 0.0
+    assert (np.abs(e) <= np.sqrt(2.0 * u) + 1e-6).all()
+
+
+@pytest.mark.parametrize("law", [law for law in EXAMPLES if law != SUM])
+def test_the_lowest_potential_is_zero(law: str) -> None:
+    assert min(shape(law).potential(x) for x in PLACES) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("law", EXAMPLES)
+def test_out_of_contact_nothing_acts_and_nothing_pulls(law: str) -> None:
+    made = ShapedLaw(law, shape(law), 0.2)
+    made.stiffness, made.damping = 8.0, 0.05
+    for x, speed in itertools.product(PLACES[::20].tolist(), (-3.0, 3.0)):
+        torque = made.torque(x + 0.2, speed)
+        if not made.in_contact(x + 0.2):
+            assert torque == 0.0
+        if made.one_sided:
+            assert torque * shape(law).elongation(x, 0.0, 8.0) <= 0.0
+
+
+@pytest.mark.parametrize("law", EXAMPLES)
+def test_no_torque_is_above_the_clip_and_nan_is_not_hidden(law: str) -> None:
+    made = ShapedLaw(law, shape(law), 0.0, 0.05)
+    made.stiffness, made.damping = 50.0, 0.05
+    assert max(abs(made.torque(x, 1.0)) for x in PLACES[::50].tolist()) <= 0.05
+    assert math.isnan(made.torque(math.nan, 0.0))
+    assert math.isnan(made.elongation(math.nan))
+
+
+@pytest.mark.parametrize("law", EXAMPLES)
+def test_a_softened_law_is_softer_everywhere(law: str) -> None:
+    whole, soft = ShapedLaw(law, shape(law), 0.0), ShapedLaw(law, shape(law), 0.0)
+    whole.stiffness = soft.stiffness = 8.0
+    soft.scale = 0.25
+    for x in PLACES[::20].tolist():
+        assert soft.torque(x, 0.0) == pytest.approx(0.25 * whole.torque(x, 0.0))
+
+
+def test_friction_slips_at_its_torque_and_starts_anew_at_rest() -> None:
+    law = ShapedLaw("friction", shape("friction"), 0.0)
+    law.stiffness = 8.0
+    law.settle(0.3)
+    assert law.torque(0.3, 0.0) == 0.0
+    assert law.torque(0.305, 0.0) == pytest.approx(-0.04)
+    assert law.torque(0.5, 0.0) == pytest.approx(-0.1)
+    assert law.torque(0.49, 0.0) == pytest.approx(-0.02)
+    assert law.elongation(0.49) == pytest.approx(0.0025)
+    law.settle(0.0)
+    assert law.torque(0.0, 0.0) == 0.0
+
+
+def test_friction_gives_back_less_than_it_took() -> None:
+    made = shape("friction")
+    places = np.cumsum(np.random.default_rng(3).normal(0.0, 0.01, 4000))
+    e = np.array([made.elongation(x, 0.0, 8.0) for x in places])
+    taken = np.cumsum(0.5 * (e[1:] + e[:-1]) * np.diff(places))
+    assert taken.min() > -1e-4
+
+
+def test_a_texture_fades_with_speed() -> None:
+    made, full = shape("texture"), 0.1 / 8e-3
+    e = [made.elongation(0.025, speed, 1.0) for speed in (full, 1.5 * full, -2.0 * full)]
+    assert e == pytest.approx([0.1 / math.tau, 0.05 / math.tau, 0.0])
+
+
+@pytest.mark.parametrize(("snap", "slopes"), [(0.25, (-1.0, 1.0)), (0.1, (-0.25, 1.0))])
+def test_snap_says_which_side_of_a_detent_is_steep(snap: float, slopes: tuple[float, ...]) -> None:
+    made = shape_of(numbers("detents", snap=snap), GRID)
+    assert (made.lowest_slope, made.highest_slope) == pytest.approx(slopes)
+
+
+def test_parts_of_a_sum_keep_their_shares() -> None:
+    made, detents = shape(SUM), shape_of(Wall(law="detents", width=0.2, snap=0.1), GRID)
+    assert made.elongation(0.02, 0.0, 1.0) == pytest.approx(detents.elongation(0.02, 0, 1) / 4.0)
+    assert made.potential(1.0) == pytest.approx(0.75 * 0.5 * 0.1**2, rel=1e-3)
+    assert made.steepest == "stops"
+    assert made.damped_everywhere
+
+
+def test_the_guard_learns_what_a_law_is() -> None:
+    stops, detents = (facts_of(numbers(law), GRID) for law in ("stops", "detents"))
+    assert (stops.side, stops.falls, stops.linear) == ("above", False, False)
+    assert (detents.side, detents.falls, detents.steepest) == ("both", True, "detents, its crest")
+    assert facts_of(numbers("profile"), GRID).own_stiffness == pytest.approx(1.0)
+    assert facts_of(numbers("friction"), GRID).resolved == pytest.approx(0.1 / (4 * GRID.step))
+
+
+@pytest.mark.parametrize(
+    ("sets", "field", "said"),
+    [
+        (["law=stops", "low=0"], "high", "found nothing"),
+        (["law=stops", "low=1", "high=0.9"], "high", "an end above wall.low"),
+        (["law=detents"], "count", "found nothing"),
+        (["law=detents", "count=8", "width=1"], "count", "found wall.width too"),
+        (["law=detents", "count=512"], "count", "at least 16 encoder counts"),
+        (["law=detents", "count=8", "snap=0.5"], "snap", "from 0.05 to 0.45"),
+        (["law=detents", "count=8", "low=0"], "low", "it is for wall.law stops"),
+        (["low=0"], "low", "it is for wall.law stops"),
+        (["law=texture", "period=0.01"], "period", "at least 8 encoder counts"),
+        (["law=friction"], "friction", "the torque at which it slips"),
+        (["law=profile", "profile=[[0, 1], [0, 0]]"], "profile", "rising positions"),
+        (["law=profile", "profile=[[0, -1], [1, 0]]"], "profile", "drive the shaft away"),
+        (["law=profile", "profile=nowhere.csv"], "profile", "cannot be read"),
+        (["law=profile", "profile=[[0, 1]]"], "profile", "two or more"),
+        (["law=sum"], "parts", "found none"),
+        (["law=sum", "parts=[{law: stops, low: 0}]"], "parts", "in part 0, stops.high"),
+        (["law=sum", "parts=[{law: sum}]"], "parts", "a sum in part 0"),
+        (["law=ridges"], "law", "one of wall, stops"),
+    ],
+)
+def test_numbers_that_make_no_law_are_refused(sets: list[str], field: str, said: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        load_config("simulated", [f"wall.{each}" for each in sets])
+    (problem,) = refused.value.problems
+    assert problem.startswith(f"wall.{field} ") or problem.startswith(f"wall.{field}:")
+    assert said in problem
+
+
+def test_a_profile_comes_from_a_file(tmp_path: Any) -> None:
+    file = tmp_path / "profile.csv"
+    file.write_text("# of a valve\nposition_rad,torque_nm\n-1,0.5\n0,0\n1,-0.25\n")
+    config = load_config("simulated", ["wall.law=profile", f"wall.profile={file}"]).config
+    assert config.wall.profile == ((-1.0, 0.5), (0.0, 0.0), (1.0, -0.25))
+    assert config.request().stiffness == pytest.approx(0.5)
+    again = Config.model_validate_json(config.model_dump_json())
+    assert again == config
+
+
+def test_the_encoder_of_the_servo_that_is_there_decides() -> None:
+    config = load_config("simulated", ["wall.law=detents", "wall.count=200"]).config
+    with pytest.raises(ConfigError, match=r"wall\.count"):
+        config.law(math.tau / 1024)
