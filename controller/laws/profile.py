@@ -8,6 +8,9 @@ from itertools import pairwise
 
 from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Numbers, Shape
 
+ROUNDING = 1e-12
+"""Torques below this fraction of the largest count as zero"""
+
 
 class Profile(Memoryless):
     """Torque over position; beyond the table's ends the torque stays.
@@ -45,6 +48,8 @@ class Profile(Memoryless):
             if not y > x:
                 raise LawError("profile", f"found {y:g} rad after {x:g} rad", "rising positions")
             slopes.append((u - v) / (y - x))
+        least = ROUNDING * max(map(abs, torques))
+        torques = [0.0 if abs(torque) <= least else torque for torque in torques]
         if torques[0] < 0.0 or torques[-1] > 0.0:
             raise LawError(
                 "profile",

@@ -15,7 +15,6 @@ from pydantic import ValidationError
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.logs.detected import Detected, add
 from haptic_wall.controller.logs.pieces import Damage, End, fault_text
 from haptic_wall.controller.logs.reader import LogReader
@@ -125,9 +124,8 @@ def _above_0(value: object, default: float) -> float:
 def _replay(
     config: Config, facts: _Facts, surface: float, given: Mapping[str, float | None]
 ) -> tuple[Replay, Detected]:
-    wall = config.wall
-    clip = math.inf if wall.torque_clip is None else wall.torque_clip
-    law = Wall(0.0, 0.0, surface, wall.side, clip)
+    law = config.law(facts.position_step)
+    law.position = surface
     settings = watch_settings(config, facts, law)
     believed = settings.detector
     inertia, damping, coulomb = given["inertia"], given["damping"], given["coulomb"]

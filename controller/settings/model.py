@@ -112,8 +112,8 @@ class _Rendered(Section):
 
     stiffness: float = setting(
         8.0,
-        "Stiffness K, the steepest slope of the torque; any value may be asked for, the guard "
-        "commands what is stable (a profile and a law of your own have their own)",
+        "Stiffness K; any value may be asked for, the guard commands what is stable. Of another "
+        "law it is the steepest slope; a profile and a law of your own bring theirs",
         "N·m/rad",
         ge=0,
         le=1e12,

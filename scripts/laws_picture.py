@@ -1,0 +1,80 @@
+"""Draws docs/laws.png: the elastic torque of each law over position.
+
+scripts/study laws_picture [FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptic_wall.controller.laws.shape import Grid
+from haptic_wall.controller.laws.table import shape_of
+from haptic_wall.controller.report.style import BLUE, GREEN, INK, PAGE, grid, picture
+from haptic_wall.controller.settings.model import Wall
+
+PICTURE = Path(__file__).resolve().parent.parent / "docs" / "laws.png"
+SHOWN: dict[str, dict[str, Any]] = {
+    "wall": {},
+    "stops": {"low": -0.5, "high": 0.4},
+    "spring": {},
+    "damper": {},
+    "detents": {"count": 24},
+    "detents ": {"count": 24, "snap": 0.4},
+    "texture": {"period": 0.1},
+    "friction": {"friction": 1.0},
+    "profile": {"profile": [(-0.8, 1.5), (-0.4, 2.0), (-0.1, 0.0), (0.1, 0.0), (0.6, -2.5)]},
+    "sum": {
+        "parts": [
+            {"law": "detents", "count": 24},
+            {"law": "stops", "low": -0.6, "high": 0.6, "share": 3.0},
+        ]
+    },
+}
+REACH = 0.8
+"""Positions shown to either side [rad]"""
+STIFFNESS = 8.0
+"""K [N·m/rad]"""
+
+
+def drawn(path: Path) -> None:
+    """Draw the picture.
+
+    Args:
+        path: Where it is written.
+    """
+    way = np.linspace(-REACH, REACH, 1601)
+    with picture(path, PAGE, 7.2) as figure:
+        axes = figure.subplots(5, 2, sharex=True).ravel()
+        for ax, (name, numbers) in zip(axes, SHOWN.items(), strict=True):
+            law = name.strip()
+            shape = shape_of(Wall.model_validate({"law": law, **numbers}), Grid(1e-3, 0.0))
+            stiffness = getattr(shape, "stiffness", STIFFNESS)
+            shape.settle(way[0])
+            moved = np.concatenate([way, way[::-1]]) if law == "friction" else way
+            torque = [-stiffness * shape.elongation(x, 0.0, stiffness) for x in moved.tolist()]
+            ax.axhline(0.0, color=INK, linewidth=0.5)
+            ax.plot(moved, torque, color=GREEN if shape.lowest_slope < 0.0 else BLUE, linewidth=1.2)
+            said = ", ".join(f"{k} {v:g}" for k, v in numbers.items() if isinstance(v, float | int))
+            ax.set_title(f"{law} {said}".strip(), fontsize=8.5, loc="left")
+            if not any(torque):
+                ax.set_ylim(-1.0, 1.0)
+            grid(ax)
+        for ax in axes[-2:]:
+            ax.set_xlabel("position [rad]")
+        for ax in axes[::2]:
+            ax.set_ylabel("torque [N·m]")
+        detents = axes[4]
+        detents.set_xticks([-math.pi / 4, 0.0, math.pi / 4], ["-π/4", "0", "π/4"])
+
+
+def main() -> int:
+    """Draw; return the exit status."""
+    given = argparse.ArgumentParser(description=__doc__)
+    given.add_argument("file", nargs="?", type=Path, default=PICTURE, metavar="FILE")
+    drawn(given.parse_args().file)
+    return 0

@@ -1,0 +1,109 @@
+"""A law of the user's own: installed or by its name, measured, and refused in one sentence."""
+
+import json
+import math
+import os
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.laws.own import OwnLaw, tabulated
+from haptic_wall.controller.laws.profile import Profile
+from haptic_wall.controller.laws.shape import Grid, LawError
+from haptic_wall.controller.settings.load import load_config
+from tests.hw.test_backends import PROGRAM, install
+
+EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "ridge_law"
+GRID = Grid(1e-3, math.tau / 4096)
+
+
+def test_a_law_of_another_distribution_is_rendered(tmp_path: Path) -> None:
+    folder = tmp_path / "site"
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
+    install(folder, project, EXAMPLE / "ridge_law.py")
+    here = os.environ.get("PYTHONPATH", "")
+    path = os.pathsep.join(filter(None, (str(folder), here)))
+    words = ["run", str(EXAMPLE / "ridge.yaml"), "--set=loop.clock=simulated", "--duration=2"]
+    done = subprocess.run(
+        [*PROGRAM, *words, "--set=wall.options.height=20", "--no-plot", "--json"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    guard = json.loads(done.stdout)["guard"]
+    assert guard["requested"]["stiffness"] == pytest.approx(20 * math.pi / 0.2, rel=1e-4)
+    assert guard["binding"] == "exact"
+    assert "(ridge, from " in guard["reasons"][0]
+
+
+def test_a_class_is_found_in_the_folder_where_one_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hillside.py").write_text((EXAMPLE / "ridge_law.py").read_text())
+    monkeypatch.chdir(tmp_path)
+    sets = ["wall.law=hillside:Ridge", "wall.options={height: 0.3}"]
+    config = load_config("simulated", sets).config
+    law = config.law(math.tau / 4096)
+    law.stiffness = config.request().stiffness
+    assert law.torque(0.1, 0.0) == pytest.approx(0.3, abs=1e-4)
+    assert law.torque(-0.05, 0.0) == pytest.approx(-0.3 * math.sin(math.pi / 4), abs=1e-4)
+
+
+class Given:
+    """A law with the torque of a function."""
+
+    def __init__(self, torque: Any, low: float = -1.0, high: float = 1.0) -> None:
+        self.low, self.high, self.torque = low, high, torque
+
+
+def table(law: OwnLaw) -> Profile:
+    return tabulated("mine:Law", law, GRID)
+
+
+def test_the_steepest_slope_between_counts_is_measured() -> None:
+    made = table(Given(lambda x: -5.0 * x - (0.01 if x > 0.3 else 0.0)))
+    assert made.stiffness == pytest.approx(5.0 + 0.01 / GRID.step, rel=1e-3)
+    assert made.steepest.startswith("from 0.29") or made.steepest.startswith("from 0.3 ")
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (Given(lambda _: math.nan), "gives nan at -1 rad"),
+        (Given(lambda _: 1 / 0), "fails at -1 rad (ZeroDivisionError"),
+        (Given(lambda x: -x, low=-math.inf), "from -inf to 1.0 rad"),
+        (Given(lambda x: x), "drive the shaft away"),
+        (Given(lambda _: 0.0), "the same torque everywhere"),
+    ],
+)
+def test_what_is_no_law_is_refused(law: Given, said: str) -> None:
+    with pytest.raises(LawError) as refused:
+        table(law)
+    assert said in str(refused.value)
+
+
+def test_a_torque_that_depends_on_the_past_is_refused() -> None:
+    asked = []
+
+    def torque(position: float) -> float:
+        asked.append(position)
+        return -position * len(asked)
+
+    with pytest.raises(LawError, match="depends on the position alone"):
+        table(Given(torque))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("nowhere:Law", "ModuleNotFoundError"), ("math:nothing", "nothing"), ("math:tau", "float")],
+)
+def test_a_class_that_cannot_be_made_is_refused(name: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=r"wall\.law") as refused:
+        load_config("simulated", [f"wall.law={name}"])
+    assert said in refused.value.problems[0]
