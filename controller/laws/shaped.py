@@ -38,6 +38,7 @@ class ShapedLaw:
         "phase",
         "position",
         "scale",
+        "soft_to",
         "stiffness",
     )
 
@@ -53,7 +54,7 @@ class ShapedLaw:
         self.guarded, self.phase, self.done = True, 0, False
         self.scale = self.damping_scale = 1.0
         self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.held = 0.0
+        self.carried = self.carried_to = self.soft_to = self.held = 0.0
 
     def in_contact(self, position: float) -> bool:
         """Whether the law acts at ``position`` [rad]."""
