@@ -117,7 +117,7 @@ def _hot(ways: Mapping[str, Write]) -> dict[str, float]:
 
 def _ways(folder: Path, stack: ExitStack) -> dict[str, Write]:
     """Return ours, and the common alternatives as a user would write them."""
-    telemetry = Telemetry.create()
+    telemetry = Telemetry.create(mapped=True)
     stack.callback(telemetry.close)
     own: tuple[Any, ...] = _VALUES[1:]  # the memory assigns row numbers
     table = stack.enter_context((folder / "rows.csv").open("w", newline="", encoding="utf-8"))

@@ -57,7 +57,7 @@ def main() -> None:
         try:
             around = Surroundings(take_real_time=prepare, open_servo=opener)
             result = run_session(
-                config, clock, Telemetry.create(), orders.seconds, surroundings=around
+                config, clock, Telemetry.create(mapped=True), orders.seconds, surroundings=around
             )
         except ServoError as error:
             _tell({"refused": str(error)})

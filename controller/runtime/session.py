@@ -172,7 +172,8 @@ class _Session:
                 self._config, self.servo, self._schedule, self._injected, self._program
             )
         freeze_garbage()
-        reserve_memory()
+        if not self._simulated:
+            reserve_memory()
         self._late = self._around.take_real_time()
         self._waiter = waiter_for(
             self._clock, _spin_ns(self._config), self._config.period_ns, self._warm_up

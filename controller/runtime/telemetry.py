@@ -171,12 +171,13 @@ class Telemetry:
     Args:
         descriptor: Of a memory made by ``create``, possibly inherited.
         capacity: Number of rows in the ring.
+        mapped: Map all pages now, which takes 10 ms, and none in a loop.
     """
 
-    def __init__(self, descriptor: int, capacity: int = CAPACITY) -> None:
+    def __init__(self, descriptor: int, capacity: int = CAPACITY, *, mapped: bool = True) -> None:
         self.descriptor = descriptor
         self._capacity = capacity
-        flags = mmap.MAP_SHARED | mmap.MAP_POPULATE  # maps all pages now, not in the loop
+        flags = mmap.MAP_SHARED | (mmap.MAP_POPULATE if mapped else 0)
         self._map = mmap.mmap(descriptor, _PAGE + capacity * _ROW_BYTES, flags)
         self.words = memoryview(self._map)[:_PAGE].cast("q")
         # As plain numbers: NumPy copies rows of named fields field by field, ten times as slowly.
@@ -184,11 +185,15 @@ class Telemetry:
         self._head = int(self.words[Word.HEAD])
 
     @classmethod
-    def create(cls) -> Self:
-        """Return new, empty shared memory; the caller closes it."""
+    def create(cls, *, mapped: bool = False) -> Self:
+        """Return new, empty shared memory; the caller closes it.
+
+        Args:
+            mapped: See the class. The process of a loop that inherits the memory maps it anew.
+        """
         descriptor = os.memfd_create("haptic-wall-telemetry")
         os.ftruncate(descriptor, _PAGE + CAPACITY * _ROW_BYTES)
-        return cls(descriptor)._without_dead_man()
+        return cls(descriptor, mapped=mapped)._without_dead_man()
 
     def close(self) -> None:
         """Close the descriptor; the memory stays mapped while it is in use."""

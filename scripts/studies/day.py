@@ -72,8 +72,8 @@ class Passed:
 class WatchedTelemetry(Telemetry):
     """Telemetry that looks at each row when it is first read."""
 
-    def __init__(self, descriptor: int) -> None:
-        super().__init__(descriptor)
+    def __init__(self, descriptor: int, *, mapped: bool = False) -> None:
+        super().__init__(descriptor, mapped=mapped)
         self.passed = Passed()
         self._round = np.empty(0)
         self._seen = 0

@@ -73,7 +73,7 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
     known = np.zeros((count, count))
     if linear.precision is not None:
         known[np.diag_indices_from(known)] = linear.precision / unit**2
-    inverse = np.linalg.pinv(np.einsum("psn,qsn->pq", rest * weights, rest) + known)
+    inverse = np.linalg.pinv(_products(rest * weights, rest) + known)
     scores = rest * weights * left
     samples = float(np.sum(weights))
     free = max(1.0, samples - count - 2 * groups)
@@ -83,9 +83,9 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
     prior = inverse @ (CORRELATED * level * known) @ inverse
     clustered = inverse @ (sums @ sums.T) @ inverse * groups / max(1, groups - count) + prior
     lags = round(_CORRELATED_S / period)
-    meat = np.einsum("psn,qsn->pq", scores, scores)
+    meat = _products(scores, scores)
     for lag in range(1, lags + 1):
-        cross = np.einsum("psn,qsn->pq", scores[:, :, lag:], scores[:, :, :-lag])
+        cross = _products(scores[:, :, lag:], scores[:, :, :-lag])
         meat += (1.0 - lag / (lags + 1)) * (cross + cross.T)
     correlated = inverse @ meat @ inverse * samples / free + prior
     variance = np.max([np.diag(c) for c in (independent, clustered, correlated)], axis=0)
@@ -94,3 +94,9 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
     covariance: FloatArray = inverse / np.outer(own, own) * np.outer(errors, errors)
     covariance[np.diag_indices_from(covariance)] = errors**2
     return covariance
+
+
+def _products(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the sums over pieces and samples of the products of two sets of slopes."""
+    summed: FloatArray = np.tensordot(one, other, axes=((1, 2), (1, 2)))
+    return summed
