@@ -16,6 +16,7 @@ from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE,
 from haptic_wall.controller.guard.limits import (
     LOOKED_UP,
     PlantLimits,
+    damping_ceiling,
     evaluate,
     evaluate_box,
     quantisation_limit,
@@ -23,7 +24,7 @@ from haptic_wall.controller.guard.limits import (
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
-from haptic_wall.controller.theory import linear_limit, max_virtual_damping
+from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.dynamixel.wire import cycle_s
 
@@ -196,10 +197,10 @@ def _changed(
 # Virtual damping
 
 
-def _highest_damping(request: Request, settings: GuardSettings, plants: Plants) -> FloatArray:
-    p = plants
-    ceiling = max_virtual_damping(p.inertia, p.damping, p.period, p.delay, request.velocity_samples)
-    highest: FloatArray = ceiling / p.gain
+def _highest_damping(
+    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
+) -> FloatArray:
+    highest = damping_ceiling(request, situation, plants)[0]
     return highest if settings.mode == "off" else settings.damping_cap * highest
 
 
@@ -214,7 +215,7 @@ def _promising_damping(
     """
     if settings.mode == "passive":
         return np.zeros_like(plants.damping)  # virtual damping costs passivity
-    highest = _highest_damping(request, settings, plants)[:, None]
+    highest = _highest_damping(request, settings, situation, plants)[:, None]
     ceiling = highest if settings.mode == "off" else highest / settings.damping_cap
     share = np.geomspace(1e-4, 1.0, 200)
     tried = highest * share
@@ -240,7 +241,7 @@ def _searched_damping(
 ) -> FloatArray:
     """Return the virtual damping with the highest limit, to 1e-5 of its range."""
     lowest = -plants.damping / plants.gain
-    highest = _highest_damping(request, settings, plants)
+    highest = _highest_damping(request, settings, situation, plants)
     low, high = lowest * (1 - _WITHIN), highest * (1 - _WITHIN)
     rows = np.arange(low.size)
     best = low

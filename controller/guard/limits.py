@@ -112,20 +112,14 @@ def evaluate(
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
-    nothing_stable = max_virtual_damping(m, b, t, t_d, n)
-    ceiling = nothing_stable / g
+    belief = situation.belief
+    ceiling, rigid = damping_ceiling(request, situation, plants)
+    nothing_stable, vibration = g * rigid, ceiling
+    vibrates = ceiling < rigid if belief.is_flexible else None
     if settings.mode == "passive":
         # above it, for whole delays, even the damper alone is not passive
         ceiling = np.minimum(ceiling, b / g)
-    belief, vibrates, vibration = situation.belief, None, None
-    fast = belief.is_fast(situation.period)
-    if fast:
-        vibration = fast_ceiling(belief, ceiling)
-    elif belief.is_flexible:
-        vibration = flexible_ceiling(belief, t, t_d, n)
-    if vibration is not None:
-        vibrates = vibration < ceiling
-        ceiling = np.minimum(ceiling, vibration)
+        vibrates = None if vibrates is None else vibrates & (vibration <= b / g)
     damping = np.full_like(ceiling, request.damping) if asked is None else asked
     if settings.mode != "off":
         damping = np.minimum(damping, settings.damping_cap * ceiling)
@@ -142,13 +136,11 @@ def evaluate(
             )
         )
     flexible = None
-    if vibration is not None:
-        flexible = (
-            fast_limit(exact / g, damping / vibration)
-            if fast
-            else flexible_limit(belief, t, t_d, damping, n)
-        )
-        if not fast and request.side != "both":
+    if belief.is_fast(situation.period):
+        flexible = fast_limit(exact / g, damping / vibration)
+    elif belief.is_flexible:
+        flexible = flexible_limit(belief, t, t_d, damping, n)
+        if request.side != "both":
             flexible = flexible * returned_share(damping / vibration)
     return PlantLimits(
         ceiling=ceiling,
@@ -179,6 +171,29 @@ def _passive(request: Request, plants: Plants, acting: FloatArray) -> FloatArray
         limit = passive_slope(b, acting, t, t_d)
     found: FloatArray = limit / plants.gain
     return found
+
+
+def damping_ceiling(
+    request: Request, situation: Situation, plants: Plants
+) -> tuple[FloatArray, FloatArray]:
+    """Return the commanded damping above which no stiffness is stable [N·m·s/rad].
+
+    Args:
+        request: The wall; only its number of velocity samples is used.
+        situation: The belief, and the period.
+        plants: Plants to evaluate.
+
+    Returns:
+        (with the believed vibration, of a rigid servo)
+    """
+    m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
+    n, belief = request.velocity_samples, situation.belief
+    rigid = max_virtual_damping(m, b, t, t_d, n) / g
+    if belief.is_fast(situation.period):
+        return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
+    if belief.is_flexible:
+        return np.minimum(rigid, flexible_ceiling(belief, t, t_d, n)), rigid
+    return rigid, rigid
 
 
 def evaluate_box(

@@ -1,5 +1,10 @@
 """Owns the commanded stiffness and damping, and moves them along ramps.
 
+On the way down no pair of both may be unstable that need not be. At a lower K the stable dampings
+are one interval up to the ceiling, so K goes down first, and then B. Where B is above the ceiling
+of what is allowed now, the stable stiffnesses may not begin at 0: both then go down together.
+``scripts/study flexible_guard`` counts it.
+
 Three things decide them: the guard's decision for the present sample age and interval, the derating
 after an oscillation, and whether the shaft is where K may be raised.
 """
@@ -31,7 +36,9 @@ class Gains:
     """
 
     __slots__ = (
+        "_damping_left",
         "_damping_step",
+        "_damping_wait",
         "_highest",
         "_law",
         "_pending",
@@ -53,7 +60,7 @@ class Gains:
         self._ramp_ticks = ramp_ticks
         self._torque_limit = torque_limit
         self._highest = max(decision.stiffness for decision in schedule.decisions)
-        self._ramp_left = 0
+        self._ramp_left = self._damping_wait = self._damping_left = 0
         self._stiffness_step = self._damping_step = 0.0
         self._pending = False  # an increase that waits for a moment at rest
         self.stiffness = self.damping = 0.0
@@ -139,18 +146,24 @@ class Gains:
         if changed:
             if law.guarded:
                 self._begin_ramp(may_raise)
-        elif self._pending and may_raise and not self._ramp_left:
+        elif self._pending and may_raise and not (self._ramp_left or self._damping_left):
             self._pending = False
             decision = self._schedule.decision
             self.stiffness, self.damping = decision.stiffness, decision.damping
-            self._ramp_left = 1
+            self._ramp_left = self._damping_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
             if self._ramp_left:
                 law.stiffness += self._stiffness_step
-                law.damping += self._damping_step
             else:
                 law.stiffness = self.stiffness
+        if self._damping_wait:
+            self._damping_wait -= 1
+        elif self._damping_left:
+            self._damping_left -= 1
+            if self._damping_left:
+                law.damping += self._damping_step
+            else:
                 law.damping = self.damping
         return changed
 
@@ -172,6 +185,8 @@ class Gains:
         elif self._ramp_left and self._stiffness_step < 0.0:
             # A new reason to lower K does not slow down a ramp that is under way.
             ticks = min(ticks, max(1, math.ceil(fall / -self._stiffness_step)))
-        self._ramp_left = ticks
+        above = law.damping > decision.damping_ceiling
+        self._ramp_left = self._damping_left = ticks
+        self._damping_wait = 0 if above or fall <= 0.0 else ticks
         self._stiffness_step = (stiffness - law.stiffness) / ticks
         self._damping_step = (damping - law.damping) / ticks

@@ -5,10 +5,12 @@
 Takes some seconds a belief.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
@@ -17,13 +19,23 @@ from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import returned
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.flexible import (
+    chain_boundary,
+    chain_ceiling,
+    flexible_boundary,
+    flexible_ceiling,
+)
 from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
 """Inertia and viscous friction: published fits of an MX-64 and an XL330"""
+SERVO_KINDS: tuple[tuple[EncoderSide, bool], ...] = (
+    ("output", True),
+    ("output", False),
+    ("motor", False),
+)
 PHASES = np.array([1e-9, 0.5, 0.9, 0.97, 1.0])
 NAMES = (
     "inertia",
@@ -185,6 +197,101 @@ def outcome(case: tuple[int, int, int, int]) -> Outcome:
     )
 
 
+ORDERS = ("together", "K first", "B first")
+
+
+class Way(NamedTuple):
+    """How many ways from a stable pair (K, B) to an allowed one cross unstable pairs."""
+
+    rigid: bool
+    encoder: str
+    beyond: bool
+    """B starts above the ceiling, and K where it is stable all the same"""
+    ways: int
+    unstable: tuple[int, ...]
+    """Of each of ``ORDERS``"""
+
+
+def ways(case: tuple[int, int, EncoderSide, bool]) -> list[Way]:
+    """Draw servos with a stable pair (K, B) and a lower allowed one, and count."""
+    seed, count, encoder, rigid = case
+    random = np.random.default_rng((seed, encoder == "motor", rigid))
+
+    def between(low: float, high: float) -> FloatArray:
+        return np.exp(random.uniform(math.log(low), math.log(high), count))
+
+    whole = between(1e-3, 0.03)
+    friction = whole * between(0.2, 5.0)
+    load = whole * random.uniform(0.03, 0.8, count)
+    motor, rate = whole - load, math.tau * between(8.0, 150.0)
+    moving = motor * load / whole
+    spring, damper = moving * rate**2, 2.0 * between(0.004, 0.15) * moving * rate
+    chain, _ = two_masses(motor, friction, load, spring, damper, encoder=encoder)
+    if rigid:
+        none = np.empty((count, 0))
+        chain = Chain(whole[:, None], friction[:, None], none, none)
+    steps, late = int(random.integers(4)), random.random(count)
+    period, shape = np.full(count, PERIOD), (count,)
+    delay = (steps + late) * PERIOD
+    loops = Loops(sampled(chain, period, late), period, steps, 1)
+    ceiling = chain_ceiling(chain, shape, period, delay)
+    to_b = 0.7 * ceiling * random.random(count)
+    to_k = 0.8 * chain_boundary(chain, shape, to_b, period, delay).stiffness * random.random(count)
+    from_b = np.where(
+        random.random(count) < 0.3,
+        to_b * random.random(count),
+        to_b + (1.3 * ceiling - to_b) * random.random(count),
+    )
+    from_k = to_k * np.exp(random.uniform(0.0, 1.5, count))
+
+    def stable(k: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = np.abs(poles(loops, k, b)).max(axis=1) < 1.0 + 1e-9
+        return found
+
+    def crosses(first_k: bool, first_b: bool) -> NDArray[np.bool_]:
+        found = np.zeros(count, dtype=np.bool_)
+        for share in np.linspace(0.0, 2.0, 21):
+            k_share = min(share, 1.0) if not first_b else max(share - 1.0, 0.0)
+            b_share = min(share, 1.0) if not first_k else max(share - 1.0, 0.0)
+            k, b = from_k + k_share * (to_k - from_k), from_b + b_share * (to_b - from_b)
+            found |= ~stable(k, b)
+        return found
+
+    start = stable(from_k, from_b)
+    unstable = [crosses(False, False), crosses(True, False), crosses(False, True)]
+    return [
+        Way(
+            rigid,
+            encoder,
+            beyond,
+            int(chosen.sum()),
+            tuple(int((chosen & each).sum()) for each in unstable),
+        )
+        for beyond in (False, True)
+        for chosen in [start & ((from_b > ceiling) == beyond)]
+    ]
+
+
+def way_lines(found: Found[tuple[int, int, EncoderSide, bool], list[Way]]) -> list[str]:
+    """Count the ways that cross unstable pairs."""
+    rows = []
+    for rigid, encoder, beyond in itertools.product(
+        (True, False), ("output", "motor"), (False, True)
+    ):
+        chosen = [
+            way
+            for _, row in found
+            for way in row
+            if (way.rigid, way.encoder, way.beyond) == (rigid, encoder, beyond)
+        ]
+        total = sum(way.ways for way in chosen)
+        if total:
+            name = "rigid" if rigid else f"encoder on the {encoder}"
+            each = [sum(way.unstable[i] for way in chosen) for i in range(len(ORDERS))]
+            rows.append((name, "above" if beyond else "below", total, *each))
+    return table(("servo", "B starts, of the ceiling", "ways", *ORDERS), *rows)
+
+
 def lines(found: Found[tuple[int, int, int, int], Outcome]) -> list[str]:
     """Count growth and throws, and the shares of what is possible."""
     rows = np.array([row for _, row in found])
@@ -248,11 +355,23 @@ STUDY = Study(
             lines,
             case_s=4.0,
         ),
+        Part(
+            "ways",
+            lambda given: [
+                (given.seed + i, given.servos, encoder, rigid)
+                for i in range(3)
+                for encoder, rigid in SERVO_KINDS
+            ],
+            ways,
+            way_lines,
+            case_s=30.0,
+        ),
     ),
     (
         Option("beliefs", 110, "random beliefs", quick=3),
         Option("truths", 100, "random truths of each", quick=20),
         Option("steps", 12, "generations of the search", quick=2),
+        Option("servos", 2000, "servos of each kind and seed on the way to lower gains", quick=40),
         Option("seed", 1, "seed of the beliefs"),
     ),
 )

@@ -4,12 +4,18 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.schedule import RUN, GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.chain import sampled, two_masses
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.crossings import Loops, poles
 
 PERIOD_NS = 1_000_000
 AGES = [0, 100_000, 200_000]
@@ -19,6 +25,7 @@ RAMP = 30
 class Allowed(NamedTuple):
     stiffness: float
     damping: float
+    damping_ceiling: float = math.inf
     delay: float = 0.0
 
 
@@ -44,8 +51,20 @@ def test_nothing_is_commanded_before_it_begins() -> None:
     assert (wall.stiffness, wall.damping) == (40.0, 0.1)
 
 
-def test_stiffness_and_damping_go_down_together_over_the_ramp() -> None:
-    made, wall = gains((40.0, 0.2), (20.0, 0.1))
+def test_the_stiffness_goes_down_before_the_damping() -> None:
+    made, wall = gains((40.0, 0.2), (20.0, 0.1, 0.25))
+    made.begin()
+    pairs = []
+    for _ in range(RUN + 2 * RAMP):
+        follow(made, 1, AGES[1], may_raise=False)
+        pairs.append((wall.stiffness, wall.damping))
+    assert pairs[-1] == (20.0, 0.1)
+    assert all(k == 20.0 or b == 0.2 for k, b in pairs)
+    assert len({k for k, _ in pairs}) == len({b for _, b in pairs}) == RAMP + 1
+
+
+def test_a_damping_above_its_new_ceiling_goes_down_with_the_stiffness() -> None:
+    made, wall = gains((40.0, 0.2), (20.0, 0.1, 0.15))
     made.begin()
     ratios = []
     for _ in range(60):
@@ -111,3 +130,45 @@ def test_a_law_of_its_own_gains_is_left_alone() -> None:
     follow(made, 60, AGES[1])
     assert (wall.stiffness, wall.damping) == (0.0, 0.0)
     assert not math.isinf(made.stiffness)
+
+
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_no_pair_on_the_way_to_lower_gains_is_unstable(encoder: str) -> None:
+    """Two masses: the delay grows a little, and less damping is allowed, as of late ticks."""
+    random = np.random.default_rng(11)
+    n, period = 150, 1e-3
+    load = random.uniform(0.001, 0.008, n)
+    motor, rate = 0.012 - load, math.tau * random.uniform(10.0, 120.0, n)
+    moving = motor * load / 0.012
+    ratio = random.uniform(0.005, 0.1, n)
+    servo = (motor, 0.012, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    damping, pairs = random.uniform(0.02, 0.3, n), []
+    for delay, share in ((2.1e-3, 0.7), (2.5e-3, 0.2)):
+        ceiling = flexible_ceiling(*servo, period, delay, encoder=encoder)
+        damping = np.minimum(damping * share / 0.7, share * ceiling)
+        limit = flexible_boundary(*servo, damping, period, delay, encoder=encoder).stiffness
+        pairs.append((0.8 * limit, damping, ceiling))
+    chain, _ = two_masses(*servo, encoder=encoder)
+    periods = np.full(n, period)
+    loops = Loops(sampled(chain, periods, np.full(n, 0.5)), periods, 2, 1)
+    walks = []
+    for k0, b0, c0, k1, b1, c1 in np.stack([*pairs[0], *pairs[1]], axis=1).tolist():
+        made, wall = gains((k0, b0, c0), (k1, b1, c1))
+        made.begin()
+        walk = []
+        for _ in range(RUN + 2 * RAMP):
+            follow(made, 1, AGES[1], may_raise=False)
+            walk.append((wall.stiffness, wall.damping))
+        walks.append(walk)
+    ways = np.array(walks)[:, ::4]
+
+    def unstable(k: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = np.abs(poles(loops, k, b)).max(axis=1) > 1.0 + 1e-9
+        return found
+
+    inside = ~unstable(ways[:, 0, 0], ways[:, 0, 1]) & (ways[:, -1, 0] < ways[:, 0, 0])
+    assert inside.sum() > 20
+    for at in range(ways.shape[1]):
+        assert not np.any(inside & unstable(ways[:, at, 0], ways[:, at, 1]))
+    # with the damping first some would be
+    assert np.any(inside & unstable(ways[:, 0, 0], ways[:, -1, 1]))

@@ -45,6 +45,7 @@ WAITING = object()
 class Rung:
     def __init__(self, stiffness: float, damping: float, delay: float) -> None:
         self.stiffness, self.damping, self.delay = stiffness, damping, delay
+        self.damping_ceiling = 1.0
 
 
 class ScriptedServo:
@@ -310,17 +311,19 @@ def test_the_delay_of_the_decision_in_force_is_told_from_the_first_tick() -> Non
     assert rig.rows["delay_s"][0] == 0.7e-3
 
 
-def test_old_samples_lower_stiffness_and_damping_together_over_fifty_ticks() -> None:
+def test_old_samples_lower_stiffness_and_then_damping_over_fifty_ticks_each() -> None:
     rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
-    rig = on(Rig([0.0] * 80, rungs=rungs, ages=(0, 500_000)))
+    rig = on(Rig([0.0] * 130, rungs=rungs, ages=(0, 500_000)))
     rig.run(5)
     rig.servo.age_ns = 400_000
-    rig.run(70)
+    rig.run(120)
     stiffness, damping = rig.rows["stiffness"], rig.rows["damping"]
     assert stiffness[4] == 20.0
     falling = (stiffness < 20.0) & (stiffness > 10.0)
     assert 45 <= falling.sum() <= 50
-    assert damping[falling] == pytest.approx(stiffness[falling] / 1000)
+    assert set(damping[falling]) == {0.02}
+    falling = (damping < 0.02) & (damping > 0.01)
+    assert 45 <= falling.sum() <= 50
     assert (stiffness[-1], damping[-1]) == (10.0, 0.01)
     assert rig.rows["delay_s"][-1] == 1e-3
 

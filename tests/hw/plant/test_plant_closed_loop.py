@@ -3,16 +3,19 @@
 import csv
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_wall.controller.theory import flexible_ceiling
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import EncoderSide, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 from tests.hw.oracles import closed_loop_poles
+from tests.theory.test_flexible import Loop, radius
 
 PERIOD = 1e-3
 PERIOD_NS = 1_000_000
@@ -101,3 +104,45 @@ def test_growth_is_zero_at_the_published_critical_stiffness(
     assert below < 0.0 < above
     critical = low - below * (high - low) / (above - below)
     assert critical == pytest.approx(published, rel=1e-3)
+
+
+@pytest.mark.parametrize(("encoder", "beyond"), [("motor", 1.02), ("output", 1.2)])
+def test_two_masses_grow_beyond_their_ceiling_as_their_poles_say(
+    encoder: EncoderSide, beyond: float
+) -> None:
+    true = linked_servo(encoder)
+    servo = (true.inertia, true.damping, true.load_inertia, 200.0, true.transmission_damping)
+    ceiling = float(flexible_ceiling(*servo, PERIOD, 0.0, encoder=encoder))
+    loop = Loop(*servo, PERIOD, 0.0, 1, encoder)
+    for share in (1.0 / beyond, beyond):
+        positions = wall_motion(true, 2.0, share * ceiling, 3000)
+        growth = math.log(radius(loop, 2.0, share * ceiling)) / PERIOD
+        assert (growth > 0.0) == (share > 1.0)
+        if share > 1.0:
+            assert growth_per_second(positions[-500:]) == pytest.approx(growth, rel=0.02)
+        else:
+            bends = np.abs(np.diff(positions, 2))
+            assert bends[-300:].max() < 0.4 * bends[:300].max()
+
+
+def test_the_torque_limit_hides_growth_beyond_the_ceiling_of_a_motors_encoder() -> None:
+    """Such a wall grows at 250 Hz. What saturates swings by less than an encoder's count."""
+    true = replace(linked_servo("motor"), torque_limit=4.1)
+    servo = (true.inertia, true.damping, true.load_inertia, 200.0, true.transmission_damping)
+    ceiling = float(flexible_ceiling(*servo, PERIOD, 0.0, encoder="motor"))
+    positions = wall_motion(true, 2.0, 1.02 * ceiling, 3000)[-200:]
+    half_a_cycle = np.abs(positions[2:] - positions[:-2]).max()
+    expected = 4.0 / math.pi * 4.1 / (true.inertia * (math.tau * 252.0) ** 2)
+    assert half_a_cycle == pytest.approx(2.0 * expected, rel=0.3)
+    assert half_a_cycle < math.tau / 4096
+
+
+def linked_servo(encoder: EncoderSide) -> TrueServo:
+    """A load of 0.003 kg·m² that vibrates at 46 Hz with a damping ratio of 2 %."""
+    return replace(
+        linear_servo(0.011951, 0.011692, 0.0),
+        load_inertia=0.003,
+        transmission_stiffness=200.0,
+        transmission_damping=0.0277,
+        encoder=encoder,
+    )
