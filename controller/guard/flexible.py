@@ -22,6 +22,8 @@ WITHIN = 0.96
 _PHASE, _MOST = 0.4, 40
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]; most frequencies"""
+_CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.65, 0.53)
+"""Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
 _FAST_CEILING, _FAST_COST = 0.75, 0.2
@@ -70,15 +72,21 @@ def flexible_limit(
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
 
 
-def returned_share(of_ceiling: FloatArray) -> FloatArray:
-    """Return the share of the two-sided limit up to which a one-sided wall returns no more.
+def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
+    """Return the share of the two-sided limit up to which a contact leaves little vibration.
 
-    It lies below what contacts of two masses gave over random servos.
+    What a one-sided wall returns of a rigid servo's energy counts apart. Beside it a contact leaves
+    energy in the vibration, the more the nearer its own frequency, sqrt(K/m), comes to the
+    vibration's. The share lies below what exact contacts of random servos gave, whatever their
+    damping, delay and encoder (``scripts/study flexible_guard``).
 
     Args:
-        of_ceiling: Virtual damping over the flexible ceiling.
+        belief: With a load behind a transmission.
+        stiffness: The two-sided limit of each plant, in commanded units [N·m/rad].
     """
-    found: FloatArray = 0.93 - 0.6 * np.clip(of_ceiling, 0.0, 1.0)
+    acting = belief.torque_gain.high * stiffness
+    near = np.sqrt(acting / belief.inertia.low) / (math.tau * belief.flexible_hz.low)
+    found: FloatArray = np.interp(near, _CONTACT, _RETURNED)
     return found
 
 

@@ -140,8 +140,9 @@ def evaluate(
         flexible = fast_limit(exact / g, damping / vibration)
     elif belief.is_flexible:
         flexible = flexible_limit(belief, t, t_d, damping, n)
-        if request.side != "both":
-            flexible = flexible * returned_share(damping / vibration)
+        if one_sided is not None:
+            rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
+            flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
     return PlantLimits(
         ceiling=ceiling,
         damping=damping,

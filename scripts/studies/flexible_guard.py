@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
+from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    max_virtual_damping,
+    one_sided_limit,
+)
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
-from haptic_wall.controller.theory.chain_contact import returned
+from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.flexible import (
@@ -62,7 +68,7 @@ class Outcome(NamedTuple):
     stiffness: float
     """Commanded K of the two-sided wall over the middle's limit at the commanded B"""
     one_sided: float
-    """The same of the one-sided wall"""
+    """Commanded K of the one-sided wall over the middle's one-sided limit"""
 
 
 def drawn(random: np.random.Generator) -> tuple[Belief, float, float]:
@@ -183,17 +189,22 @@ def outcome(case: tuple[int, int, int, int]) -> Outcome:
     )
     damping = both.damping * gain
 
-    def of_limit(wall: Decision) -> float:
-        limit = flexible_boundary(*known, damping, PERIOD, age + lag, encoder=belief.encoder)
-        return float(wall.stiffness * gain / limit.stiffness)
+    limit = flexible_boundary(*known, damping, PERIOD, age + lag, encoder=belief.encoder).stiffness
+    returns_no_more = one_sided_limits(
+        two_masses(*known, encoder=belief.encoder)[0],
+        PERIOD,
+        age + lag,
+        np.atleast_1d(limit),
+        np.atleast_1d(damping),
+    )
 
     return Outcome(
         float(tried.max()),
         -float(found.fun),
         thrown(belief, inside(belief, shares[worst[:4]]), age, one),
         both.damping / ceiling if both.damping < asked else math.nan,
-        of_limit(both),
-        of_limit(one),
+        float(both.stiffness * gain / limit),
+        float(one.stiffness * gain / returns_no_more[0]),
     )
 
 
@@ -292,6 +303,67 @@ def way_lines(found: Found[tuple[int, int, EncoderSide, bool], list[Way]]) -> li
     return table(("servo", "B starts, of the ceiling", "ways", *ORDERS), *rows)
 
 
+class Contacts(NamedTuple):
+    """Of one servo and five dampings: exact one-sided limits over what the guard would use."""
+
+    near: tuple[float, ...]
+    """Frequency of the contact at the two-sided limit over the vibration's"""
+    over: tuple[float, ...]
+    """Exact one-sided limit over the guard's: the two-sided one times both shares"""
+
+
+def contacts(case: tuple[int, int]) -> Contacts:
+    """Draw a servo, and compare the exact one-sided limits with the shares that the guard uses."""
+    random = np.random.default_rng(case)
+    whole = math.exp(random.uniform(math.log(1e-3), math.log(0.03)))
+    load = whole * random.uniform(0.03, 0.85)
+    friction = whole * math.exp(random.uniform(math.log(0.2), math.log(5.0)))
+    hz = math.exp(random.uniform(math.log(8.0), math.log(150.0)))
+    ratio = math.exp(random.uniform(math.log(0.004), math.log(0.15)))
+    encoder: EncoderSide = "motor" if random.random() < 0.25 else "output"
+    delay = random.uniform(0.0, 6e-3)
+    motor, rate = whole - load, math.tau * hz
+    moving = motor * load / whole
+    servo = (motor, friction, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    ceiling = float(flexible_ceiling(*servo, PERIOD, delay, encoder=encoder))
+    rigid_ceiling = float(max_virtual_damping(whole, friction, PERIOD, delay))
+    damping = np.minimum(np.array([0.0, 0.1, 0.3, 0.5, 0.7]) * ceiling, 0.7 * rigid_ceiling)
+    both = flexible_boundary(*servo, damping, PERIOD, delay, encoder=encoder).stiffness
+    chain, _ = two_masses(*servo, encoder=encoder)
+    one = one_sided_limits(chain, PERIOD, delay, both, damping)
+    rigid = (whole, friction, damping, PERIOD, delay)
+    share = one_sided_limit(*rigid) / critical_stiffness(*rigid)
+    belief = Belief(
+        inertia=Bounded.exactly(whole),
+        damping=Bounded.exactly(friction),
+        coulomb=Bounded.exactly(0.0),
+        delay=Bounded.exactly(delay),
+        torque_gain=Bounded.exactly(1.0),
+        load_inertia=Bounded.exactly(load),
+        flexible_hz=Bounded.exactly(hz),
+        flexible_damping_ratio=Bounded.exactly(ratio),
+        encoder=encoder,
+    )
+    some = both > 0.0
+    near = np.sqrt(both / whole) / rate
+    over = one[some] / (both * share * returned_share(belief, both))[some]
+    return Contacts(tuple(near[some].tolist()), tuple(over.tolist()))
+
+
+def contact_lines(found: Found[tuple[int, int], Contacts]) -> list[str]:
+    """Show the least ratios over the frequency of the contact."""
+    near = np.concatenate([row.near for _, row in found])
+    over = np.concatenate([row.over for _, row in found])
+    rows = []
+    for low, high in itertools.pairwise((0.0, 0.1, 0.15, 0.2, 0.3, 0.4, math.inf)):
+        chosen = over[(near >= low) & (near < high)]
+        if chosen.size:
+            name = f"{low:g} to {high:g}" if math.isfinite(high) else f"{low:g} and above"
+            rows.append((name, chosen.size, f"{chosen.min():.3f}", f"{np.median(chosen):.3f}"))
+    heads = ("contact over vibration", "walls", "exact limit over the guard's: least", "median")
+    return table(heads, *rows)
+
+
 def lines(found: Found[tuple[int, int, int, int], Outcome]) -> list[str]:
     """Count growth and throws, and the shares of what is possible."""
     rows = np.array([row for _, row in found])
@@ -356,6 +428,13 @@ STUDY = Study(
             case_s=4.0,
         ),
         Part(
+            "contacts",
+            lambda given: [(given.seed + 100, i) for i in range(given.contacts)],
+            contacts,
+            contact_lines,
+            case_s=4.0,
+        ),
+        Part(
             "ways",
             lambda given: [
                 (given.seed + i, given.servos, encoder, rigid)
@@ -371,6 +450,7 @@ STUDY = Study(
         Option("beliefs", 110, "random beliefs", quick=3),
         Option("truths", 100, "random truths of each", quick=20),
         Option("steps", 12, "generations of the search", quick=2),
+        Option("contacts", 200, "servos whose contacts are simulated", quick=4),
         Option("servos", 2000, "servos of each kind and seed on the way to lower gains", quick=40),
         Option("seed", 1, "seed of the beliefs"),
     ),

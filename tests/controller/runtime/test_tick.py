@@ -400,7 +400,7 @@ def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows() -> None:
     rig = on(Rig([0.0] * 300, rungs=rungs, ages=(0, 500_000)))
     reduced(rig, 0.25, 0.5).run(5)
     rig.servo.age_ns = 400_000
-    rig.run(95)
+    rig.run(145)
     stiffness = rig.rows["stiffness"]
     assert stiffness[0] == 5.0
     assert np.all(np.diff(stiffness) <= 0.0)
