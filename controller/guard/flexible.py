@@ -1,8 +1,9 @@
 """The limits of a believed load behind a flexible transmission, over the belief's whole box.
 
 The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
-phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too; the least of
-both neighbours counts, with limits in proportion to 1 / (T/2 + t_d). ``scripts/study
+phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too, from the
+shortest that is believed on: a shorter delay may be the less safe one. Between two of the grid
+limits are in proportion to 1 / (T/2 + t_d). ``scripts/study
 flexible_guard`` searches for truths inside the box that the guard's walls make vibrate.
 """
 
@@ -22,7 +23,7 @@ WITHIN = 0.96
 _PHASE, _MOST = 0.4, 40
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]; most frequencies"""
-_CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.65, 0.53)
+_CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
@@ -117,11 +118,12 @@ def fast_limit(exact: FloatArray, of_ceiling: FloatArray) -> FloatArray:
 
 
 def _limit(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
-    return min(
-        _limit_at(belief, period, knot, damping, samples)
-        * ((0.5 * period + knot) / (0.5 * period + delay))
-        for knot in _knots(belief, delay)
-    )
+    *shorter, below, above = _knots(belief, delay)
+    at = [_limit_at(belief, period, knot, damping, samples) for knot in shorter]
+    for knot in (below, above):
+        scale = (0.5 * period + knot) / (0.5 * period + delay)
+        at.append(scale * _limit_at(belief, period, knot, damping, samples))
+    return min(at)
 
 
 @lru_cache(maxsize=4096)
@@ -135,10 +137,12 @@ def _around(belief: Belief, period: float, delay: float, samples: int) -> list[F
     return [_scan(belief, period, knot, samples) for knot in _knots(belief, delay)]
 
 
-def _knots(belief: Belief, delay: float) -> tuple[float, float]:
+def _knots(belief: Belief, delay: float) -> list[float]:
+    """Return delays of the grid from below the shortest believed one to above ``delay`` [s]."""
     step = _PHASE / (math.tau * belief.flexible_hz.high)
-    below = math.floor(delay / step + 1e-9)
-    return below * step, (below + 1) * step
+    shortest = max(delay - (belief.delay.high - belief.delay.low), 0.0)
+    first, last = (math.floor(each / step + 1e-9) for each in (shortest, delay))
+    return [k * step for k in range(first, last + 2)]
 
 
 @lru_cache(maxsize=1024)

@@ -454,3 +454,18 @@ def test_what_is_assumed_names_the_link_that_the_damping_allows() -> None:
     assert allowed[1] < 0.04 < allowed[0]
     rigid = assumed(situation().belief, decision, 0.7)
     assert "a rigid servo without a link is assumed" in rigid
+
+
+def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:
+    """Past a quarter turn of the vibration's phase more delay raises the ceiling."""
+    belief: dict[str, Any] = {
+        "load_inertia": Bounded.exactly(0.005),
+        "flexible_hz": Bounded.exactly(94.0),
+        "flexible_damping_ratio": Bounded.exactly(0.006),
+        "delay": Bounded(1e-3, 0.0, 2e-3),
+    }
+    decision = one(Request(1e6, 5.0, "both"), situation(**belief), delay=1e-3)
+    servo = linked(0.005, 94.0, 0.006)
+    ceilings = flexible_ceiling(*servo, 1e-3, np.array([1e-3, 3e-3]))
+    assert ceilings[0] < 0.5 * ceilings[1]
+    assert decision.damping_ceiling < ceilings[0]
