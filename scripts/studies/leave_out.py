@@ -29,12 +29,13 @@ from haptic_wall.controller.experiments.maps.many_walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.asked_numbers import Asked, asked_tuning
 from scripts.study import ROOT, Found, Option, Part, Study, table
-from scripts.trials.cases import Case
+from scripts.trials.cases import LAGS, PRESETS, Case
 from scripts.trials.detector_trials import Drawn, draw_held, draw_kicked, kick_trial, kicked_at
 from scripts.trials.hands import HANDS, draw_hands, handled
 from scripts.trials.listening import COUNT, PERIOD, listen
+from scripts.trials.real_rows import draw_real_hand, draw_real_wall
 from scripts.trials.small_cycles import settled
-from scripts.trials.verdicts import answered
+from scripts.trials.verdicts import answered, goes_on_by_itself
 from scripts.trials.watched import Trace
 
 CASES = ROOT / "scripts" / "studies" / "leave_out_cases.jsonl"
@@ -48,6 +49,9 @@ HELD, HELD_S = 2, 10.0
 """Walls for each hand that it hears, and their length [s]"""
 EACH, LONGEST_S, MOST = 6, 25.0, 12
 """For single numbers: cases of each kind, their greatest length [s], and runs with each value"""
+REAL_WALLS, REAL_HAND_S = 2, 12.0
+"""Walls that oscillate on each servo with every effect, and the length of a trial with an operator
+there [s]"""
 HEARD = ("belief", "streaks", "energy", "recording")
 """Groups of the detector that knows the believed servo: its alarm is only a suspicion in a run, so
 that recorded motions tell more of them"""
@@ -217,6 +221,14 @@ def heard_names(most: int) -> list[str]:
     return [*kicks[:most], *held[:most], *recordings[:most]]
 
 
+def real_names(most: int) -> list[str]:
+    """Return names of walls and hands on servos with every effect; ``most``: of each kind."""
+    servos = range(len(PRESETS))
+    walls = [f"real-walls {i} {n}" for n in range(REAL_WALLS) for i in servos]
+    hands = [f"real-hands {i} {n}" for n in range(len(HANDS)) for i in servos]
+    return [*walls[:most], *hands[:most]]
+
+
 def outcome(name: str, tuning: Tuning) -> Outcome:
     """Run a case and judge it."""
     if name in table_cases():
@@ -325,6 +337,25 @@ def _recording(share: int, i: int, tuning: Tuning) -> Outcome:
     return _outcome(labels, (record.first_alarm_s, record.worst))
 
 
+@cache
+def _real_case(preset: int, n: int, kind: str) -> Case:
+    random = np.random.default_rng((SEED, preset, n, len(kind)))
+    if kind == "hand":
+        return draw_real_hand(PRESETS[preset], HANDS[n], REAL_HAND_S, random)
+    while True:
+        case = draw_real_wall(PRESETS[preset], len(LAGS) - 1, random)
+        if goes_on_by_itself(case):
+            return case
+
+
+def _real_wall(preset: int, n: int, tuning: Tuning) -> Outcome:
+    return _wall(_real_case(preset, n, "walls"), tuning)
+
+
+def _real_hand(preset: int, n: int, tuning: Tuning) -> Outcome:
+    return _hand(_real_case(preset, n, "hand"), tuning)
+
+
 _JUDGES: dict[str, Callable[..., Outcome]] = {
     "walls": _wall,
     "bounces": _wall,
@@ -333,6 +364,8 @@ _JUDGES: dict[str, Callable[..., Outcome]] = {
     "kicks": _kick,
     "held": _heard,
     "recordings": _recording,
+    "real-walls": _real_wall,
+    "real-hands": _real_hand,
 }
 
 
@@ -436,7 +469,7 @@ def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
     if not found:
         yield "Not run."
         return
-    yield from _lines(found)
+    yield from _lines(found, len(table_cases()))
     yield "A case stays the same to the bit for every value of a number that turns none of its"
     yield "comparisons. How many of these cases may change if a number is left out, divided by"
     yield f"{FACTOR:g}, or multiplied by it; numbers that none may feel are named below."
@@ -465,10 +498,10 @@ def _felt(found: Found[str, Row], number: str, end: str) -> int | str:
     return sum(not mine.isdisjoint(row.may) for _, row in found) if mine else ""
 
 
-def _lines(found: Found[str, Row]) -> Iterator[str]:
+def _lines(found: Found[str, Row], whole: int) -> Iterator[str]:
     """Yield what was run, a table of the criteria, and those that leave no trace."""
     labels = Counter(f"{_kind(name)}: {row.plain.label}" for name, row in found)
-    yield f"{len(found)} of {len(table_cases())} cases; as the detector is: {_counted(labels)}."
+    yield f"{len(found)} of {whole} cases; as the detector is: {_counted(labels)}."
     yield ""
     lines, silent = [], []
     for title in CRITERIA:
@@ -512,6 +545,13 @@ STUDY = Study(
             without_criteria,
             criteria_lines,
             case_s=4.0,
+        ),
+        Part(
+            "real",
+            lambda given: real_names(given.cases),
+            without_criteria,
+            lambda found: list(_lines(found, len(real_names(MANY)))),
+            case_s=25.0,
         ),
         Part(
             "numbers",
