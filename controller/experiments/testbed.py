@@ -25,6 +25,7 @@ from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
+from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem
 
 _GONE = frozenset(
@@ -89,7 +90,8 @@ class Played:
 
     def phase(self, number: int) -> NDArray[np.void]:
         """Return the rows of one phase, from the first torque that it decided."""
-        rows: NDArray[np.void] = self.rows[self.rows["phase"] == number]
+        numbers: IntArray = self.rows["phase"]
+        rows: NDArray[np.void] = self.rows[numbers == number]
         return rows
 
 

@@ -31,7 +31,7 @@ from haptic_wall.controller.logs.windows import WINDOW, Window, windows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.printable import in_line
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
@@ -176,7 +176,8 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
     good: NDArray[np.bool_] = (rows["outcome"] == Outcome.OK) & np.isfinite(position)
     belief = config.belief()
     gain = belief.torque_gain.value
-    age = float(np.median(rows["age_ns"][good])) * 1e-9 if good.any() else 0.0
+    ages: IntArray = rows["age_ns"][good]
+    age = float(np.median(ages)) * 1e-9 if good.any() else 0.0
     whole = Part(
         times=(rows["deadline_ns"] - origin_ns) * 1e-9,
         positions=np.where(good, position, np.nan),

@@ -133,7 +133,8 @@ def restitution(
         raise ValueError(
             f"stiffness is too small: a contact of more than {_LONGEST:g} periods is not simulated"
         )
-    return s.shaped(np.max(_returned(walls, np.ones((1, 1)), _even(phases), 0.02)[:, 0], axis=1))
+    returned: FloatArray = _returned(walls, np.ones((1, 1)), _even(phases), 0.02)[:, 0]
+    return s.shaped(np.max(returned, axis=1))
 
 
 def _simulable(s: Settings) -> None:

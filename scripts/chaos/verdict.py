@@ -10,7 +10,7 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.pytest_plugin.record import rows_of
 from haptic_wall.controller.runtime.safety import End
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import IntArray
 from scripts.chaos.judge import (
     MACHINE,
     REFUSED,
@@ -84,7 +84,9 @@ def _judge_log(run: Run, found: Ending, log: Path) -> None:
         f"{missing} rows are missing at {at}" if missing > 0 else f"rows go back at {at}"
         for at, missing in gaps(rows["seq"])
     ]
-    woke_s: FloatArray = (rows["deadline_ns"] + rows["lateness_ns"]) * 1e-9
+    deadline_ns: IntArray = rows["deadline_ns"]
+    lateness_ns: IntArray = rows["lateness_ns"]
+    woke_s = (deadline_ns + lateness_ns) * 1e-9
     last_s = float(woke_s[-1])
     # What a stopped emulator has not read arrives when it goes on, long after the tick.
     held_up = any(shot.name in HELD_UP and shot.until_s >= last_s for shot in run.thrown)

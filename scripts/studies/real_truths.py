@@ -31,6 +31,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
+from scripts.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
 from scripts.study import Found, Given, Option, Part, Study, table
 
 PERIOD = 1e-3
@@ -72,22 +73,23 @@ class Base(NamedTuple):
     most_damping: float
 
 
+_XL330, _XM430 = KINDS
 BASES = (
-    Base(0.011951, 0.011692, 0.09039, 4.1, 4.82, 0.002, 0.0048, 0.25),
-    Base(0.0018142, 0.0036617, 0.012833, 0.52, 10.9, 0.005, 0.0005, 0.04),
+    Base(*_XM430[1:], 0.002, 0.0048, 0.25),
+    Base(*_XL330[1:], 0.005, 0.0005, 0.04),
 )
 """XM430-W350 (by an MX-64) and XL330-M288; Rhoban's bam, and the e-manual"""
 WIDTHS = {"inertia": 1.5, "damping": 2.0, "coulomb": 2.0, "gain": 1.4}
 """Largest factors between a believed value and its bounds"""
 MOST = {
-    "static": 2.5,
-    "stribeck": 2.6,
+    "static": STATIC[1],
+    "stribeck": STRIBECK[1],
     "load_friction": 0.13,
     "gravity": 0.1,
     "cogging": 0.01,
     "eccentricity": 0.0087,
     "noise": 0.34,
-    "dead_band": 0.03,
+    "dead_band": DEAD_BAND,
     "droop": 0.05,
 }
 """Largest size of each effect, from docs/plant.md; weight, cogging and dead band over the stall

@@ -32,6 +32,7 @@ from haptic_wall.controller.pytest_plugin.record import read_rows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.study import ROOT, Found, Given, Option, Part, Study, table
 from scripts.whole_program import PROGRAM
@@ -268,8 +269,9 @@ def witnessed_delay(log: Path, limit: float) -> list[tuple[float, float]]:
         for part, share in zip(parts, spoilt, strict=True):
             if share > max(QUIET, float(np.median(spoilt))):
                 continue  # the sweep leaves out what was disturbed too
-            sampled = part["sampled_ns"] * 1e-9
-            torque = np.searchsorted(sent, sampled + part["age_ns"] * 1e-9)
+            sampled: FloatArray = part["sampled_ns"] * 1e-9
+            age: FloatArray = part["age_ns"] * 1e-9
+            torque = np.searchsorted(sent, sampled + age)
             sample = np.searchsorted(asked, sampled)
             whole = (torque + 1 < sent.size) & (sample < asked.size)
             begins, ends = sent[torque[whole]], sent[torque[whole] + 1]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from haptic_wall.controller.theory.checks import IntArray
 from scripts.rehearsal import LIMITS_OF_HARDWARE, rehearse
 from scripts.studies.adapter_phases import WALL, mistaken
 
@@ -17,5 +18,6 @@ def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us: int) -> No
     run = rehearse(PIPELINED, 0.5, adapter=(MS_NS, 62), shift_ns=shift_us * 1000)
     assert run.result.stop_reason == "duration"
     assert run.result.missed == 0
-    assert np.percentile(run.ticks["age_ns"], 99) <= 2 * MS_NS
+    age: IntArray = run.ticks["age_ns"]
+    assert np.percentile(age, 99) <= 2 * MS_NS
     assert mistaken(run) == 0

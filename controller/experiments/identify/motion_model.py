@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.response import held_response
 from haptic_wall.hw.servo import Outcome
 
@@ -52,10 +52,13 @@ def motion_of(rows: NDArray[np.void]) -> Motion:
     known = rows[rows["sampled_ns"] > 0]
     begun = int(known["sampled_ns"][0]) if known.size else 0
     good = known[known["outcome"] == Outcome.OK]
+    sampled: FloatArray = (good["sampled_ns"] - begun) * 1e-9
+    since: IntArray = known["sampled_ns"] - begun
+    age: IntArray = known["age_ns"]
     return Motion(
-        sampled=(good["sampled_ns"] - begun) * 1e-9,
+        sampled=sampled,
         position=good["position"].copy(),
-        sent=(known["sampled_ns"] + known["age_ns"] - begun) * 1e-9,
+        sent=(since + age).astype(np.float64) * 1e-9,
         torque=known["torque"].copy(),
     )
 

@@ -16,7 +16,7 @@ from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.experiments.steps.step_fit import StepFit, shapes
 from haptic_wall.controller.experiments.steps.torque_steps import good
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 START, REACH = 0.3, 0.5
 """Distance from the wall at the start, and at which a returned shaft is caught [rad]."""
@@ -162,9 +162,10 @@ def contacts(
     origin = float(rows["position"][0])
     rows = good(rows)
     found = []
+    number: IntArray = rows["phase"]
     for place, phase in enumerate(phases):
         if phase.side != "both":
-            part = rows[rows["phase"] == place]
+            part = rows[number == place]
             contact = _contact(part, origin, fit, direction, lag)
             if contact is not None:
                 found.append(contact)

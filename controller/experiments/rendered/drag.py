@@ -13,7 +13,7 @@ from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.experiments.steps.step_fit import StepFit
 from haptic_wall.controller.experiments.steps.torque_steps import good
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 REACH = 0.4
 """Travel to either side [rad]."""
@@ -71,7 +71,9 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
         None where the shaft did not move both ways at two speeds.
     """
     # Torques were sent in all periods, also in those with a lost sample.
-    acts, sent = (rows["sampled_ns"] + rows["age_ns"]) * 1e-9 + fit.lag, rows["torque"]
+    sampled: IntArray = rows["sampled_ns"]
+    age: IntArray = rows["age_ns"]
+    acts, sent = (sampled + age) * 1e-9 + fit.lag, rows["torque"]
     rows = good(rows)
     time = rows["sampled_ns"] * 1e-9
     number = rows["phase"]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.experiments.holding import Hold
 from haptic_wall.controller.experiments.steps.torque_steps import good
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 FARTHEST = 0.3
 """Largest displacement of the spring [rad]."""
@@ -119,7 +119,8 @@ def static_stiffness(
         None where the displacement was below the encoder's resolution.
     """
     rows = good(rows)
-    beside = np.array([phase.torque for phase in phases])[rows["phase"]]
+    number: IntArray = rows["phase"]
+    beside: FloatArray = np.array([phase.torque for phase in phases])[number]
     parts = [_leg(i, beside, rows, push) for i in _legs(beside, push)]
     used = np.concatenate([part.index for part in parts])
     upward = np.concatenate([np.full(part.index.size, part.up) for part in parts])

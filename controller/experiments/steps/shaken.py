@@ -111,7 +111,7 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     longest = max(_LONGEST_LAG, 2.0 * config.belief().delay.high) + 10 * period
     lag = rough_lag(rows, period, longest)
     steps = steps_of(rows, phases, config.period_ns, shaking.delay_steps, lag)
-    left = bool(np.any(np.abs(stepping["position"] - rows["position"][0]) > plan.reach))
+    left = bool(np.any(np.abs(position - float(rows["position"][0])) > plan.reach))
     planned = shaking.bursts * PER_BURST
     missing = 1.0 - good(rows).size / rows.size
     out = (

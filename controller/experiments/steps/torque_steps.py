@@ -213,10 +213,13 @@ def rough_lag(rows: NDArray[np.void], period: float, longest: float) -> float:
         longest: Longest tried lag [s].
     """
     rows = good(rows)
-    time = (rows["sampled_ns"] - rows["sampled_ns"][0]) * 1e-9
+    time: FloatArray = (rows["sampled_ns"] - rows["sampled_ns"][0]) * 1e-9
+    age: FloatArray = rows["age_ns"] * 1e-9
+    shown: FloatArray = rows["position"]
+    sent: FloatArray = rows["torque"]
     even = np.arange(0.0, time[-1], period)
-    position = np.interp(even, time, rows["position"])
-    torque = np.interp(even, time + rows["age_ns"] * 1e-9, rows["torque"])
+    position = np.interp(even, time, shown)
+    torque = np.interp(even, time + age, sent)
     over = SHORTEST // 4  # periods of a velocity difference
     velocity = position[over:] - position[:-over]
     acceleration = velocity[over:] - velocity[:-over]

@@ -50,7 +50,8 @@ def watch(
     Returns:
         None where the phase has hardly begun.
     """
-    own = rows[rows["phase"] == number]
+    numbers: IntArray = rows["phase"]
+    own = rows[numbers == number]
     if own.size < 3:
         return None
     position = own["position"] - float(rows["position"][0])

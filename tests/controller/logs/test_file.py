@@ -27,8 +27,8 @@ METADATA = {"name": "simulated", "config": {"wall": {"stiffness": 8.0}}, "unit":
 
 def rows(count: int, start: int = 0) -> NDArray[np.void]:
     block = np.zeros(count, ROW)
-    block["seq"] = np.arange(start, start + count)
-    block["position"] = 0.1 * block["seq"]
+    number = np.arange(start, start + count)
+    block["seq"], block["position"] = number, 0.1 * number
     return block
 
 

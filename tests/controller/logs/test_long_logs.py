@@ -25,6 +25,7 @@ from haptic_wall.controller.report.dense_picture import MOST, outline
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.theory.checks import IntArray
 from tests.typed import not_none
 
 CONFIG = load_config("simulated").config
@@ -37,9 +38,9 @@ STEP = math.tau / 4096
 def rows(start: int, count: int) -> NDArray[np.void]:
     """A drift into the wall at zero; from 10 to 14 s it feeds a shaking at 12 Hz."""
     block = np.zeros(count, ROW)
-    block["seq"] = np.arange(start, start + count)
-    time = block["seq"] * 1e-3
-    block["deadline_ns"] = 1_000_000 * block["seq"] + 7
+    number = np.arange(start, start + count)
+    time = number * 1e-3
+    block["seq"], block["deadline_ns"] = number, 1_000_000 * number + 7
     shakes = (time >= 10.0) & (time < 14.0)
     speed = -0.05 * math.tau * 12.0 * np.sin(math.tau * 12.0 * time)
     position = 0.002 * time + np.where(shakes, 0.05 * np.cos(math.tau * 12.0 * time), 0.0)
@@ -50,8 +51,8 @@ def rows(start: int, count: int) -> NDArray[np.void]:
     given = SERVO.damping * speed + SERVO.coulomb * np.sign(speed)
     block["torque"] = -spring * position + np.where(shakes, given, 0.0)
     block["flags"] = np.where(block["position"] > 0, FLAG_CONTACT, 0)
-    block["flags"][block["seq"] < 200] = FLAG_WARM_UP
-    block["lateness_ns"] = 1000 + block["seq"] % 700
+    block["flags"][number < 200] = FLAG_WARM_UP
+    block["lateness_ns"] = 1000 + number % 700
     block["measured_torque"] = np.nan
     return block
 
@@ -105,8 +106,9 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     def blocks() -> Iterator[NDArray[np.void]]:
         for start in range(0, count, block):
             some = rows(start, block)
-            some["torque"][some["seq"] == 23_457] = 3.0
-            some["missed"][some["seq"] == 62_222] = 5
+            number = np.arange(start, start + block)
+            some["torque"][number == 23_457] = 3.0
+            some["missed"][number == 62_222] = 5
             yield some
 
     made = []
@@ -116,7 +118,8 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     assert drawn.missed == (5, 0)
     assert 62_222 in drawn.rows["seq"]
     assert (drawn.rows["seq"][0], drawn.rows["seq"][-1]) == (0, count - 1)
-    assert np.all(np.diff(drawn.rows["seq"].astype(np.int64)) > 0)
+    seq: IntArray = drawn.rows["seq"].astype(np.int64)
+    assert np.all(np.diff(seq) > 0)
     assert len(drawn.rows) < 25 * 200
     assert drawn.time[-1] == pytest.approx(99.999)
     assert drawn.mean_velocity.size == 200

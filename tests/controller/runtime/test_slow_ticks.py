@@ -13,6 +13,7 @@ from haptic_wall.controller.runtime.session import Result, Surroundings, run_ses
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.servo import Servo
@@ -97,7 +98,8 @@ def true_limit(interval: float) -> float:
 def test_the_wall_of_a_slow_loop_is_that_of_its_true_rate(cost: float) -> None:
     result, rows = run(always(cost))
     guard = not_none(result.guard)
-    served = np.diff(rows["sampled_ns"]).mean() * 1e-9 / PERIOD
+    sampled: IntArray = rows["sampled_ns"]
+    served = float(np.diff(sampled).mean()) * 1e-9 / PERIOD
     assert served == pytest.approx(cost, rel=0.2)
     assert guard["commanded"]["stiffness"] < 0.81 * true_limit(served)
     assert guard["commanded"]["stiffness"] > 0.5 * true_limit(served), "and no more than it needs"
