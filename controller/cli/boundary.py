@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
     as_json,
+    config_argument,
     json_option,
     refuse_other_pictures,
+    set_option,
     writing,
 )
 from haptic_wall.controller.cli.places import force_option, take_file
@@ -31,6 +34,7 @@ from haptic_wall.controller.guard.boundary_curve import (
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.types import Situation
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.controller.theory.flexible import MOST_PERIODS
@@ -47,6 +51,8 @@ _WIDEST = 10_000
 
 
 @click.command()
+@config_argument(needed=False)
+@set_option
 @click.option(
     "--servo", "servo_name", metavar="NAME", help="A servo with published parameters, e.g. MX-64."
 )
@@ -59,14 +65,13 @@ _WIDEST = 10_000
 @click.option(
     "--delay",
     callback=span,
-    required=True,
     metavar="td",
-    help="Whole delay from a sample to its torque [s].",
+    help="Whole delay from a sample to its torque [s]; with CONFIG by default what that has: "
+    "inserted, guard.sample_age and model.delay.",
 )
 @click.option(
     "--torque-gain",
     callback=span,
-    default="1",
     help="Acting torque over commanded torque; default: 1.",
 )
 @click.option(
@@ -76,10 +81,10 @@ _WIDEST = 10_000
     metavar="B[,B...]",
     help="Virtual damping of each point [N·m·s/rad]; default: fractions of the ceiling.",
 )
-@click.option("--velocity-samples", type=click.IntRange(1, 64), default=1, metavar="N",
+@click.option("--velocity-samples", type=click.IntRange(1, 64), metavar="N",
               help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
-@click.option("--side", type=click.Choice(["one", "both"]), default="one",
-              help="A one-sided wall never pulls; other limits apply. Default: one.")  # fmt: skip
+@click.option("--side", type=click.Choice(["one", "both"]),
+              help="A one-sided wall never pulls. Default: CONFIG's, or one.")  # fmt: skip
 @click.option("--load-inertia", type=float, metavar="J",
               help="Inertia behind a flexible transmission; --inertia and --damping are then those "
               "of the motor's side [kg·m²].")  # fmt: skip
@@ -103,6 +108,8 @@ _WIDEST = 10_000
 @force_option
 @json_option
 def command(
+    config: str | None,
+    sets: tuple[str, ...],
     dampings: tuple[float, ...] | None,
     plot: Path | None,
     force: bool,
@@ -113,7 +120,8 @@ def command(
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
-    then hold at the least safe corner.
+    then hold at the least safe corner. With CONFIG servo and loop are those that it believes, a
+    load on a flexible transmission included.
 
     \b
     haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5
@@ -121,7 +129,9 @@ def command(
     if plot is not None:
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, PICTURE, force=force)
-    question = _question(given)
+    question = _question(given) if config is None else _of_config(config, sets, given)
+    if config is None and sets:
+        raise UserError("there is no CONFIG", field="--set", advice="give a preset or a file too")
     try:
         chosen = default_dampings(question) if dampings is None else dampings
         with working("computing the limits"):
@@ -137,6 +147,42 @@ def command(
     answer(as_json(found) if as_json_wanted else boundary_text(found))
 
 
+def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Question:
+    """Return the question of a configuration: servo and loop as it believes them to be.
+
+    Raises:
+        UserError: The configuration is wrong, or an option asks for something else than it has.
+    """
+    for option, value in given.items():
+        if value is not None and option not in ("delay", "side"):
+            raise UserError(
+                "CONFIG has it",
+                field=f"--{option.removesuffix('_name').replace('_', '-')}",
+                advice="leave it out, or change CONFIG by --set",
+            )
+    config = load_config(name, sets).config
+    belief, period = config.belief(), config.period_ns * 1e-9
+    delay: Bounded | None = given["delay"]
+    if delay is None:
+        before = config.delay.steps * period + config.guard.sample_age
+        lag = belief.delay
+        delay = Bounded(before + lag.value, before + lag.low, before + lag.high)
+    _check_delay(delay, period)
+    limit = config.servo.torque_limit
+    side: WallSide = given["side"] or ("both" if config.wall.side == "both" else "one")
+    return Question(
+        situation=Situation(
+            replace(belief, delay=delay),
+            period,
+            limit or 1.0,
+            config.servo.position_step if limit else 0.0,
+        ),
+        delay_parts=_delay_parts(delay.high, period, None, None),
+        side=side,
+        velocity_samples=config.wall.velocity_samples,
+    )
+
+
 def _question(given: dict[str, Any]) -> Question:
     """Return the question of the options.
 
@@ -145,7 +191,31 @@ def _question(given: dict[str, Any]) -> Question:
     """
     facts = _facts(given["servo_name"])
     period = _period(given["period"], given["rate"])
-    delay: Bounded = given["delay"]
+    delay: Bounded | None = given["delay"]
+    if delay is None:
+        raise UserError("missing", field="--delay", advice="give it, or a CONFIG that has it")
+    _check_delay(delay, period)
+    counts, limit = _encoder(given, facts)
+    belief = Belief(
+        inertia=_wanted("inertia", given["inertia"], facts, zero=False),
+        damping=_wanted("damping", given["damping"], facts, zero=True),
+        coulomb=Bounded.exactly(facts.coulomb if facts else 0.0),
+        delay=delay,
+        torque_gain=_domain(
+            "--torque-gain", given["torque_gain"] or Bounded.exactly(1.0), zero=False
+        ),
+    )
+    side: WallSide = given["side"] or "one"
+    return Question(
+        situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
+        delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
+        side=side,
+        velocity_samples=given["velocity_samples"] or 1,
+        load=_load(given, belief, delay.high / period),
+    )
+
+
+def _check_delay(delay: Bounded, period: float) -> None:
     if delay.low < 0 or delay.high > _LONGEST_DELAY_S:
         raise UserError(
             f"wanted 0 to {_LONGEST_DELAY_S:g} s",
@@ -161,22 +231,6 @@ def _question(given: dict[str, Any]) -> Question:
             wanted=f"at most {_MOST_PERIODS}",
             advice="is the period right?",
         )
-    counts, limit = _encoder(given, facts)
-    belief = Belief(
-        inertia=_wanted("inertia", given["inertia"], facts, zero=False),
-        damping=_wanted("damping", given["damping"], facts, zero=True),
-        coulomb=Bounded.exactly(facts.coulomb if facts else 0.0),
-        delay=delay,
-        torque_gain=_domain("--torque-gain", given["torque_gain"], zero=False),
-    )
-    side: WallSide = given["side"]
-    return Question(
-        situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
-        delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
-        side=side,
-        velocity_samples=given["velocity_samples"],
-        load=_load(given, belief, delay.high / period),
-    )
 
 
 def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
@@ -231,11 +285,11 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
             given="0",
             advice="give --damping or --transmission-damping",
         )
-    if max(periods, given["velocity_samples"]) > MOST_PERIODS:
+    if max(periods, given["velocity_samples"] or 1) > MOST_PERIODS:
         raise UserError(
             f"with a load at most {MOST_PERIODS} periods of delay and velocity "
             "samples are computed, found "
-            f"{max(periods, given['velocity_samples']):.4g}",
+            f"{max(periods, given['velocity_samples'] or 1):.4g}",
             field="--delay",
             advice="give less",
         )

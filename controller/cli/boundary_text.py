@@ -17,6 +17,8 @@ _UNITS = {
     "one_sided": ("one-sided", "N·m/rad"),
     "passive": ("passive", "N·m/rad"),
     "quantisation": ("quantisation", "N·m/rad"),
+    "backlash": ("backlash", "N·m/rad"),
+    "flexible": ("flexible", "N·m/rad"),
     "frequency_hz": ("oscillation", "Hz"),
 }
 _PARTS = {
@@ -64,6 +66,12 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
             f"a load of {load['inertia']:.4g} kg·m² behind {load['stiffness']:.4g} N·m/rad with"
             f" {load['damping']:.4g} N·m·s/rad, encoder on the {load['encoder']}"
         )
+    if load := settings.get("believed_load"):
+        parts.append(
+            f"a believed load of {_span(load['inertia'])} kg·m² of it that vibrates at"
+            f" {_span(load['frequency_hz'])} Hz with a damping ratio of"
+            f" {_span(load['damping_ratio'])}, encoder on the {load['encoder']}"
+        )
     yield from wrapped(", ".join(parts))
 
 
@@ -75,12 +83,13 @@ def _points(found: Mapping[str, Any]) -> Iterator[str]:
     yield from _aligned(rows)
     yield ""
     peak = found["peak"]
+    of = "flexible" if "believed_load" in found["settings"] else "exact"
     yield (
         f"ceiling  no stiffness is stable above a virtual damping of "
         f"{found['max_virtual_damping']:.4g} N·m·s/rad"
     )
     yield (
-        f"peak     {peak['stiffness']:.4g} N·m/rad (exact) at {peak['virtual_damping']:.4g} "
+        f"peak     {peak['stiffness']:.4g} N·m/rad ({of}) at {peak['virtual_damping']:.4g} "
         f"N·m·s/rad, oscillation at {peak['frequency_hz']:.4g} Hz"
     )
 

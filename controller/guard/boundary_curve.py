@@ -11,6 +11,7 @@ import numpy as np
 from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.limits import (
     PlantLimits,
+    damping_ceiling,
     evaluate_box,
     passive_over_delays,
     quantisation_limit,
@@ -23,7 +24,6 @@ from haptic_wall.controller.theory import (
     flexible_boundary,
     flexible_ceiling,
     linear_limit,
-    max_virtual_damping,
     peak,
 )
 from haptic_wall.controller.theory.chain import two_masses
@@ -110,7 +110,9 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
         return _flexible_curve(question, question.load, damping)
     p = question.plants(damping.size)
     n = question.velocity_samples
-    request = replace(question.request, side="above")
+    request = question.request
+    if not question.situation.belief.is_flexible:  # whose limit differs between the sides
+        request = replace(request, side="above")
     found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
     acting = p.gain * damping
     return Curve(
@@ -157,15 +159,16 @@ def ceiling(question: Question) -> float:
     """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
     p, n, load = question.plants(1), question.velocity_samples, question.load
     if load is None:
-        top = max_virtual_damping(p.inertia, p.damping, p.period, p.delay, n)
-    else:
-        top = flexible_ceiling(*_masses(p, load), p.period, p.delay, n, encoder=load.encoder)
+        return float(damping_ceiling(question.request, question.situation, p)[0][0])
+    top = flexible_ceiling(*_masses(p, load), p.period, p.delay, n, encoder=load.encoder)
     return float((top / p.gain)[0])
 
 
 def highest(question: Question) -> dict[str, float]:
     """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
     p, n, load = question.plants(1), question.velocity_samples, question.load
+    if load is None and question.situation.belief.is_flexible:
+        return _believed_peak(question)
     if load is None:
         top = peak(p.inertia, p.damping, p.period, p.delay, n)
     else:
@@ -174,6 +177,21 @@ def highest(question: Question) -> dict[str, float]:
         "stiffness": float((top.stiffness / p.gain)[0]),
         "virtual_damping": float((top.virtual_damping / p.gain)[0]),
         "frequency_hz": float(top.frequency[0]),
+    }
+
+
+def _believed_peak(question: Question) -> dict[str, float]:
+    """Return the highest point with a believed load, of a grid of dampings."""
+    two_sided = replace(question, side="both")
+    found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
+    stiffness = found.found.exact
+    if found.found.flexible is not None:
+        stiffness = np.minimum(stiffness, found.found.flexible)
+    best = int(np.argmax(stiffness))
+    return {
+        "stiffness": float(stiffness[best]),
+        "virtual_damping": float(found.virtual_damping[best]),
+        "frequency_hz": float(found.frequency[best]),
     }
 
 

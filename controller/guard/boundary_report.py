@@ -59,6 +59,8 @@ def _point(points: Curve, i: int) -> dict[str, float | None]:
         "passive": None if np.isnan(points.passive[i]) else float(points.passive[i]),
         "frequency_hz": float(points.frequency[i]),
         "quantisation": limits.quantisation,
+        "backlash": limits.backlash,
+        "flexible": limits.flexible,
     }
 
 
@@ -71,7 +73,17 @@ def _settings(question: Question) -> dict[str, Any]:
         "torque_gain": situation.belief.torque_gain,
     }
     load = question.load
-    flexible = {} if load is None else {"load": asdict(load)}
+    flexible: dict[str, Any] = {} if load is None else {"load": asdict(load)}
+    belief = situation.belief
+    if belief.is_flexible:
+        flexible["believed_load"] = {
+            name: {"low": each.low, "high": each.high}
+            for name, each in (
+                ("inertia", belief.load_inertia),
+                ("frequency_hz", belief.flexible_hz),
+                ("damping_ratio", belief.flexible_damping_ratio),
+            )
+        } | {"encoder": belief.encoder}
     return {
         **{name: {"low": each.low, "high": each.high} for name, each in names.items()},
         "period": situation.period,
@@ -134,8 +146,8 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
         damping: Virtual damping [N·m·s/rad].
 
     Returns:
-        None where every value is known exactly, or where the servo's own damping may be zero: then
-        no stiffness can be guaranteed.
+        None where every value is known exactly, where the servo's own damping may be zero: then no
+        stiffness can be guaranteed, and where a load may vibrate: these are limits of rigid servos.
     """
     belief = question.situation.belief
     known = {
@@ -145,7 +157,7 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
         "torque_gain": belief.torque_gain,
     }
     open_ = [name for name, each in known.items() if each.low < each.high]
-    if not open_ or belief.damping.low == 0:
+    if not open_ or belief.damping.low == 0 or belief.is_flexible:
         return None
     costs = cost_of_each_unknown(
         Ranges(**{name: (each.low, each.high) for name, each in known.items()}),
@@ -201,5 +213,10 @@ def describe(improvement: Improvement, question: Question, damping: float) -> st
             return f"an encoder {FINER} times finer"
         case "two_sided":
             return "a two-sided wall, which also pulls"
+        case "motor_encoder":
+            return "an encoder on the motor's side"
+        case "stiffer":
+            hz = situation.belief.flexible_hz.low
+            return f"a stiffer horn and link, {2.0 * hz:.3g} Hz at least instead of {hz:.3g}"
         case _:
             return "knowing the servo: the middle of every range"

@@ -344,3 +344,53 @@ def test_the_picture_of_a_load(tmp_path: Path, capsys: pytest.CaptureFixture[str
     path = tmp_path / "load.png"
     assert call(capsys, *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+BELIEVED = [
+    "simulated",
+    *("--set", "servo.load_inertia=0.003", "--set", "servo.transmission_stiffness=200"),
+    *("--set", "servo.transmission_damping=0.0277", "--set", "delay.steps=1"),
+]
+
+
+def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = asked(capsys, *BELIEVED, "--virtual-damping=0,0.1,0.25", "--side=both")
+    servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
+    exact = flexible_boundary(*servo, [0.0, 0.1], 1e-3, 1e-3).stiffness
+    limits = [point["flexible"] for point in found["points"]]
+    assert np.all(np.array(limits[:2]) < exact)
+    assert np.all(np.array(limits[:2]) > 0.8 * exact)
+    assert limits[2] == 0.0
+    ceiling = float(flexible_ceiling(*servo, 1e-3, 1e-3))
+    assert 0.8 * ceiling < found["max_virtual_damping"] < ceiling
+    assert found["design"]["binding"] == "flexible"
+    changes = {each["change"] for each in found["design"]["improvements"]}
+    assert {"motor_encoder", "stiffer"} <= changes
+    status, out, _ = call(capsys, *BELIEVED, "--virtual-damping=0.1")
+    assert status == 0
+    assert "a believed load of 0.003 kg·m² of it that vibrates at 45.96 Hz" in out
+    assert "an encoder on the motor's side" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["simulated", "--inertia=1"], "--inertia: CONFIG has it"),
+        (["--servo=MX-64", "--rate=1000", "--delay=0", "--set=a=1"], "--set: there is no CONFIG"),
+        (["--servo=MX-64", "--rate=1000"], "--delay: missing"),
+    ],
+)
+def test_a_configuration_and_numbers_exclude_each_other(
+    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = call(capsys, *options)
+    assert (status, out) == (2, "")
+    assert message in err
+
+
+def test_the_picture_of_a_believed_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "believed.png"
+    assert call(capsys, *BELIEVED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
+    assert path.stat().st_size > 10_000
