@@ -140,8 +140,9 @@ def _kappa_at(theta: FloatArray, ratio: float, delay: float, n_samples: int) -> 
 
     h_real = ratio * 2 * np.sin(n_samples * theta / 2) ** 2 / n_samples
     h_square = (ratio * 2 * np.sin(n_samples * theta / 2) / n_samples) ** 2
-    slope = turned(0.0, theta) / half
-    by_damping = ratio / n_samples * (turned(0.0, theta) - turned(n_samples, theta)) / half
+    held = turned(0.0, theta)
+    slope = held / half
+    by_damping = ratio / n_samples * (held - turned(n_samples, theta)) / half
     free = 1 - by_damping - a * h_square
     linear = slope + 2 * a * h_real
     root = linear + np.sqrt(np.maximum(linear**2 + 4 * a * free, 0.0))
