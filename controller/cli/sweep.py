@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from haptic_wall.controller.cli.ceiling import measure_ceiling
 from haptic_wall.controller.cli.experiment import Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
@@ -32,12 +33,19 @@ _MOST_STEPS = 1000
 
 @click.command()
 @click.option(
+    "--over",
+    type=click.Choice(["stiffness", "damping"]),
+    default="stiffness",
+    show_default=True,
+    help="stiffness: the critical one at each virtual damping; damping: its ceiling, above which"
+    " the servo vibrates without any stiffness.",
+)
+@click.option(
     "--virtual-damping",
     "dampings",
     callback=numbers,
     metavar="B[,B...]",
-    required=True,
-    help="Virtual damping, also negative [N·m·s/rad].",
+    help="Virtual damping, also negative [N·m·s/rad]; needed with --over stiffness.",
 )
 @click.option(
     "--delay-steps",
@@ -82,7 +90,8 @@ _MOST_STEPS = 1000
 )
 def command(
     asked: Asked,
-    dampings: list[float],
+    over: str,
+    dampings: list[float] | None,
     steps: list[float],
     kick: float | None,
     fresh: bool,
@@ -94,7 +103,20 @@ def command(
 
     The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
     still, then the wall takes over and its first cycles are observed. A real shaft moves by itself!
+
+    With --over damping it travels to and fro at constant speed under more and more damping, until a
+    vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
+    if over == "damping":
+        measure_ceiling(asked, whole_periods(steps, _MOST_STEPS), dampings)
+        return
+    if not dampings:
+        raise UserError(
+            "found none",
+            field="--virtual-damping",
+            wanted="the dampings at which the critical stiffness is measured",
+            advice="give it, or --over damping",
+        )
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
     from haptic_wall.controller.experiments.sweep.store import PNG, SweepStore

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.errors import ExplainedError
 from scripts.real_servos import ALL, IDEAL, KINDS, drawn_servo
 from scripts.study import Found, Option, Part, Study, table
 
@@ -79,7 +81,7 @@ def found_of(case: Case) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         try:
             found = identify(config, Path(folder))
-        except HapticWallError as error:
+        except (HapticWallError, ExplainedError) as error:
             return Result(hertz, ratio, load, False, (), (), str(error))
     model = identified_model(found, config)
     if found.vibration is None:
@@ -120,9 +122,12 @@ def lines(found: Found[Case, Result]) -> list[str]:
     good = [r for _, r in found if not r.failed]
     held = sum(all(r.held) for r in good)
     safe = sum(r.held[0] and r.low[1] <= 1.0 and r.low[2] <= 1.0 for r in good)
+    why = Counter(r.failed.split(";")[0].split(",")[0] for _, r in found if r.failed)
     return [
         *table(head, *rows),
         "",
+        *(f"No result, {count} of {len(found)}: {text}." for text, count in why.items()),
+        *[""] * bool(why),
         f"Of {len(good)} results all bounds hold the truth in {held}: in"
         f" {100 * least_share(held, len(good)):.1f} % at least. Those that the ceiling depends on"
         f" (the frequency's, the lower ones of ratio and inertia) hold it in {safe}: in"

@@ -181,3 +181,17 @@ def test_before_hardware_moves_it_says_what_will(
     assert "will swing to both sides" in told
     assert "degrees" in told
     assert "in real time" in told
+
+
+def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, _, told = run(
+        capsys, "simulated", "--over=damping", "--delay-steps=0", "--virtual-damping=0.1"
+    )
+    assert status == 2
+    assert "--virtual-damping" in told
+    assert "the search chooses them" in told
+    status, _, told = run(capsys, "simulated", "--delay-steps=0")
+    assert status == 2
+    assert "give it, or --over damping" in told

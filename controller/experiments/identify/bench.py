@@ -23,7 +23,11 @@ from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded, h
 from haptic_wall.controller.experiments.identify.motion_model import Motion, motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.output_error import Prior
-from haptic_wall.controller.experiments.testbed import Played, Testbed
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentTrippedError,
+    Played,
+    Testbed,
+)
 from haptic_wall.controller.laws.program import Phase
 
 _STRONGER = 1.5
@@ -150,7 +154,15 @@ class Bench:
         for attempt in range(1, _TRIES + 1):
             self._tell(f"motions of about {amplitude:.2g} rad to each side")
             label = name if attempt == 1 else f"{name}-{attempt}"
-            played = self.play(label, motions(guess, bounds, amplitude))
+            try:
+                played = self.play(label, motions(guess, bounds, amplitude))
+            except ExperimentTrippedError as error:
+                if not error.of_motion or attempt == _TRIES:
+                    raise
+                # As where a load vibrates at a frequency of the motions.
+                self._tell(f"{error.stop_reason}; a smaller motion")
+                amplitude = _SOFTER * amplitude
+                continue
             furthest = _furthest(played)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
             try:

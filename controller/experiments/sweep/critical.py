@@ -26,6 +26,7 @@ from haptic_wall.controller.experiments.sweep.plan import (
 )
 from haptic_wall.controller.experiments.sweep.result import (
     PointResult,
+    bracket_text,
     nothing_text,
     out_of_reach_text,
     unstable_text,
@@ -55,6 +56,10 @@ _IDLE = 4
 """Number of batches without a new half-cycle to fit that end the search"""
 _AGE = 1.0, 2.0
 """Assumed sample age in periods before a measurement: immediate, pipelined"""
+_SMALLER, _LEAST_COUNTS = 0.5, 8.0
+"""Factor on a kick at which nothing grew within the torque limit, and the smallest in counts"""
+_NARROW, _WIDE = 1.1, 1.5
+"""Ratio of the ends of a bracket at which a search without a fit ends, and that is a result"""
 _CORRECTED = 0.7
 """Fraction of a miss that the next kick from that side corrects"""
 
@@ -134,9 +139,18 @@ class PointSearch:
         if self._reach.top <= _SOFTEST * self._reach.predicted:
             result.reason = out_of_reach_text(self._reach, "nothing was tried")
             return result
+        found = self._search()
+        while found is None and self._may_be_smaller():
+            self._smaller_kick()
+            found = self._search()
+        self._conclude(found, damping)
+        return result
+
+    def _search(self) -> Balance | None:
+        """Return the balance of one kick; None: its trials do not tell it."""
         found: Balance | None = None
         fine = idle = 0
-        for number in range(_BATCHES):
+        for _ in range(_BATCHES):
             found = self._estimate()
             if found is not None and self._enough(found, fine):
                 break
@@ -146,14 +160,39 @@ class PointSearch:
                 break
             fine += near
             usable = len(self._usable())
-            if not self._play(number, batch):
+            if not self._play(batch):
                 break
             idle = idle + 1 if len(self._usable()) == usable else 0
-            if idle == _IDLE:
+            if idle == _IDLE or (found is None and self._is_narrow()):
                 break
-        found = self._estimate()
-        self._conclude(found, damping)
-        return result
+        return self._estimate()
+
+    def _may_be_smaller(self) -> bool:
+        """Whether the torque limit was in the way, and a smaller kick leaves more room."""
+        chosen = self._options.kick is None and self._too_stiff == 0
+        least = _LEAST_COUNTS * self._device.position_step
+        return chosen and bool(self._died()) and not self._grew() and _SMALLER * self._kick > least
+
+    def _smaller_kick(self) -> None:
+        """Start again with a smaller kick: a stiffer wall swings faster, against the same friction.
+
+        Friction that grows with the torque, or a dead band, is not in the belief.
+        """
+        self._kick *= _SMALLER
+        self._tell(f"nothing grows within the torque limit: a kick of {self._kick:.3g} rad")
+        self._reach = reach(self._device, self._setting, self._delay, self._kick)
+        self._trials.clear()
+        self._offset = {1.0: 0.0, -1.0: 0.0}
+
+    def _bracket(self) -> tuple[float, float] | None:
+        """Return the stiffest that died below all that grew, and the softest that grew."""
+        grew = min(self._grew(), default=0.0)
+        died = [k for k in self._died() if k < grew]
+        return (max(died), grew) if died else None
+
+    def _is_narrow(self) -> bool:
+        between = self._bracket()
+        return between is not None and between[1] < _NARROW * between[0]
 
     def _usable(self) -> list[Trial]:
         """Return the trials with half-cycles to fit, or with a clear outcome."""
@@ -227,7 +266,7 @@ class PointSearch:
 
     # One batch
 
-    def _play(self, number: int, batch: Sequence[_Asked]) -> bool:
+    def _play(self, batch: Sequence[_Asked]) -> bool:
         """Run a batch of trials; return whether to continue."""
         setting, result = self._setting, self.result
         phases: list[Phase] = []
@@ -239,7 +278,7 @@ class PointSearch:
             )
         # Back to the start: the next batch begins where this one leaves the shaft.
         phases.append(self._hold.phase(0.0, -batch[-1].sign, self._kick))
-        name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{number + 1}"
+        name = f"B{setting.virtual_damping:g}-n{setting.delay_steps}-{len(result.logs) + 1}"
         soft, stiff = batch[0].stiffness, max(asked.stiffness for asked in batch)
         self._tell(
             f"B {setting.virtual_damping:g}, {setting.delay_steps} steps: {len(batch)} trials from"
@@ -301,6 +340,13 @@ class PointSearch:
         result.linear = device.linear(damping, self._delay)
         if self._too_stiff >= _TRIPS:
             result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
+            return
+        between = self._bracket()
+        if found is None and between is not None and between[1] < _WIDE * between[0]:
+            result.measured = math.sqrt(between[0] * between[1])
+            result.uncertainty = 0.5 * (between[1] - between[0])
+            result.kick_rad = self._kick
+            result.reason = bracket_text(*between)
             return
         if found is None:
             result.reason = nothing_text(

@@ -61,6 +61,14 @@ def out_of_reach_text(edge: Reach, seen: str) -> str:
     )
 
 
+def bracket_text(died: float, grew: float) -> str:
+    """Explain a figure that comes from the two nearest outcomes alone [N·m/rad]."""
+    return (
+        f"between {died:.4g}, where motion died, and {grew:.4g}, where it grew: too few undisturbed"
+        " half cycles to fit its growth, as with much friction"
+    )
+
+
 def nothing_text(
     edge: Reach, died: Sequence[float], grew: Sequence[float], cap: float, trips: Sequence[str]
 ) -> str:
