@@ -10,7 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.model import Estimate, Section
+from haptic_wall.controller.settings.model import Estimate, Part, Row, Section
 from haptic_wall.controller.settings.servo import Servo, used_by
 from haptic_wall.hw.open import backend_names
 
@@ -87,6 +87,10 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
         return f"{_bounds(value.annotation, value.metadata)}, or {{value, low, high}}"
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(map(str, get_args(annotation)))
+    if annotation == tuple[Row, ...]:
+        return "a CSV file, or a list of [position, torque]"
+    if annotation == tuple[Part, ...]:
+        return "a list of sections"
     if get_origin(annotation) is tuple:
         return (
             "a list of two numbers, low and high"

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.theory import linear_limit, passive_limit
+from haptic_wall.controller.theory.passivity import passive_slope
 from tests.theory.oracles import Loop, radius
 from tests.theory.passive_loads import Wall, adverse_load, distance, random_load
 from tests.theory.passive_loads import radius as loaded_radius
@@ -158,3 +159,32 @@ def test_any_virtual_damping_gives_a_number() -> None:
 def test_errors_name_the_argument() -> None:
     with pytest.raises(ValueError, match="damping must be >= 0, got -1"):
         passive_limit(-1.0, 0.0, 1e-3, 0.0)
+
+
+@pytest.mark.parametrize("virtual", [0.0, 0.3, -0.2])
+def test_a_law_of_any_slope_is_passive_below_its_limit(virtual: float) -> None:
+    # The linear wall has one of the slopes, so that its own limit is never the lower one.
+    b, t = 1.0, 1e-3
+    for delay in (0.0, 0.4e-3, 1e-3, 2.7e-3):
+        assert passive_slope(b, virtual, t, delay) <= passive_limit(b, virtual, t, delay)
+
+
+def test_a_sampled_law_gives_back_no_more_than_friction_takes() -> None:
+    """Motions that are imposed: the work of a law's delayed torque, beyond its potential."""
+    t, delay, b = 1.0, 1.3, 1.0
+    slope = float(passive_slope(b, 0.0, t, delay))
+    random = np.random.default_rng(4)
+    fine = 50
+    steps = np.arange(400 * fine) / fine
+    for _ in range(20):
+        waves = random.uniform(0.05, 3.0, 6), random.uniform(0, 6.3, 6), random.normal(0, 1, 6)
+        x = sum(a * np.sin(w * steps + p) for w, p, a in zip(*waves, strict=True))
+        wave = random.uniform(0.3, 3.0)
+        sampled = np.floor(steps - delay).astype(int) * fine
+        torque = np.where(sampled >= 0, -slope * np.sin(wave * x[sampled]) / wave, 0.0)
+        begin = 5 * fine
+        moved = np.diff(x[begin:])
+        given = float(np.sum(torque[begin:-1] * moved))
+        potential = -slope * np.cos(wave * x) / wave**2
+        given -= float(potential[begin] - potential[-1])
+        assert given < b * float(np.sum(moved**2)) * fine
