@@ -121,7 +121,8 @@ class LoadHold:
         self._rested += span
         if stiffness * abs(away - self._place) > self._least:
             self._place, self._rested = away, 0.0
-        if self._rested > self._tuning.rests_s and motion.settled > self._tuning.settled:
+        rests = self._rested * math.sqrt(scale) > self._tuning.rests_s  # it swings so much slower
+        if rests and motion.settled > self._tuning.settled:
             self._load = torque
         elif ended:
             load = motion.mean_torque() if motion.known >= 2 else self.torque

@@ -805,9 +805,10 @@ class HoldTuning:
         off=ANY,
     )
     rests_s: float = tuned(
-        0.15,
+        0.075,
         "s",
-        "and for so long the whole spring's torque has changed by less than what is held at least.",
+        "and the whole spring's torque has changed by less than what is held at least for so long"
+        " over the root of the present spring's scale.",
         "chosen: a creeping shaft is at rest, a swinging one is not",
         off=ANY,
     )
