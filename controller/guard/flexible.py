@@ -2,7 +2,8 @@
 
 The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
 phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too, from the
-shortest that is believed on: a shorter delay may be the less safe one. Between two of the grid
+shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
+safe one. Between two of the grid
 limits are in proportion to 1 / (T/2 + t_d). ``scripts/study
 flexible_guard`` searches for truths inside the box that the guard's walls make vibrate.
 """
@@ -33,22 +34,31 @@ limit that it costs at its ceiling at most"""
 
 
 def flexible_ceiling(
-    belief: Belief, period: FloatArray, delay: FloatArray, samples: int
+    belief: Belief,
+    period: FloatArray,
+    delay: FloatArray,
+    samples: int,
+    inserted: float = 0.0,
 ) -> FloatArray:
     """Return the commanded damping above which the load may vibrate without any stiffness.
 
     Args:
         belief: With a load behind a transmission.
         period: Of each plant [s].
-        delay: Total, of each plant [s].
+        delay: Total, of each plant, at the longest [s].
         samples: Of the velocity difference.
+        inserted: The part of it that is neither the sample's age nor the device's own lag [s].
 
     Returns:
         [N·m·s/rad]
     """
     gain = belief.torque_gain.high
     found = [
-        min(float(scan.ceilings().min()) for scan in _around(belief, t, t_d, samples)) / gain
+        min(
+            float(_scan(belief, t, knot, samples).ceilings().min())
+            for knot in _knots(belief, t_d, inserted)
+        )
+        / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
     ]
     return WITHIN * np.array(found)
@@ -60,6 +70,7 @@ def flexible_limit(
     delay: FloatArray,
     damping: FloatArray,
     samples: int,
+    inserted: float = 0.0,
 ) -> FloatArray:
     """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
 
@@ -67,7 +78,7 @@ def flexible_limit(
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
     found = [
-        _limit(belief, t, t_d, b, samples)
+        _limit(belief, t, _knots(belief, t_d, inserted), t_d, b, samples)
         for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
     ]
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
@@ -117,8 +128,10 @@ def fast_limit(exact: FloatArray, of_ceiling: FloatArray) -> FloatArray:
     return found
 
 
-def _limit(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
-    *shorter, below, above = _knots(belief, delay)
+def _limit(
+    belief: Belief, period: float, knots: list[float], delay: float, damping: float, samples: int
+) -> float:
+    *shorter, below, above = knots
     at = [_limit_at(belief, period, knot, damping, samples) for knot in shorter]
     for knot in (below, above):
         scale = (0.5 * period + knot) / (0.5 * period + delay)
@@ -133,14 +146,10 @@ def _limit_at(belief: Belief, period: float, delay: float, damping: float, sampl
     return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
 
 
-def _around(belief: Belief, period: float, delay: float, samples: int) -> list[FlexibleScan]:
-    return [_scan(belief, period, knot, samples) for knot in _knots(belief, delay)]
-
-
-def _knots(belief: Belief, delay: float) -> list[float]:
-    """Return delays of the grid from below the shortest believed one to above ``delay`` [s]."""
+def _knots(belief: Belief, delay: float, inserted: float) -> list[float]:
+    """Return delays of the grid from below the shortest possible one to above ``delay`` [s]."""
     step = _PHASE / (math.tau * belief.flexible_hz.high)
-    shortest = max(delay - (belief.delay.high - belief.delay.low), 0.0)
+    shortest = min(inserted + belief.delay.low, delay)
     first, last = (math.floor(each / step + 1e-9) for each in (shortest, delay))
     return [k * step for k in range(first, last + 2)]
 

@@ -61,7 +61,7 @@ def decide(
         settings: The guard's settings.
         situation: The belief about the servo, the period, and its limits.
         delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
-        inserted: The inserted part of each delay [s]; only the reasons use it.
+        inserted: The inserted part of each delay [s]: no sample comes sooner.
         explained: Also give the reasons, which takes several times as long.
         reduced: Something else commands less than this decision; the reasons then say "allowed".
 
@@ -73,6 +73,7 @@ def decide(
             it.
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
+    situation = replace(situation, inserted=inserted)
     corner = Plants.at_corner(situation, before_device)
     found = evaluate_box(request, settings, situation, corner, LOOKED_UP)
     alone = (

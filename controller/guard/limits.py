@@ -139,7 +139,7 @@ def evaluate(
     if belief.is_fast(situation.period):
         flexible = fast_limit(exact / g, damping / vibration)
     elif belief.is_flexible:
-        flexible = flexible_limit(belief, t, t_d, damping, n)
+        flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted)
         if one_sided is not None:
             rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
             flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
@@ -193,7 +193,7 @@ def damping_ceiling(
     if belief.is_fast(situation.period):
         return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
     if belief.is_flexible:
-        return np.minimum(rigid, flexible_ceiling(belief, t, t_d, n)), rigid
+        return np.minimum(rigid, flexible_ceiling(belief, t, t_d, n, situation.inserted)), rigid
     return rigid, rigid
 
 

@@ -76,6 +76,10 @@ class Situation:
     """A reply takes several periods, as with a long latency timer of the adapter; only the reasons
     use it"""
 
+    inserted: float = 0.0
+    """The part of the delay that is not the sample's age, without the device's own lag [s]: an age
+    may be shorter than what is counted"""
+
     def __post_init__(self) -> None:
         if not self.torque_limit > 0:
             raise ValueError(f"torque_limit must be > 0, got {self.torque_limit:g}")

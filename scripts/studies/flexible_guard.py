@@ -167,7 +167,9 @@ def outcome(case: tuple[int, int, int, int]) -> Outcome:
     situation = Situation(belief, PERIOD, 4.1, 0.0)
     asked = of_ceiling * ceiling
     both, one = (
-        decide(Request(1e9, asked, side), GuardSettings(), situation, [age], explained=False)[0]
+        decide(Request(1e9, asked, side), GuardSettings(), situation, [age], age, explained=False)[
+            0
+        ]
         for side in ("both", "above")
     )
     shares = random.random((truths, len(NAMES)))

@@ -49,9 +49,13 @@ def situation(position_step: float = 0.0, **changes: Any) -> Situation:
 
 
 def one(
-    request: Request, where: Situation | None = None, mode: Mode = "stable", delay: float = 1.5e-3
+    request: Request,
+    where: Situation | None = None,
+    mode: Mode = "stable",
+    delay: float = 1.5e-3,
+    inserted: float = 0.0,
 ) -> Decision:
-    return decide(request, GuardSettings(mode), where or situation(), [delay])[0]
+    return decide(request, GuardSettings(mode), where or situation(), [delay], inserted)[0]
 
 
 def test_a_safe_request_is_commanded_as_it_is_without_a_word() -> None:
@@ -385,7 +389,7 @@ def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
         "flexible_hz": Bounded.exactly(46.0),
         "flexible_damping_ratio": Bounded.exactly(0.02),
     }
-    decision = one(Request(1e6, 1.0, "both"), situation(**belief))
+    decision = one(Request(1e6, 1.0, "both"), situation(**belief), inserted=1.5e-3)
     servo = linked(load, 46.0, 0.02)
     ceiling = flexible_ceiling(*servo, 1e-3, 2e-3)
     limit = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3).stiffness
@@ -464,8 +468,15 @@ def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:
         "flexible_damping_ratio": Bounded.exactly(0.006),
         "delay": Bounded(1e-3, 0.0, 2e-3),
     }
-    decision = one(Request(1e6, 5.0, "both"), situation(**belief), delay=1e-3)
+    request = Request(1e6, 5.0, "both")
+    decision = one(request, situation(**belief), delay=1e-3, inserted=1e-3)
     servo = linked(0.005, 94.0, 0.006)
     ceilings = flexible_ceiling(*servo, 1e-3, np.array([1e-3, 3e-3]))
     assert ceilings[0] < 0.5 * ceilings[1]
     assert decision.damping_ceiling < ceilings[0]
+    # and so may be an age below the one that is counted
+    belief["delay"] = Bounded.exactly(1e-3)
+    by_age = one(request, situation(**belief), delay=2e-3)
+    inserted = one(request, situation(**belief), delay=2e-3, inserted=2e-3)
+    assert by_age.damping_ceiling < ceilings[0]
+    assert inserted.damping_ceiling > ceilings[0]
