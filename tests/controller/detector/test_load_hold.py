@@ -140,3 +140,18 @@ def test_a_shaft_that_swings_on_has_no_torque_of_rest() -> None:
         away, torque = 0.2 + 0.1 * math.cos(phase), -2.0 - 0.25 * math.cos(phase)
         hold.follow(away, torque, 1e-3, STIFFNESS, 0.25, ended=ended, returning=False)
         assert hold.torque == pytest.approx(-2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("scale", [1 / 16, 1 / 64])
+def test_a_heavy_load_that_begins_to_swing_slowly_does_not_rest_where_it_turns(
+    scale: float,
+) -> None:
+    """What is held followed the torque there, and fed the swing."""
+    hold = holding(seen := swung(0.2, 0.1))
+    last, rate = hold.torque, 8.0 * math.sqrt(scale)
+    for k in range(round(1e3 * math.pi / rate)):
+        swing = 0.2 * math.cos(rate * k * 1e-3)
+        torque = -2.0 - scale * STIFFNESS * swing
+        ended = seen.update(0.2 + swing, torque, 1e-3)
+        hold.follow(0.2 + swing, torque, 1e-3, STIFFNESS, scale, ended=ended, returning=True)
+    assert abs(hold.torque - last) < 0.02
