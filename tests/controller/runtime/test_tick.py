@@ -88,6 +88,7 @@ class ScaledWatch(Watch):
     """Scales the wall as a test says, and counts the requests to raise it."""
 
     scale = damping_scale = 1.0
+    soft_to = math.inf
     asked = 0
 
     def raise_again(self) -> None:
@@ -386,10 +387,12 @@ def test_the_watch_scales_stiffness_and_damping_from_the_tick_in_which_it_says_s
 
 
 def test_the_watch_scales_the_limit_of_the_elastic_torque_too() -> None:
-    """Else a wall that saturates would be as stiff as before."""
-    rig = on(Rig([1.0] * 4, stiffness=100.0)).run(2)
+    """Else a wall that saturates would be as stiff as before; deeper than the motion it rises."""
+    rig = on(Rig([1.0] * 5, stiffness=100.0)).run(2)
     reduced(rig, 0.25, 0.25).run(2)
-    assert rig.servo.sent == pytest.approx([-5.0, -5.0, -1.25, -1.25])
+    rig.watch.soft_to = 0.9
+    rig.run(1)
+    assert rig.servo.sent == pytest.approx([-5.0, -5.0, -1.25, -1.25, -3.75])
     rig = on(Rig([1.0] * 4, stiffness=100.0, clip=2.0)).run(2)
     reduced(rig, 0.25, 0.25).run(2)
     assert rig.servo.sent == pytest.approx([-2.0, -2.0, -0.5, -0.5])
