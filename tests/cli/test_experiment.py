@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep
+from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.servo import Servo
 from tests.typed import not_none
@@ -58,3 +59,15 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if module is sweep else []
     result = CliRunner().invoke(module.command, ["xm430-w350", *options])
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
+
+
+@pytest.mark.parametrize("command", ["map", "sweep", "rendered", "commission"])
+def test_what_measures_walls_refuses_another_law(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [command, "simulated", "--set", "wall.law=spring", "--out", str(tmp_path / "out")]
+    if command == "sweep":
+        words += ["--virtual-damping=0", "--delay-steps=0"]
+    assert main(words) == 2
+    assert "found spring, wanted wall: only walls" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -480,3 +480,29 @@ def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:
     inserted = one(request, situation(**belief), delay=2e-3, inserted=2e-3)
     assert by_age.damping_ceiling < ceilings[0]
     assert inserted.damping_ceiling > ceilings[0]
+
+
+def test_a_falling_law_has_the_limit_of_a_spring_and_is_named() -> None:
+    spring = one(Request(1e6, 0.01, "both"))
+    law = one(Request(1e6, 0.01, "both", law="detents, its crest", linear=False, falls=True))
+    assert law.stiffness == spring.stiffness
+    assert "(detents, its crest): 0.8 of the limit" in sentences(law.reasons)[0]
+    assert "detents" not in sentences(spring.reasons)[0]
+
+
+def test_a_law_of_more_than_one_slope_is_passive_by_a_bound_of_its_own() -> None:
+    # 2 ms of delay in all, and a period of 1 ms
+    request = Request(1e6, 0.001, "both", law="detents", linear=False, falls=True)
+    law = one(request, mode="passive")
+    assert law.binding is LimitName.PASSIVE
+    assert law.limits.passive == pytest.approx((0.011692 - 0.001) / 3e-3)
+    spring = one(Request(1e6, 0.001, "both"), mode="passive")
+    assert law.stiffness < spring.stiffness
+
+
+def test_a_law_that_the_encoder_does_not_resolve_further_is_bound_there() -> None:
+    request = Request(1e6, 0.01, "both", law="friction", linear=False, resolved=0.5)
+    law = one(request)
+    assert law.binding is LimitName.RESOLUTION
+    assert law.stiffness == pytest.approx(0.4)
+    assert "slips before the encoder" in sentences(law.reasons)[0]
