@@ -38,7 +38,7 @@ def assumed(belief: Belief, decision: Decision, damping_cap: float) -> str:
             f" {belief.flexible_hz.low:.2g} Hz or above"
         )
     most = largest_link(belief, decision, damping_cap)
-    if most is None:
+    if most is None or most <= load.high:
         return f"{said}. A heavier one changes this: {_MEASURE}"
     return (
         f"{said}. A link changes this: one of more than {most:.1g} kg·m² may vibrate at the"

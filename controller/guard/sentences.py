@@ -153,7 +153,7 @@ def _ceiling(reason: DampingBound) -> str:
         return said
     return (
         f"{said}: the believed load vibrates on its flexible transmission. An encoder on the"
-        " motor's side, a stiffer horn and link, or less delay would raise it"
+        " motor's side or a stiffer horn and link would raise it"
     )
 
 

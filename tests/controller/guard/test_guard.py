@@ -456,6 +456,8 @@ def test_what_is_assumed_names_the_link_that_the_damping_allows() -> None:
         ceilings = flexible_ceiling(*servo, 1e-3, np.linspace(0.0, 9e-3, 90))
         allowed.append(0.7 * float(ceilings.min()))
     assert allowed[1] < 0.04 < allowed[0]
+    counted = situation(**{**train, "load_inertia": Bounded(0.002, 0.001, 0.003)}).belief
+    assert "A heavier one changes this" in assumed(counted, decision, 0.7)
     rigid = assumed(situation().belief, decision, 0.7)
     assert "a rigid servo without a link is assumed" in rigid
 
