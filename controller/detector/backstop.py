@@ -101,6 +101,7 @@ class Backstop:
         phase: Its state.
         stiffness_scale: Of the elastic torque and of its limit [1].
         damping_scale: Of the damping [1].
+        damping: B without this object's scale [N·m·s/rad]; set by the caller.
         alarm: The wall feeds the motion.
         steady: The motion is more regular than a hand's; or it is regular, and must not be probed.
         failed: Reducing does not help: the run must end.
@@ -149,6 +150,7 @@ class Backstop:
         "_whole",
         "alarm",
         "backlash",
+        "damping",
         "damping_scale",
         "failed",
         "moved",
@@ -181,7 +183,7 @@ class Backstop:
         self._evenly, self._bounce = tuning.steadiness.half_cycles, tuning.contacts.bounce
         self._steadiness = Steadiness(settings.period, settings.position_step, tuning.steadiness)
         self._time = self._since = self._begun = 0.0
-        self._stiffness = self._elongation = 0.0
+        self._stiffness = self._elongation = self.damping = 0.0
         self._gentle = self._stops = 0
         self._asks_again = False
         self._streak = self._count = self._step = self._whole = self._gaining = 0
@@ -498,8 +500,11 @@ class Backstop:
         self._take_load()
         self._probe.begin(self._motion, within=within)
         self.stiffness_scale = self._probing.scale
+        # Damping that acts late stiffens the wall by up to B w, and would hide the softer spring.
+        # Whole, it slows down a shaft whose load is let go.
         loaded = self._hold is not None and self._hold.torque
-        self.damping_scale = 1.0 if loaded else self._probing.scale
+        stiffens = self.damping * math.pi > self._stiffness * self._motion.duration
+        self.damping_scale = 1.0 if loaded and not stiffens else self._probing.scale
 
     def _answer(self, verdict: Verdict) -> None:
         """React to the verdict of a probe."""
@@ -639,9 +644,10 @@ class Backstop:
         return math.tau * math.sqrt(self._settings.heaviest / stiffness) if stiffness > 0 else 1e9
 
     def _died(self) -> None:
-        """Process the rest of the reduced wall; the next motion has its own time."""
+        """Process the rest of the reduced wall; the next motion has its own time and evidence."""
         self.alarm = False
         self._begun = self._time
+        self._count = 0
 
     def _was_wrong(self) -> None:
         """Undo the alarm."""

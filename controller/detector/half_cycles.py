@@ -159,19 +159,26 @@ class HalfCycles:
 
     @property
     def settled(self) -> float:
-        """Return the time since the last turning point, over the longest half-cycle lately [1]."""
-        longest = max(self.duration, self.duration_2, self.duration_3)
-        return self.elapsed / longest if longest else math.inf
+        """Return the time since the last turning point, over a half-cycle's [1].
 
-    def mean_torque(self) -> float:
+        That is the second longest of the last three: a single push or fall takes long without any
+        oscillation.
+        """
+        usual = sorted((self.duration, self.duration_2, self.duration_3))[1]
+        return self.elapsed / usual if usual else math.inf
+
+    def mean_torque(self, known: int) -> float:
         """Return the mean torque of the last cycle [N·m].
 
         Where two cycles are known it is the lesser of both; 0 if they disagree in sign: a load that
         has come or gone is none.
+
+        Args:
+            known: Number of half-cycles that belong to the same motion, >= 2.
         """
         impulses = self._impulses
         last = (impulses[-1] + impulses[-2]) / (self.duration + self.duration_2)
-        if self.known < 4:
+        if known < 4:
             return last
         before = (impulses[-3] + impulses[-4]) / (self.duration_3 + self.duration_4)
         if last * before <= 0.0:

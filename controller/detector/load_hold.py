@@ -36,6 +36,7 @@ class LoadHold:
         "_one_sided",
         "_place",
         "_rested",
+        "_since_rest",
         "_slack",
         "_tuning",
         "deep",
@@ -65,6 +66,7 @@ class LoadHold:
         self.whole = self.permitted = True
         self.torque = self.reach = self.deep = self._load = self._margin = 0.0
         self._place = self._rested = self._slack = 0.0
+        self._since_rest = 0
 
     def begin(self, stiffness: float) -> None:
         """Hold the load of the last cycle from now on; on a softer wall, what is held already.
@@ -77,7 +79,8 @@ class LoadHold:
         """
         motion, load = self._motion, self.torque
         if self.whole:
-            load = motion.mean_torque() if motion.known >= 2 and self.permitted else 0.0
+            self._since_rest = known = motion.known
+            load = motion.mean_torque(known) if known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)
             depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
             load = side * min(abs(load), stiffness * max(depth, 0.0))
@@ -124,8 +127,11 @@ class LoadHold:
         rests = self._rested * math.sqrt(scale) > self._tuning.rests_s  # it swings so much slower
         if rests and motion.settled > self._tuning.settled:
             self._load = torque
+            self._since_rest = -1  # the half-cycle with the rest in it is no part of a motion
         elif ended:
-            load = motion.mean_torque() if motion.known >= 2 else self.torque
+            self._since_rest += 1
+            known = min(motion.known, self._since_rest)
+            load = motion.mean_torque(known) if known >= 2 else self._load
             clear = returning or abs(load - self.torque) > self._least
             self._load = load if clear else self.torque
         change = self._load - self.torque

@@ -68,7 +68,9 @@ class OwnMotion:
         self.hold.permitted = elongation is None
         self.scale = self.damping_scale = 1.0
 
-    def update(self, away: float, torque: float, span: float, stiffness: float) -> None:
+    def update(
+        self, away: float, torque: float, span: float, stiffness: float, damping: float = 0.0
+    ) -> None:
         """Take a sample.
 
         Args:
@@ -76,8 +78,10 @@ class OwnMotion:
             torque: Sent with the last sample [N·m].
             span: Time since the last sample [s].
             stiffness: K without this object's scale [N·m/rad].
+            damping: B without this object's scale [N·m·s/rad].
         """
         backstop, bounces = self._backstop, self._bounces
+        backstop.damping = damping
         ended = self._half_cycles.update(away, torque, span)
         if backstop.suspected and self._still and not self.answering:
             self._suspect(False)  # the suspected motion is over, and the next one needs no probe
@@ -97,6 +101,7 @@ class OwnMotion:
             self._inside = depth > 0.0
         backstop.update(span, elongation, stiffness, ended=whole)
         left = self._contacts.update(depth, torque * self._side, span)
+        bounces.damping = damping
         bounces.update(span, elongation, stiffness, ended=left)
         if backstop.suspected != bounces.suspected:  # one of them has found the answer
             self._suspect(False)

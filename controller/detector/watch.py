@@ -181,7 +181,7 @@ class Watch:
         if state:
             self._note(state, detector.amplitude, detector.frequency_hz)
         if self.own is not None:
-            self._backstop(self.own, position - law.position, law.stiffness)
+            self._backstop(self.own, position - law.position, law)
         self._follow(position, law.position, periods)
         if detector.alarm:
             if isnan(self.first_alarm_s):
@@ -191,10 +191,11 @@ class Watch:
         else:
             self._size = math.nan
 
-    def _backstop(self, own: OwnMotion, away: float, stiffness: float) -> None:
+    def _backstop(self, own: OwnMotion, away: float, law: Law) -> None:
         """Watch motion that the believed values do not explain, and the energy of a contact."""
         moved = own.moved
-        own.update(away, self._sent, self.spanned * self._period, stiffness)
+        damping = law.damping + law.injected
+        own.update(away, self._sent, self.spanned * self._period, law.stiffness, damping)
         if own.moved > moved:
             self._take_back()
         if own.alarm or own.steady:

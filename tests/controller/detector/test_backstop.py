@@ -839,3 +839,35 @@ def test_a_reduced_wall_that_gives_way_is_judged_after_two_cycles_on_it() -> Non
         assert not stop.failed
     take(stop, seen, 0.2, 0.1)
     assert stop.failed
+
+
+def test_a_push_on_a_wall_that_an_alarm_has_reduced_is_held() -> None:
+    """A small turn on the way counted as a motion that goes on, and the torque before it as mean.
+
+    The wall went down to a 64th, and the push went through it by more than a turn.
+    """
+    pushes = 1.23 * np.interp(np.arange(9000) * 1e-3, [3.0, 4.0, 5.0, 5.5], [0.0, 1.0, 1.0, 0.8])
+    trial = run(
+        replace(VALUE, delay=0.005),
+        0.02,
+        operator=operator_of(0.0, 0.0, np.zeros(9000), push=pushes),
+        stiffness=11.5,
+        kick=0.2,
+        duration_s=8.5,
+    )
+    assert trial.counts[2] == 1
+    assert trial.stiffness[2900] == trial.stiffness[-1] == pytest.approx(11.5 / 4)
+    assert np.abs(trial.output[3000:]).max() < 0.5
+    assert trial.torque[-1] == pytest.approx(-0.984, abs=0.15)
+
+
+def test_a_damped_wall_that_swings_under_a_load_is_found() -> None:
+    """At its frequency late damping is most of the stiffness; the probe must take it, too."""
+    truth = replace(XL330, inertia=0.0036284, damping=0.0036617, delay=0.02, back_emf="current")
+    truth = replace(truth, no_load_speed=10.786)
+    load = operator_of(0.0, 0.0, np.zeros(4000), push=0.104)
+    wall = WallAsked(7.0, 0.219)
+    sets = bench_of("xl330-m288").sets
+    trial = run_trial(truth, sets, wall, load, duration_s=3.0, position=0.065)
+    assert trial.counts[2] == 1
+    assert np.ptp(trial.output[-500:]) < 0.01, "it went on by 3 degrees as a hand's"
