@@ -183,6 +183,9 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
         fit = fit_boundary(read_points(sweep)[0], loop)
     except ValueError as error:  # too few points, or impossible figures
         return {"reason": str(error)}
+    most = 0.5 * fit.damping.value, 0.5 * fit.delay.value + config.period_s
+    if fit.damping.stderr > most[0] or fit.delay.stderr > most[1]:
+        return {"reason": "the measured points scatter too much about any boundary"}
     motion = damping, Estimated(**identify["delay"])
     return {
         **boundary_report(fit),
