@@ -216,15 +216,15 @@ def _promising_damping(
     if settings.mode == "passive":
         return np.zeros_like(plants.damping)  # virtual damping costs passivity
     highest = _highest_damping(request, settings, situation, plants)[:, None]
-    ceiling = highest if settings.mode == "off" else highest / settings.damping_cap
     share = np.geomspace(1e-4, 1.0, 200)
+    of_ceiling = share if settings.mode == "off" else settings.damping_cap * share
     tried = highest * share
     b, g, t, t_d = (
         each[:, None] for each in (plants.damping, plants.gain, plants.period, plants.delay)
     )
-    guide = linear_limit(b, g * tried, t, t_d) / g * (1 - tried / ceiling)
+    guide = linear_limit(b, g * tried, t, t_d) / g * (1 - of_ceiling)
     if request.side != "both":
-        guide = guide * (1 - tried / ceiling)
+        guide = guide * (1 - of_ceiling)
     rough = quantisation_limit(request, settings, situation, tried, t)
     if rough is not None:
         guide = np.minimum(guide, rough)

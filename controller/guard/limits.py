@@ -137,7 +137,10 @@ def evaluate(
         )
     flexible = None
     if belief.is_fast(situation.period):
-        flexible = fast_limit(exact / g, damping / vibration)
+        full = np.ones_like(damping)  # a load without damping allows no virtual damping at all
+        flexible = fast_limit(
+            exact / g, np.divide(damping, vibration, out=full, where=vibration > 0.0)
+        )
     elif belief.is_flexible:
         flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted)
         if one_sided is not None:

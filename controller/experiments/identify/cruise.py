@@ -103,7 +103,12 @@ def damped_cruises(
         dampings: At least one [N·m·s/rad].
         guess: Parameters for the spring that brings the shaft back to its start.
         bounds: Limits.
+
+    Raises:
+        ValueError: A damping is not positive.
     """
+    if min(dampings) <= 0.0:
+        raise ValueError(f"a cruise needs a positive virtual damping, got {min(dampings):g}")
     damped = [
         Phase(cruise.seconds, damping=b, bias=cruise.bias + b * cruise.speed) for b in dampings
     ]

@@ -171,6 +171,7 @@ class CeilingSearch:
         belief = bed.config.belief()
         self._hertz = belief.flexible_hz.value if belief.is_flexible else None
         self._known: dict[float, CeilingTrial] = {}
+        self._trip = ""
         self.result = CeilingResult(
             delay_steps=delay_steps,
             delay_s=self._delay,
@@ -197,7 +198,14 @@ class CeilingSearch:
             ExperimentTrippedError: The servo must be examined.
             UserError: A log could not be written completely.
         """
-        result = self.result
+        result, cruise = self.result, self._cruise
+        if cruise.most <= cruise.bias:
+            result.reason = (
+                f"friction takes more torque than a cruise may, {cruise.bias:.3g} of"
+                f" {cruise.most:.3g} N·m: nothing was tried; correct model.coulomb and"
+                " model.damping, or raise servo.torque_limit"
+            )
+            return result
         vibrates = result.exact < result.rigid
         first = min(_BELIEVED * result.exact if vibrates else _LEAST * self.top, self.top)
         grows = self._upward(first)
@@ -261,7 +269,8 @@ class CeilingSearch:
         except ExperimentTrippedError as error:
             if not error.of_motion:
                 raise
-            self._tell(f"{error.stop_reason}: {error}")
+            self._trip = f"{error.stop_reason}: {error}"
+            self._tell(self._trip)
             return False
         rows = played.rows[played.rows["outcome"] == Outcome.OK]
         for number, phase in enumerate(phases):
@@ -317,6 +326,9 @@ class CeilingSearch:
             if t.growth_per_s is not None and t.growth_per_s < 0.0
         ]
         result.at_least = max(decayed, default=None)
+        if found is None and self._trip and not any(_grows(t) for t in result.trials):
+            result.reason = f"a run ended early, and no vibration was seen to grow: {self._trip}"
+            return
         if found is None:
             result.reason = "a vibration grows, but too few trials tell where it begins"
             return

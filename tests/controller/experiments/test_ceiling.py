@@ -17,8 +17,9 @@ from haptic_wall.controller.experiments.sweep.vibration_growth import (
     growth_of,
     ringing_hz,
 )
-from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
@@ -106,3 +107,23 @@ def test_the_believed_vibration_is_where_it_starts() -> None:
     assert result.exact < 0.1 * result.rigid
     assert min(t.virtual_damping for t in result.trials) > 0.03
     assert result.measured == pytest.approx(0.13, rel=0.02)
+
+
+def test_friction_beyond_a_cruises_torque_is_the_reason() -> None:
+    search = searched(Bed(0.13, "servo.coulomb=2.5"))
+    result = search.run()
+    assert search.top < 0.0
+    assert (result.measured, result.trials, result.logs) == (None, [], [])
+    assert "friction takes more torque than a cruise may" in (result.reason or "")
+
+
+def test_a_trip_without_a_growing_vibration_is_the_reason() -> None:
+    class Tripping(Bed):
+        def play(self, name: str, phases: Sequence[Phase], delay_steps: int) -> Any:
+            del name, phases, delay_steps
+            raise ExperimentTrippedError(Trip.OVERSPEED, "6.1 rad/s, the limit is 5")
+
+    result = searched(Tripping(0.13)).run()
+    assert (result.measured, result.trials, result.at_least) == (None, [], None)
+    assert "no vibration was seen to grow" in (result.reason or "")
+    assert "6.1 rad/s, the limit is 5" in (result.reason or "")

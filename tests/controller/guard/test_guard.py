@@ -422,6 +422,21 @@ def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
         assert decision.limits.flexible < found.stiffness
 
 
+def test_a_bare_horn_without_damping_allows_no_virtual_damping() -> None:
+    where = situation(
+        load_inertia=Bounded.exactly(1e-5),
+        flexible_hz=Bounded.exactly(800.0),
+        flexible_damping_ratio=Bounded.exactly(0.0),
+    )
+    with np.errstate(all="raise"):
+        decision = one(Request(1e6, 0.1, "both"), where)
+    assert (decision.damping_ceiling, decision.damping) == (0.0, 0.0)
+    assert decision.limits.flexible is not None
+    assert decision.limits.exact is not None
+    assert decision.limits.flexible < decision.limits.exact
+    assert decision.stiffness == pytest.approx(0.8 * decision.limits.flexible)
+
+
 def test_a_load_follows_from_the_gear_trains_stiffness() -> None:
     whole, load = Bounded(0.012, 0.010, 0.015), Bounded(0.003, 0.002, 0.004)
     found = vibration(whole, load, Bounded(200.0, 100.0, 400.0))
