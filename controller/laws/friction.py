@@ -40,6 +40,9 @@ class Friction:
             if not -most <= bent <= most:
                 bent = math.copysign(most, bent)
                 self._anchor = away - bent
+        else:  # the bristle is not felt, so it does not bend
+            bent = 0.0
+            self._anchor = away
         self._bent = bent
         return bent
 

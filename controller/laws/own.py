@@ -10,6 +10,9 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -61,17 +64,18 @@ def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
     """
     wanted = "module:Class, importable from here, with low, high and torque(position)"
     try:
-        made = _loaded(name)(**options)
+        law: OwnLaw = _loaded(name)(**options)
+        missing = [each for each in ("low", "high", "torque") if not hasattr(law, each)]
+        if not missing:
+            float(law.low), float(law.high)
     except LawError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise LawError(
             "law", f"found {name}, which fails ({type(error).__name__}: {error})", wanted
         ) from error
-    missing = [each for each in ("low", "high", "torque") if not hasattr(made, each)]
     if missing:
         raise LawError("law", f"found {name} without {' and '.join(missing)}", wanted)
-    law: OwnLaw = made
     return law
 
 
@@ -90,12 +94,48 @@ def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's
             sys.path.remove(here)
 
 
-def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What decides a table."""
+
+    name: str
+    shown: str
+    """The options as text: they cannot be hashed"""
+    grid: Grid
+    options: Mapping[str, Any] = field(compare=False)
+
+
+def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
+    """Return the table of the user's law; what was tabulated once is not asked again.
+
+    All that judges, renders and draws the law in one process thus has the same table. What the law
+    prints goes to the standard error.
+
+    Args:
+        name: ``module:Class``, or the name of an entry point.
+        options: Arguments of the class.
+        grid: Gives the encoder step.
+
+    Raises:
+        LawError: As for ``own_law`` and ``tabulated``.
+    """
+    return _table(_Asked(name, repr(dict(options)), grid, options))
+
+
+@lru_cache(maxsize=8)
+def _table(asked: _Asked) -> Profile:
+    with redirect_stdout(sys.stderr):
+        first, second = (own_law(asked.name, asked.options) for _ in range(2))
+        return tabulated(asked.name, first, second, asked.grid)
+
+
+def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
     """Ask the law for its torque at every encoder count of its range.
 
     Args:
         name: Of the law, for messages.
         law: To be asked.
+        second: The same law, made once more: it must answer the same.
         grid: Gives the encoder step.
 
     Raises:
@@ -103,7 +143,14 @@ def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
             the table makes no law.
     """
     step = grid.step or USUAL_STEP
-    low, high = law.low, law.high
+    low, high = float(law.low), float(law.high)
+    if (low, high) != (float(second.low), float(second.high)) and math.isfinite(high - low):
+        raise LawError(
+            "law",
+            f"found {name}, whose range is {low:.4g} to {high:.4g} rad once and "
+            f"{second.low:.4g} to {second.high:.4g} rad another time",
+            "the same law whenever it is made",
+        )
     rows = (high - low) / step if math.isfinite(low) and math.isfinite(high) else math.nan
     if not 1.0 <= rows < MOST_COUNTS:
         raise LawError(
@@ -118,7 +165,7 @@ def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
     torques = [_torque(name, law, position) for position in positions]
     most = max(map(abs, torques))
     for position, torque in zip(reversed(positions), reversed(torques), strict=True):
-        again = _torque(name, law, position)
+        again = _torque(name, second, position)
         if abs(again - torque) > SAME * most:
             raise LawError(
                 "law",
@@ -136,7 +183,7 @@ def tabulated(name: str, law: OwnLaw, grid: Grid) -> Profile:
 def _torque(name: str, law: OwnLaw, position: float) -> float:
     try:
         torque = float(law.torque(position))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise LawError(
             "law",
             f"found {name}, which fails at {position:.4g} rad ({type(error).__name__}: {error})",

@@ -10,6 +10,8 @@ from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Number
 
 ROUNDING = 1e-12
 """Torques below this fraction of the largest count as zero"""
+STEEPEST = 1e12
+"""Highest slope between two rows [N·m/rad], as of ``wall.stiffness``"""
 
 
 class Profile(Memoryless):
@@ -47,7 +49,14 @@ class Profile(Memoryless):
         for (x, u), (y, v) in pairwise(zip(positions, torques, strict=True)):
             if not y > x:
                 raise LawError("profile", f"found {y:g} rad after {x:g} rad", "rising positions")
-            slopes.append((u - v) / (y - x))
+            slope = (u - v) / (y - x)
+            if not abs(slope) <= STEEPEST:
+                raise LawError(
+                    "profile",
+                    f"found {u:g} N·m at {x:g} rad and {v:g} N·m at {y:g} rad",
+                    f"a slope of at most {STEEPEST:g} N·m/rad between two positions",
+                )
+            slopes.append(slope)
         least = ROUNDING * max(map(abs, torques))
         torques = [0.0 if abs(torque) <= least else torque for torque in torques]
         if torques[0] < 0.0 or torques[-1] > 0.0:
@@ -92,10 +101,11 @@ class Profile(Memoryless):
         """Return the potential above its lowest point [rad²]."""
         positions = self._positions
         if away <= positions[0]:
-            return self._potentials[0] + self._elongations[0] * (away - positions[0])
+            value = self._potentials[0] + self._elongations[0] * (away - positions[0])
+            return max(0.0, value)  # rounding leaves a little less than zero at the lowest point
         i = min(bisect_right(positions, away), len(positions)) - 1
         between = 0.5 * (self._elongations[i] + self.elongation(away, 0.0, 0.0))
-        return self._potentials[i] + between * (away - positions[i])
+        return max(0.0, self._potentials[i] + between * (away - positions[i]))
 
 
 def make(numbers: Numbers, grid: Grid) -> Shape:  # noqa: ARG001 - as every law

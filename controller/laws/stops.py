@@ -34,7 +34,7 @@ class Stops(Memoryless):
 
     def in_contact(self, away: float) -> bool:
         """Whether the shaft is beyond an end."""
-        return not self._low <= away <= self._high
+        return away > self._high or away < self._low
 
 
 def make(numbers: Numbers, grid: Grid) -> Shape:

@@ -72,7 +72,7 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
         return LAWS[name].make(numbers, grid)
     if ":" not in name and name not in own.registered():
         raise LawError("law", f"found {name}", f"one of {', '.join(names())}, or module:Class")
-    return own.tabulated(name, own.own_law(name, numbers.options), grid)
+    return own.own_table(name, numbers.options, grid)
 
 
 def _sum(numbers: Numbers, grid: Grid) -> Sum:
@@ -148,11 +148,14 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
         return Facts("both", True, False, name, math.inf, 0.0 if name == "damper" else None)
     shape = shape_of(numbers, grid)
     steepest = f"{name}, {shape.steepest}" if shape.steepest else name
+    own_stiffness = shape.stiffness if isinstance(shape, Profile) else None
+    if shape.lowest_slope == shape.highest_slope == 0.0:
+        own_stiffness = 0.0  # a sum of dampers
     return Facts(
         side="both" if shape.damped_everywhere else "above",
         linear=False,
         falls=shape.lowest_slope < 0.0,
         steepest=steepest,
         resolved=shape.resolved(grid.step),
-        own_stiffness=shape.stiffness if isinstance(shape, Profile) else None,
+        own_stiffness=own_stiffness,
     )

@@ -229,6 +229,7 @@ class Tick:
             self._on = False
             gate.restart()
             parts.ring.clear()
+            law.settle(sampler.position)  # what it has stored is lost with its torque
         if sampler.known:  # with slow replies the last position counts
             gate.sample(parts.gains.coming, law.elongation(sampler.position))
         if self.warm_up or not gate.ready or woke_ns > self._words[_HELD_NS]:

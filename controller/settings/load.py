@@ -203,7 +203,9 @@ def _problems(error: ValidationError, data: dict[str, Any]) -> list[Problem]:
         path = ".".join(where[:2])
         if path not in found:
             problem = detail.get("ctx", {}).get(IN_WORDS)
-            if not isinstance(problem, Problem):
+            if path not in fields() and path not in sections():
+                problem = Problem(detail["msg"])
+            elif not isinstance(problem, Problem):
                 problem = _wrong(path, _at(data, path), detail["type"])
             found[path] = replace(problem, field=path)
     return list(found.values())

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.settings.profile_file import profile_of
+from haptic_wall.controller.settings.profile_file import MOST_ROWS, profile_of
 from haptic_wall.hw.settings import Kind
 
 
@@ -197,7 +197,7 @@ class LawNumbers(Section):
         None,
         "Of profile: a CSV file with the columns position_rad and torque_nm, or a list of "
         "[position, torque]; straight in between, constant beyond its ends",
-        max_length=4096,
+        max_length=MOST_ROWS,
     )
     options: dict[str, Any] = setting(
         {}, "Of a law of your own: the arguments of its class, by name"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 
@@ -213,21 +213,51 @@ def _law_is_whole(config: Sections) -> Iterator[Problem]:
         yield from _numbers_of_another_law(config)
 
 
+_UNKNOWN_ENERGY = "friction", "texture"
+"""Laws whose potential is not what their torque did: one forgets it, the other fades with speed"""
+
+
+@_reads("wall.law", "wall.parts", "wall.passivity_control")
+def _passivity_control_knows_the_energy(config: Sections) -> Iterator[Problem]:
+    wall = config.wall
+    laws = [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
+    for law in laws:
+        if wall.passivity_control and law in _UNKNOWN_ENERGY:
+            yield Problem(
+                "found true",
+                field="wall.passivity_control",
+                wanted=f"false with the law {law}: what it holds is not the energy that it took",
+            )
+            return
+
+
 def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
     """Find numbers that the law does not use: whoever set them meant another one."""
     wall = config.wall
-    uses = {law: kind.numbers for law, kind in LAWS.items()} | {SUM: ("parts",)}
-    used = uses.get(wall.law, ("options",))
-    for name in (*LawNumbers.model_fields, "parts"):
-        default = Wall.model_fields[name].default
-        if name in ("law", "side", *used) or getattr(wall, name) == default:
-            continue
-        others = [law for law, numbers in uses.items() if name in numbers] or ["module:Class"]
+    for name, others in _unused(wall, (*LawNumbers.model_fields, "parts")):
         yield Problem(
             f"found a value, which the law {wall.law} does not use",
             field=f"wall.{name}",
-            advice=f"it is for wall.law {' or '.join(others)}",
+            advice=f"it is for wall.law {others}",
         )
+    for place, part in enumerate(wall.parts if wall.law == SUM else ()):
+        for name, others in _unused(part, tuple(LawNumbers.model_fields)):
+            yield Problem(
+                f"in part {place}, found {name}, which the law {part.law} does not use",
+                field="wall.parts",
+                advice=f"it is for the law {others}",
+            )
+
+
+def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield each number that was set and the law does not use, and the laws that it is for."""
+    uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
+    used = uses.get(law.law, ("options",))
+    for name in names:
+        if name in ("law", "side", *used) or getattr(law, name) == Wall.model_fields[name].default:
+            continue
+        others = [each for each, numbers in uses.items() if name in numbers] or ["module:Class"]
+        yield name, " or ".join(others)
 
 
 @_reads("safety.travel", "wall.position", "wall.reference")

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
+from haptic_wall.controller.laws.stops import Stops
 from haptic_wall.controller.laws.table import LAWS, SUM, facts_of, shape_of
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -72,6 +74,14 @@ def test_the_potential_is_what_the_elongation_adds_up_to(law: str) -> None:
     assert (np.abs(e) <= np.sqrt(2.0 * u) + 1e-6).all()
 
 
+def test_no_potential_is_below_zero_by_rounding() -> None:
+    step = math.tau / 4096
+    places = [-1.0 + step * i for i in range(1304)]
+    law = ShapedLaw("profile", Profile(places, [-2.0 * x for x in places]), 0.0)
+    for x in [step * i / 50 for i in range(-200, 201)] + [0.0, *places]:
+        assert law.elongation(x) >= 0.0
+
+
 @pytest.mark.parametrize("law", [law for law in EXAMPLES if law != SUM])
 def test_the_lowest_potential_is_zero(law: str) -> None:
     assert min(shape(law).potential(x) for x in PLACES) == pytest.approx(0.0, abs=1e-6)
@@ -120,6 +130,13 @@ def test_friction_slips_at_its_torque_and_starts_anew_at_rest() -> None:
     assert law.torque(0.0, 0.0) == 0.0
 
 
+def test_a_bristle_of_no_stiffness_does_not_bend() -> None:
+    made = shape("friction")
+    made.settle(0.0)
+    assert [made.elongation(x, 0.0, 0.0) for x in (0.1, 3.0)] == [0.0, 0.0]
+    assert made.elongation(3.01, 0.0, 8.0) == pytest.approx(0.01)
+
+
 def test_friction_gives_back_less_than_it_took() -> None:
     made = shape("friction")
     places = np.cumsum(np.random.default_rng(3).normal(0.0, 0.01, 4000))
@@ -153,6 +170,8 @@ def test_the_guard_learns_what_a_law_is() -> None:
     assert (stops.side, stops.falls, stops.linear) == ("above", False, False)
     assert (detents.side, detents.falls, detents.steepest) == ("both", True, "detents, its crest")
     assert facts_of(numbers("profile"), GRID).own_stiffness == pytest.approx(1.0)
+    dampers = Wall.model_validate({"law": "sum", "parts": [{"law": "damper"}] * 2})
+    assert facts_of(dampers, GRID).own_stiffness == 0.0
     assert facts_of(numbers("friction"), GRID).resolved == pytest.approx(0.1 / (4 * GRID.step))
 
 
@@ -173,9 +192,21 @@ def test_the_guard_learns_what_a_law_is() -> None:
         (["law=profile", "profile=[[0, -1], [1, 0]]"], "profile", "drive the shaft away"),
         (["law=profile", "profile=nowhere.csv"], "profile", "cannot be read"),
         (["law=profile", "profile=[[0, 1]]"], "profile", "two or more"),
+        (["law=profile", "profile=[[0, 1], [1e-320, -1]]"], "profile", "between two positions"),
         (["law=sum"], "parts", "found none"),
         (["law=sum", "parts=[{law: stops, low: 0}]"], "parts", "in part 0, stops.high"),
         (["law=sum", "parts=[{law: sum}]"], "parts", "a sum in part 0"),
+        (["law=sum", "parts=[{law: spring, low: 0}]"], "parts", "in part 0, found low"),
+        (
+            ["law=texture", "period=0.1", "passivity_control=true"],
+            "passivity_control",
+            "the law texture",
+        ),
+        (
+            ["law=sum", "parts=[{law: friction, friction: 0.1}]", "passivity_control=true"],
+            "passivity_control",
+            "the law friction",
+        ),
         (["law=ridges"], "law", "one of wall, stops"),
     ],
 )
@@ -187,6 +218,27 @@ def test_numbers_that_make_no_law_are_refused(sets: list[str], field: str, said:
     assert said in problem
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0,1\n\n# nothing\n1,nan\n", "line 5 holds nan"),
+        ("0,1\n1,2e6\n", "line 3 holds 2e+06"),
+        ("0,1\n1\n", "line 3 holds no two numbers"),
+        ("0,1\n" * 5000, "with 5000 rows"),
+        ("0," + "1" * 140_000 + "\n", "line 2 is no CSV: field larger"),
+    ],
+)
+def test_a_file_that_makes_no_profile_is_refused_where_it_is_wrong(
+    tmp_path: Any, text: str, said: str
+) -> None:
+    file = tmp_path / "profile.csv"
+    file.write_text(f" position_rad , torque_nm\n{text}")
+    with pytest.raises(ConfigError) as refused:
+        load_config("simulated", ["wall.law=profile", f"wall.profile={file}"])
+    (problem,) = refused.value.problems
+    assert said in problem
+
+
 def test_a_profile_comes_from_a_file(tmp_path: Any) -> None:
     file = tmp_path / "profile.csv"
     file.write_text("# of a valve\nposition_rad,torque_nm\n-1,0.5\n0,0\n1,-0.25\n")
@@ -195,6 +247,16 @@ def test_a_profile_comes_from_a_file(tmp_path: Any) -> None:
     assert config.request().stiffness == pytest.approx(0.5)
     again = Config.model_validate_json(config.model_dump_json())
     assert again == config
+
+
+def test_an_unknown_position_is_in_no_contact_with_a_stop() -> None:
+    assert not Stops(-1.0, 1.0).in_contact(math.nan)
+
+
+@pytest.mark.parametrize("high", [0.0, 0.5])
+def test_a_kick_out_of_a_stop_loads_no_spring(high: float) -> None:
+    stops = ["wall.law=stops", "wall.low=-1", f"wall.high={high}", "servo.kick=-0.1"]
+    assert load_config("emulated-ideal", stops).config.start_room == 0.0
 
 
 def test_the_encoder_of_the_servo_that_is_there_decides() -> None:

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.laws.own import OwnLaw, tabulated
+from haptic_wall.controller.laws.own import OwnLaw, own_table, tabulated
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.settings.load import load_config
@@ -63,7 +64,7 @@ class Given:
 
 
 def table(law: OwnLaw) -> Profile:
-    return tabulated("mine:Law", law, GRID)
+    return tabulated("mine:Law", law, law, GRID)
 
 
 def test_the_steepest_slope_between_counts_is_measured() -> None:
@@ -107,3 +108,75 @@ def test_a_class_that_cannot_be_made_is_refused(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=r"wall\.law") as refused:
         load_config("simulated", [f"wall.law={name}"])
     assert said in refused.value.problems[0]
+
+
+MODULE = """
+import random, sys
+calls = []
+print("loaded")
+
+class Random:
+    low, high = -1.0, 1.0
+    def __init__(self): self.k = random.random()
+    def torque(self, p): return -self.k * p
+
+class Counted:
+    low, high = -1.0, 1.0
+    def __init__(self, k=1.0): self.k = k; calls.append(k); print("made")
+    def torque(self, p): return -self.k * p
+
+class NoRange(Counted):
+    low = "a"
+
+class Nothing(Counted):
+    high = None
+
+class Leaves(Counted):
+    def __init__(self): sys.exit(0)
+
+class LeavesLater(Counted):
+    def torque(self, p): sys.exit(3)
+
+class Raises(Counted):
+    @property
+    def low(self): raise ValueError("no range today")
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    name = f"law_{tmp_path.name.replace('-', '_')}"
+    (tmp_path / f"{name}.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    return name
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ("NoRange", "could not convert string to float"),
+        ("Nothing", "TypeError"),
+        ("Leaves", "SystemExit"),
+        ("LeavesLater", "fails at -1 rad (SystemExit"),
+        ("Raises", "no range today"),
+        ("Random", "once and"),
+    ],
+)
+def test_a_class_that_fails_in_any_way_is_refused(module: str, made: str, said: str) -> None:
+    with pytest.raises(LawError) as refused:
+        own_table(f"{module}:{made}", {}, Grid(1e-3, 0.1))
+    assert said in refused.value.found
+
+
+def test_a_law_is_asked_once_and_prints_beside_the_answer(
+    module: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, grid = f"{module}:Counted", Grid(1e-3, 0.1)
+    one, same, other = (own_table(name, {"k": k}, grid) for k in (2.0, 2.0, 3.0))
+    assert one is same
+    assert one is not other
+    assert sys.modules[module].calls == [2.0, 2.0, 3.0, 3.0]  # each is made twice, and compared
+    heard = capsys.readouterr()
+    assert heard.out == ""
+    assert "loaded" in heard.err
+    assert "made" in heard.err

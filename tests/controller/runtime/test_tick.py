@@ -16,6 +16,8 @@ from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import EngageLimits, Engagement
+from haptic_wall.controller.laws.friction import Friction
+from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.deadlines import next_deadline
@@ -113,7 +115,9 @@ class Rig:
         self.schedule = GainSchedule(
             [cast(Sequence[Decision], rungs)], list(ages), [PERIOD_NS], 90.0, 100
         )
-        self.wall = Wall(0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf))
+        self.wall = wall.get("law") or Wall(
+            0.0, 0.0, 0.0, wall.get("side", "both"), wall.get("clip", math.inf)
+        )
         gains = Gains(self.schedule, self.wall, 50, ScriptedServo.facts.torque_limit)
         pipelined = wall.get("pipelined", False)
         self.watch = ScaledWatch(WatchSettings(DetectorSettings(1e-3), "report", 0.0))
@@ -534,6 +538,15 @@ def test_a_dead_man_that_is_let_go_again_begins_the_rest_anew() -> None:
     assert all(rig.rows["flags"][1:] & FLAG_OFF), "at rest all the time, and not held"
     holds(rig).run(1)
     assert not rig.rows["flags"][-1] & FLAG_OFF, "at rest for long: it comes on with the hold"
+
+
+def test_friction_comes_on_again_after_a_pause() -> None:
+    friction = ShapedLaw("friction", Friction(0.5), 0.0)
+    rig = on(Rig([0.0] + [0.4] * 10, stiffness=10.0, law=friction)).run(2)
+    lets_go(rig).run(1)
+    holds(rig).run(5)
+    assert rig.servo.sent[1] == pytest.approx(-0.5)
+    assert [bool(f & FLAG_OFF) for f in rig.rows["flags"]] == [False] * 2 + [True] * 2 + [False] * 4
 
 
 def test_what_an_alarm_took_stays_taken_over_a_pause() -> None:
