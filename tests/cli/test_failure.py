@@ -37,7 +37,7 @@ def failed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
         (["run", "--plot=a.svg"], "--plot", "wanted one ending in .png: pictures are PNG", 2),
         (["log"], "LOG", "lists what there is", 2),
         (["log", "nowhere"], "LOG", "wanted a log of run", 2),
-        (["boundary"], "--delay", "lists what there is", 2),
+        (["boundary"], "--period", "give --period 0.001 or --rate 1000", 2),
         (["boundary", "--delay=1:x"], "--delay", "wanted a number, or a range LOW:HIGH", 2),
         (["scan", "--port="], "--port", "wanted a serial device such as /dev/ttyUSB0", 2),
         (["presets", "--nosuch"], "--nosuch", "lists what there is", 2),
