@@ -123,10 +123,11 @@ class OwnMotion:
         """
         hold, bounces = self.hold, self._bounces
         hold.whole = self.scale == 1.0
-        phases = self._backstop.phase, Phase.WATCHING if bounces is None else bounces.phase
         if hold.whole:
             hold.drop()
-        elif Phase.PROBING not in phases:
+            return
+        phases = self._backstop.phase, Phase.WATCHING if bounces is None else bounces.phase
+        if Phase.PROBING not in phases:
             returning = Phase.RETURNING in phases
             hold.follow(away, torque, span, stiffness, self.scale, ended=ended, returning=returning)
 

@@ -799,8 +799,8 @@ class HoldTuning:
     settled: float = tuned(
         1.5,
         "half-cycles",
-        "The wall's torque is the load's if no turning point has come for so many of the longest of"
-        " the last three half-cycles,",
+        "The wall's torque is the load's if no turning point has come for so many half-cycles, by"
+        " the second longest of the last three,",
         "chosen: a motion that goes on turns around before",
         off=ANY,
     )

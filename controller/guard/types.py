@@ -28,8 +28,6 @@ class Request:
     """Another law than a wall, with its steepest part, for people; K is the slope there"""
     linear: bool = True
     """The law has one slope wherever it is in contact"""
-    falls: bool = False
-    """Its torque falls somewhere: the slope lies within -K and K; else within 0 and K"""
     resolved: float = math.inf
     """K up to which the encoder resolves the law [N·m/rad]"""
 

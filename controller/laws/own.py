@@ -1,8 +1,8 @@
 """A law of the user's own, in Python: tabulated once, and rendered from the table.
 
 The class gives ``torque(position)`` over the range that it declares. It is asked at every encoder
-count before the torque is switched on, and never while the loop runs. What is rendered is thus the
-table: its steepest slope is measured, it depends on position alone, and it takes no time.
+count before the torque is switched on, and never while the loop runs. The loop thus renders
+the table: its steepest slope is measured, it depends on position alone, and it takes no time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SAME = 1e-9
 
 
 class OwnLaw(Protocol):
-    """What a class of the user's must offer; ``wall.options`` are its arguments, by name.
+    """The interface of a class of the user's; ``wall.options`` are its arguments, by name.
 
     Attributes:
         low: Lower end of its range, counted from ``wall.position`` [rad].
@@ -96,7 +96,7 @@ def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What decides a table."""
+    """The question whose answer is a table."""
 
     name: str
     shown: str
@@ -108,8 +108,8 @@ class _Asked:
 def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
     """Return the table of the user's law; what was tabulated once is not asked again.
 
-    All that judges, renders and draws the law in one process thus has the same table. What the law
-    prints goes to the standard error.
+    Guard, loop and picture in one process thus have the same table. Text that the law prints goes
+    to the standard error.
 
     Args:
         name: ``module:Class``, or the name of an entry point.

@@ -2,7 +2,7 @@
 
 A law's elastic torque is ``-K e(x)``. The elongation ``e`` [rad] is scaled so that its slope stays
 within -1 and 1: K, which the guard commands, is the steepest slope of the torque. The guard needs
-little more: whether the slope falls below zero somewhere, and where damping acts.
+little more: whether there is more than one slope, and where damping acts.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class LawError(ValueError):
 
 
 class Memoryless:
-    """What a shape without state, and resolved by any encoder, has in common with others."""
+    """The common part of shapes that have no state and that any encoder resolves."""
 
     __slots__ = ()
     damped_everywhere: bool = True

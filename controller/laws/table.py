@@ -30,7 +30,7 @@ class Kind:
     """A law that comes with the program."""
 
     meaning: str
-    """What is felt, for people"""
+    """The feel of it, for people"""
     numbers: tuple[str, ...]
     """Names of its numbers in the configuration"""
     make: Callable[[Numbers, Grid], Shape]
@@ -119,14 +119,12 @@ LINEAR: Final = ("wall", "spring", "damper")
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the guard must know of a law."""
+    """The properties of a law that the guard needs."""
 
     side: Side
     """``both`` where damping acts everywhere; else the law never pulls"""
     linear: bool
     """One slope wherever it is in contact"""
-    falls: bool
-    """The torque falls with the elongation somewhere"""
     steepest: str
     """Law and steepest part, for people; empty for a wall"""
     resolved: float
@@ -143,9 +141,9 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
     """
     name = numbers.law
     if name == "wall":
-        return Facts(numbers.side, True, False, "", math.inf, None)
+        return Facts(numbers.side, True, "", math.inf, None)
     if name in LINEAR:
-        return Facts("both", True, False, name, math.inf, 0.0 if name == "damper" else None)
+        return Facts("both", True, name, math.inf, 0.0 if name == "damper" else None)
     shape = shape_of(numbers, grid)
     steepest = f"{name}, {shape.steepest}" if shape.steepest else name
     own_stiffness = shape.stiffness if isinstance(shape, Profile) else None
@@ -154,7 +152,6 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
     return Facts(
         side="both" if shape.damped_everywhere else "above",
         linear=False,
-        falls=shape.lowest_slope < 0.0,
         steepest=steepest,
         resolved=shape.resolved(grid.step),
         own_stiffness=own_stiffness,

@@ -64,6 +64,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
     intervals_ns = interval_bins_ns(config.period_ns)
+    request = config.request(situation.position_step)
     decisions = []
     for interval in (each * 1e-9 for each in intervals_ns):
         inserted = inserted_delay(config.delay.steps, period, interval)
@@ -73,7 +74,7 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
         if not some or some[-1] != ages_ns[-1]:
             some.append(ages_ns[-1])
         found = decide(
-            config.request(situation.position_step),
+            request,
             settings_at(config, interval),
             there,
             [inserted + age * 1e-9 for age in some],

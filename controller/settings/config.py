@@ -311,7 +311,6 @@ class Config(Sections):
             wall.velocity_samples,
             facts.steepest,
             facts.linear,
-            facts.falls,
             facts.resolved,
         )
 

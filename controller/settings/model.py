@@ -108,7 +108,7 @@ class Realtime(Section):
 
 
 class _Rendered(Section):
-    """What every law has."""
+    """The settings that every law has."""
 
     stiffness: float = setting(
         8.0,

@@ -110,7 +110,7 @@ def block(case: Block) -> Row:
     kind, falls = KINDS[case.kind]
     random = np.random.default_rng([case.seed, *case.kind.encode()])
     table_of = tables(random, kind, falls, LAWS)
-    one = [_servo(random, kind, falls) for _ in range(LAWS)]
+    one = [_servo(random, kind) for _ in range(LAWS)]
     servos = Servos(*np.array([each[0] for each in one]).T)
     found, floor = _tried(random, kind, table_of, servos, PERIODS)
     left = lasting(found, floor).reshape(LAWS, STARTS).max(1)
@@ -156,9 +156,7 @@ def _tried(
     return moved(law, many, x, speed, periods), 1e-7 * many.stiffness
 
 
-def _servo(
-    random: np.random.Generator, kind: Kind, falls: bool
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _servo(random: np.random.Generator, kind: Kind) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return a true servo inside a belief, and its worst corner, both with the guard's gains."""
     delta = 10.0 ** random.uniform(*np.log10(DELTA))
     low = delta * INERTIA / PERIOD
@@ -178,7 +176,7 @@ def _servo(
     ceiling = float(max_virtual_damping(INERTIA, low, PERIOD, late + belief.delay.high))
     damping = random.choice([-0.5 * low, 0.0, *(ceiling * random.uniform(0.0, 0.7, 3))])
     side: Side = "above" if kind == "stops" else "both"
-    request = Request(1e12, float(damping), side, law=kind, linear=False, falls=falls)
+    request = Request(1e12, float(damping), side, law=kind, linear=False)
     (decision,) = decide(
         request,
         GuardSettings(),

@@ -70,7 +70,7 @@ class Walls:
     effects: ManyEffects | None = None
     """What the servos have beside inertia and these frictions; None: nothing"""
     encoder: ManyEncoderErrors | None = None
-    """What their encoders do beside counting; None: nothing"""
+    """Errors of their encoders besides counting; None: none"""
 
     @property
     def size(self) -> int:

@@ -501,7 +501,7 @@ def test_a_shorter_delay_than_the_longest_may_be_the_less_safe_one() -> None:
 
 def test_a_falling_law_has_the_limit_of_a_spring_and_is_named() -> None:
     spring = one(Request(1e6, 0.01, "both"))
-    law = one(Request(1e6, 0.01, "both", law="detents, its crest", linear=False, falls=True))
+    law = one(Request(1e6, 0.01, "both", law="detents, its crest", linear=False))
     assert law.stiffness == spring.stiffness
     assert "(detents, its crest): 0.8 of the limit" in sentences(law.reasons)[0]
     assert "detents" not in sentences(spring.reasons)[0]
@@ -509,7 +509,7 @@ def test_a_falling_law_has_the_limit_of_a_spring_and_is_named() -> None:
 
 def test_a_law_of_more_than_one_slope_is_passive_by_a_bound_of_its_own() -> None:
     # 2 ms of delay in all, and a period of 1 ms
-    request = Request(1e6, 0.001, "both", law="detents", linear=False, falls=True)
+    request = Request(1e6, 0.001, "both", law="detents", linear=False)
     law = one(request, mode="passive")
     assert law.binding is LimitName.PASSIVE
     assert law.limits.passive == pytest.approx((0.011692 - 0.001) / 3e-3)
