@@ -569,6 +569,9 @@ class Backstop:
         if shrinks and motion.amplitude_2 <= motion.amplitude_4:
             self.alarm = False
             return
+        if self.small_cycle and size >= settings.threshold:
+            self.small_cycle = False  # it has become a large motion, whose time begins now
+            self._begun = self._time
         if self.small_cycle and not (undying and self._count >= self._evenly):
             return
         self.alarm = True

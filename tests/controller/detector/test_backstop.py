@@ -14,7 +14,7 @@ from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings,
 from haptic_wall.controller.laws.wall import Side
 from scripts.trials.draws import bench_of
 from scripts.trials.judges import own_oscillation
-from scripts.trials.operators import NOBODY, Operator, operator_of
+from scripts.trials.operators import NOBODY, Operator, draw_operator, operator_of
 from scripts.trials.run import Trial, WallAsked, run_trial
 from scripts.trials.truth import Truth
 from tests.scripts.trial_help import called_quiet
@@ -453,6 +453,23 @@ def test_a_motion_on_a_reduced_wall_that_its_torque_explains_ends_the_run() -> N
     assert stop.failed
 
 
+def test_a_small_cycle_that_becomes_a_hands_motion_on_the_softer_wall_ends_no_run() -> None:
+    """Its time to die begins when it is large: a small one had none."""
+    seen = motion()
+    stop = backstop(seen, threshold=0.15)
+    take(stop, seen, 0.1, 0.1)
+    stop.suspected = True
+    take(stop, seen, 0.1, 0.1)
+    assert phase_of(stop) == Phase.PROBING
+    for _ in range(3):
+        take(stop, seen, 0.2, 0.1)
+    assert stop.small_cycle
+    for _ in range(6):
+        take(stop, seen, 0.15, 0.4, 0.012 * 4.0 * stop.stiffness_scale)
+        assert not stop.failed
+    assert stop.returned == 1
+
+
 @pytest.mark.parametrize("rests", [True, False])
 def test_a_motion_long_after_the_one_that_died_has_a_time_of_its_own_to_die(rests: bool) -> None:
     """A hand that moves the reduced wall half as fast as it oscillated ends no run."""
@@ -871,3 +888,21 @@ def test_a_damped_wall_that_swings_under_a_load_is_found() -> None:
     trial = run_trial(truth, sets, wall, load, duration_s=3.0, position=0.065)
     assert trial.counts[2] == 1
     assert np.ptp(trial.output[-500:]) < 0.01, "it went on by 3 degrees as a hand's"
+
+
+def test_a_tremor_whose_first_waves_were_small_ends_no_run() -> None:
+    """A stiff wall rings at a few counts; reduced, it is moved by 20 counts by the hand."""
+    truth = Truth(
+        0.0012095,
+        0.0073234,
+        0.025666,
+        torque_gain=0.5,
+        torque_limit=0.52,
+        stall_torque=0.26,
+        no_load_speed=10.786,
+    )
+    wall = WallAsked(44.226, 0.01)
+    tremor = draw_operator("tremor", 0.0012095, 60.0, np.random.default_rng(1349964970))
+    trial = run_trial(truth, bench_of("xl330-m288").sets, wall, tremor, duration_s=3.0)
+    assert trial.trip is None
+    assert trial.stiffness[-1] == trial.stiffness[0]
