@@ -366,15 +366,18 @@ class Backstop:
             return
         elif self._loaded:
             servos = settings.light < seen.inertia < settings.heavy
-            own = servos and self._streak >= self._tuning.regular_loaded
+            own = servos and self._streak >= self._tuning.regular_long
             weight = seen.inertia > settings.light and self._gentle >= self._tuning.gentle_loaded
             if (self.steady or own or weight) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
         elif self.steady and self._like_hands(seen) and seen.amplitude >= settings.threshold:
             self._alarm(Cause.BEYOND_HANDS)  # a probe took it for a hand's; no hand is so regular
-        elif self._held_off(seen) or self._nearly_steady:
+        elif self._nearly_steady:
             return
+        elif self._held_off(seen):
+            if self._streak and self._streak % self._tuning.regular_long == 0:
+                self._ask(within=False)  # a hand seldom goes on so regularly
         elif (
             self.steady
             or self._streak >= self._tuning.regular_unlikely

@@ -592,11 +592,11 @@ class BackstopTuning:
         WALLS_HANDS,
         off=MANY,
     )
-    regular_loaded: int = tuned(
+    regular_long: int = tuned(
         20,
         "1",
         "So many of them end the run where a load forbids the probe and the torque explains the"
-        " motion.",
+        " motion; where a hand was found a moment ago, they are probed again.",
         "measured: detector-table, One-sided walls under a steady push and Hours of operators",
         off=MANY,
     )

@@ -238,6 +238,20 @@ def test_a_motion_like_the_hands_is_not_probed_again_soon() -> None:
     assert stop.probes == 1
 
 
+def test_a_hands_motion_that_goes_on_more_regularly_than_hands_do_is_probed_again_at_once() -> None:
+    """An oscillation that was all but slow enough in its probe, with noise of the encoder."""
+    stop, seen = probing()
+    for _ in range(2):
+        take(stop, seen, 0.1, 0.1, 0.003)
+    assert stop.moved == 1
+    back(stop)
+    asked = 0
+    for i in range(40):
+        take(stop, seen, 0.1 + 0.003 * (-1) ** (i // 2), 0.1)
+        asked = asked or (i + 1 if stop.phase == Phase.PROBING else 0)
+    assert 12 <= asked <= 20
+
+
 def test_a_motion_that_is_only_a_little_slower_is_the_walls_if_the_torque_explains_it() -> None:
     """A hand's motion seems lighter on a softer wall, or goes further."""
     for inertia, amplitude, alarm in ((0.011, 0.1, True), (0.004, 0.1, False), (0.011, 0.2, False)):
