@@ -6,12 +6,17 @@ traceback, or with an error of the library that is being imported.
 
 from __future__ import annotations
 
+import os
+
 from haptic_wall.controller.cli import interrupt
 
 
 def main() -> int | str | None:
     """Import the program and run the command of this process; return its exit status."""
     interrupt.leave_at_once()
+    # All matrices are small: several threads for one wait for each other, and take cores from the
+    # loop. A start with a link takes several times as long with two on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from haptic_wall.controller.cli.main import main as run
     from haptic_wall.controller.system.signals import was_interrupted
 

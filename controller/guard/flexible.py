@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,9 +22,16 @@ from haptic_wall.controller.theory.flexible_scan import FlexibleScan
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
-_PHASE, _MOST = 0.4, 40
+_PHASE = 0.4
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
-between its delays [rad]; most frequencies"""
+between its delays [rad]"""
+_CYCLES = 1.15
+"""Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
+occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
+_SLOW = 0.8
+"""Cycles per period up to which a faster vibration bounds less"""
+_SLOWER = 0.93
+"""Fraction of a frequency down to which a coarse grid of delays counts it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
@@ -56,7 +64,7 @@ def flexible_ceiling(
     found = [
         min(
             float(_scan(belief, t, knot, samples).ceilings().min())
-            for knot in _knots(belief, t_d, inserted)
+            for knot in knots(belief, t, t_d, inserted)
         )
         / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
@@ -78,7 +86,7 @@ def flexible_limit(
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
     found = [
-        _limit(belief, t, _knots(belief, t_d, inserted), t_d, b, samples)
+        _limit(belief, t, knots(belief, t, t_d, inserted), t_d, b, samples)
         for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
     ]
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
@@ -117,53 +125,117 @@ def fast_ceiling(belief: Belief, rigid: FloatArray) -> FloatArray:
     return found
 
 
-def fast_limit(exact: FloatArray, of_ceiling: FloatArray) -> FloatArray:
+def fast_limit(
+    belief: Belief, exact: FloatArray, of_ceiling: FloatArray, period: FloatArray
+) -> FloatArray:
     """Return ``flexible_limit`` for such a load, from the rigid servo's exact limit [N·m/rad].
 
+    The wall's spring also feeds the vibration, by at most ``K / (omega² J)`` a period, of which its
+    damping takes up ``zeta omega T``. That binds only where the vibration is hardly damped.
+
     Args:
+        belief: One that ``is_fast``.
         exact: That limit of each plant [N·m/rad].
         of_ceiling: Virtual damping over ``fast_ceiling``.
+        period: Of each plant [s].
     """
-    found: FloatArray = exact * (1.0 - _FAST_COST * np.clip(of_ceiling, 0.0, 1.0))
+    left = 1.0 - np.clip(of_ceiling, 0.0, 1.0)
+    rate = math.tau * belief.flexible_hz.low
+    damped = belief.flexible_damping_ratio.low * rate**3 * period * belief.inertia.low
+    by_spring = _FAST_CEILING * left * damped / belief.torque_gain.high
+    found: FloatArray = np.minimum(exact * (1.0 - _FAST_COST * (1.0 - left)), by_spring)
     return found
 
 
+class Knot(NamedTuple):
+    """A delay of the grid, and the frequencies that are counted there."""
+
+    delay: float
+    """[s]"""
+    low: float
+    """[Hz]"""
+    high: float
+    """[Hz]"""
+
+
 def _limit(
-    belief: Belief, period: float, knots: list[float], delay: float, damping: float, samples: int
+    belief: Belief, period: float, grid: list[Knot], delay: float, damping: float, samples: int
 ) -> float:
-    *shorter, below, above = knots
+    *shorter, below, above = grid
     at = [_limit_at(belief, period, knot, damping, samples) for knot in shorter]
     for knot in (below, above):
-        scale = (0.5 * period + knot) / (0.5 * period + delay)
+        scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
         at.append(scale * _limit_at(belief, period, knot, damping, samples))
     return min(at)
 
 
-@lru_cache(maxsize=4096)
-def _limit_at(belief: Belief, period: float, delay: float, damping: float, samples: int) -> float:
-    scan = _scan(belief, period, delay, samples)
+@lru_cache(maxsize=8192)
+def _limit_at(belief: Belief, period: float, knot: Knot, damping: float, samples: int) -> float:
+    scan = _scan(belief, period, knot, samples)
     gains = {belief.torque_gain.low, belief.torque_gain.high}
     return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
 
 
-def _knots(belief: Belief, delay: float, inserted: float) -> list[float]:
-    """Return delays of the grid from below the shortest possible one to above ``delay`` [s]."""
-    step = _PHASE / (math.tau * belief.flexible_hz.high)
+def knots(belief: Belief, period: float, delay: float, inserted: float) -> list[Knot]:
+    """Return the grid from below the shortest possible delay to above ``delay`` [s].
+
+    Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and the
+    delay of the stiffness was shorter.
+    """
+    grid = _delays(belief.flexible_hz.low, belief.flexible_hz.high, period, delay)
     shortest = min(inserted + belief.delay.low, delay)
-    first, last = (math.floor(each / step + 1e-9) for each in (shortest, delay))
-    return [k * step for k in range(first, last + 2)]
+    if grid[-1].low > 0.0:
+        shortest = max(shortest, delay - 1.0 / grid[-1].low)
+    first = max(i for i, knot in enumerate(grid[:-1]) if i == 0 or knot.delay <= shortest + 1e-12)
+    return grid[first:]
 
 
 @lru_cache(maxsize=1024)
-def _scan(belief: Belief, period: float, delay: float, samples: int) -> FlexibleScan:
-    frequencies = belief.flexible_hz
-    phase = math.tau * (frequencies.high - frequencies.low) * (delay + period)
-    count = min(2 + math.ceil(phase / _PHASE), _MOST) if phase > 0.0 else 1
+def _delays(low: float, high: float, period: float, longest: float) -> list[Knot]:
+    """Return the grid from 0 to above ``longest`` [s], of vibrations ``low`` to ``high`` [Hz].
+
+    Where the frequencies span more than a cycle of the phase, or the delay is more than one, delays
+    follow each other by a ratio. A vibration after a delay between two of them has the same phase
+    after the longer one at a frequency that is lower by the ratio: so the frequencies are
+    widened downward by it.
+    """
+    found = [Knot(0.0, *_counted(low, high, period, 0.0))]
+    while found[-1].delay <= longest + 1e-12:
+        last = found[-1]
+        after = last.delay + period
+        step = _PHASE / (math.tau * last.high)
+        widened = (1.0 / _SLOWER - 1.0) * after
+        if step < widened and (last.high < high or low * after > 1.0):
+            delay = last.delay + widened
+            found.append(Knot(delay, *_counted(_SLOWER * low, high, period, delay)))
+        else:
+            delay = last.delay + step
+            found.append(Knot(delay, *_counted(low, high, period, delay)))
+    return found
+
+
+def _counted(low: float, high: float, period: float, delay: float) -> tuple[float, float]:
+    """Return the lowest and the highest of the frequencies that matter after a delay [Hz].
+
+    Faster ones than a cycle above the lowest meet the same phases, and bound less: both damping and
+    stiffness that a vibration allows rise with its frequency, up to about the sampling rate.
+    """
+    span = _CYCLES / (delay + 0.5 * period)
+    if high <= low + span:
+        return low, high
+    slow = min(low, _SLOW / period)
+    return slow, slow + span
+
+
+@lru_cache(maxsize=1024)
+def _scan(belief: Belief, period: float, knot: Knot, samples: int) -> FlexibleScan:
+    phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
+    count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
     load = belief.load_inertia
     grid = np.meshgrid(
         _ends(belief.inertia),
         _ends(Bounded(load.value, max(load.low, LIGHTEST * load.high), load.high)),
-        math.tau * np.linspace(frequencies.low, frequencies.high, count),
+        math.tau * np.linspace(knot.low, knot.high, count),
         _ends(belief.flexible_damping_ratio),
         indexing="ij",
     )
@@ -178,7 +250,7 @@ def _scan(belief: Belief, period: float, delay: float, samples: int) -> Flexible
         moving * rate**2,
         2.0 * ratio * moving * rate,
         period,
-        delay,
+        knot.delay,
         samples,
         belief.encoder,
     )

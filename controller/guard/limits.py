@@ -139,7 +139,7 @@ def evaluate(
     if belief.is_fast(situation.period):
         full = np.ones_like(damping)  # a load without damping allows no virtual damping at all
         flexible = fast_limit(
-            exact / g, np.divide(damping, vibration, out=full, where=vibration > 0.0)
+            belief, exact / g, np.divide(damping, vibration, out=full, where=vibration > 0.0), t
         )
     elif belief.is_flexible:
         flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted)

@@ -191,8 +191,12 @@ class _Session:
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
             self._checks = servo.start()
-            # The servo's own Current Limit differs, or replies take longer than assumed.
-            if servo.facts.torque_limit != limit or (servo.bus or Bus()).reply_s:
+            if (servo.bus or Bus()).reply_s:
+                # Replies take longer than assumed: decisions for older samples take seconds.
+                servo.stop()
+                self._decide()
+                self._checks = servo.start()
+            elif servo.facts.torque_limit != limit:  # its own Current Limit: decided at once
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{servo.facts.name}: torque is on{passed}")

@@ -46,9 +46,9 @@ class Loops:
 
     def inverse(self, w: FloatArray) -> ComplexArray:
         """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
-        moved = 2j * np.sin(w / 2) * np.exp(0.5j * w)  # z - 1, without cancellation
+        moved = 2j * np.sin(w / 2) * _turned(w / 2)  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        top = moved * np.exp(1j * w * (self.whole + 1))
+        top = moved * _turned(w * (self.whole + 1))
         for i in range(poles.shape[1]):
             top = top * (moved - poles[:, i, None])
         numerator = self.chains.numerator
@@ -61,8 +61,15 @@ class Loops:
     def difference(self, w: FloatArray) -> ComplexArray:
         """Return D = (1 - z^-N)/(N T) at the frequencies ``w``, loops × frequencies."""
         half = self.samples * w / 2
-        moved: ComplexArray = 2j * np.sin(half) * np.exp(-1j * half)
+        moved: ComplexArray = 2j * np.sin(half) * _turned(-half)
         return moved / (self.samples * self.period[:, None])
+
+
+def _turned(angle: FloatArray) -> ComplexArray:
+    """Return exp(j angle): of real angles in half the time of ``numpy.exp``."""
+    found = np.empty(angle.shape, dtype=np.complex128)
+    found.real, found.imag = np.cos(angle), np.sin(angle)
+    return found
 
 
 @dataclass(frozen=True, slots=True)

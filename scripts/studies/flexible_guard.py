@@ -7,7 +7,7 @@ Takes some seconds a belief.
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +71,13 @@ class Outcome(NamedTuple):
     """Commanded K of the one-sided wall over the middle's one-sided limit"""
 
 
-def drawn(random: np.random.Generator) -> tuple[Belief, float, float]:
+Kind = Literal["known", "wide"]
+
+
+def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, float, float]:
     """Return a belief, a sample age [s] and the asked B over the middle's ceiling."""
+    if kind == "wide":
+        return _drawn_wide(random)
 
     def between(low: float, high: float) -> float:
         return float(np.exp(random.uniform(math.log(low), math.log(high))))
@@ -103,11 +108,46 @@ def drawn(random: np.random.Generator) -> tuple[Belief, float, float]:
     )
 
 
+def _drawn_wide(random: np.random.Generator) -> tuple[Belief, float, float]:
+    """Return the same where frequency and load are in wide doubt, up to far above half the rate."""
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(math.log(low), math.log(high))))
+
+    m, b = SERVOS[int(random.integers(2))]
+    heaviest = m * between(0.005, 2.0)
+    lightest = heaviest * random.choice([1.0, 0.0, random.random()])
+    load = 0.5 * (lightest + heaviest)
+    slowest = between(10.0, 1500.0)
+    fastest = min(slowest * random.choice([1.0, between(1.0, 30.0)]), 4000.0)
+    ratio = random.choice([0.0, between(0.0005, 0.1)])
+    lag = random.uniform(0.0, 3e-3)
+    whole = m + load
+    return (
+        Belief(
+            inertia=Bounded(whole, max(whole / between(1.0, 1.5), 1.05 * heaviest), 1.5 * whole),
+            damping=Bounded(b, b / between(1.0, 3.0), b),
+            coulomb=Bounded.exactly(0.0),
+            delay=Bounded(lag, lag * random.random(), lag),
+            torque_gain=Bounded(1.0, 0.9, 1.1),
+            load_inertia=Bounded(load, lightest, heaviest),
+            flexible_hz=Bounded(math.sqrt(slowest * fastest), slowest, fastest),
+            flexible_damping_ratio=Bounded(ratio, ratio, ratio * between(1.0, 30.0)),
+            encoder="motor" if random.random() < 0.25 else "output",
+        ),
+        float(between(1e-5, 2e-2)),
+        between(0.05, 2.0),
+    )
+
+
 def inside(belief: Belief, shares: FloatArray) -> FloatArray:
     """Return true values by name, of shares of each believed range; truths × names."""
     low = np.array([getattr(belief, name).low for name in NAMES])
     high = np.array([getattr(belief, name).high for name in NAMES])
     found: FloatArray = low + shares * (high - low)
+    rate, load = NAMES.index("flexible_hz"), NAMES.index("load_inertia")
+    found[:, rate] = low[rate] * (high[rate] / low[rate]) ** shares[:, rate]
+    found[:, load] = np.maximum(found[:, load], 1e-3 * high[load])
     return found
 
 
@@ -153,11 +193,21 @@ def thrown(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> fl
     return worst
 
 
-def outcome(case: tuple[int, int, int, int]) -> Outcome:
+class Search(NamedTuple):
+    """One belief to draw and to search."""
+
+    seed: int
+    number: int
+    truths: int
+    steps: int
+    kind: Kind
+
+
+def outcome(case: Search) -> Outcome:
     """Draw a belief, and find the worst truth inside it."""
-    seed, index, truths, steps = case
-    random = np.random.default_rng((seed, index))
-    belief, age, of_ceiling = drawn(random)
+    seed, number, truths, steps, kind = case
+    random = np.random.default_rng((seed, number))
+    belief, age, of_ceiling = drawn(random, kind)
     middle = np.array([getattr(belief, name).value for name in NAMES])
     whole, b, gain, lag, load, hz, ratio = middle.tolist()
     m = whole - load
@@ -186,7 +236,7 @@ def outcome(case: tuple[int, int, int, int]) -> Outcome:
         [(0.0, 1.0)] * len(NAMES),
         init=shares[worst[:10]],
         maxiter=steps,
-        seed=index,
+        seed=number,
         polish=False,
     )
     damping = both.damping * gain
@@ -366,10 +416,10 @@ def contact_lines(found: Found[tuple[int, int], Contacts]) -> list[str]:
     return table(heads, *rows)
 
 
-def lines(found: Found[tuple[int, int, int, int], Outcome]) -> list[str]:
+def lines(found: Found[Search, Outcome]) -> list[str]:
     """Count growth and throws, and the shares of what is possible."""
     rows = np.array([row for _, row in found])
-    truths = sum(case[2] for case, _ in found)
+    truths = sum(case.truths for case, _ in found)
 
     def spread(values: FloatArray) -> tuple[str, ...]:
         kept = values[np.isfinite(values)]
@@ -423,11 +473,22 @@ STUDY = Study(
         Part(
             "truths",
             lambda given: [
-                (given.seed, i, given.truths, given.steps) for i in range(given.beliefs)
+                Search(given.seed, i, given.truths, given.steps, "known")
+                for i in range(given.beliefs)
             ],
             outcome,
             lines,
             case_s=4.0,
+        ),
+        Part(
+            "wide",
+            lambda given: [
+                Search(given.seed + 200, i, given.truths, given.steps, "wide")
+                for i in range(given.beliefs)
+            ],
+            outcome,
+            lines,
+            case_s=8.0,
         ),
         Part(
             "contacts",

@@ -13,6 +13,7 @@ import pytest
 from haptic_wall.controller.guard.assumed import assumed, largest_link
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
 from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.flexible import knots
 from haptic_wall.controller.guard.guard import (
     Decision,
     GuardSettings,
@@ -422,19 +423,73 @@ def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
         assert decision.limits.flexible < found.stiffness
 
 
-def test_a_bare_horn_without_damping_allows_no_virtual_damping() -> None:
+@pytest.mark.parametrize("ratio", [0.0, 1e-7, 1e-5])
+def test_a_bare_horn_hardly_damped_is_fed_by_the_spring_alone(ratio: float) -> None:
+    """Without virtual damping, far below the rigid servo's limit."""
     where = situation(
         load_inertia=Bounded.exactly(1e-5),
-        flexible_hz=Bounded.exactly(800.0),
-        flexible_damping_ratio=Bounded.exactly(0.0),
+        flexible_hz=Bounded.exactly(530.0),
+        flexible_damping_ratio=Bounded.exactly(ratio),
     )
     with np.errstate(all="raise"):
-        decision = one(Request(1e6, 0.1, "both"), where)
-    assert (decision.damping_ceiling, decision.damping) == (0.0, 0.0)
+        decision = one(Request(1e6, 1e-4, "both"), where, delay=4.5e-3)
+    if ratio == 0.0:
+        assert (decision.damping_ceiling, decision.damping) == (0.0, 0.0)
+    limit = flexible_boundary(*linked(1e-5, 530.0, ratio), decision.damping, 1e-3, 5e-3).stiffness
     assert decision.limits.flexible is not None
+    assert decision.limits.flexible < limit
     assert decision.limits.exact is not None
-    assert decision.limits.flexible < decision.limits.exact
-    assert decision.stiffness == pytest.approx(0.8 * decision.limits.flexible)
+    if ratio < 1e-6:
+        assert limit < 0.8 * decision.limits.exact
+        assert decision.binding is LimitName.FLEXIBLE
+
+
+WIDE: list[dict[str, Any]] = [
+    {"load_inertia": Bounded(1e-4, 0.0, 1e-3), "flexible_hz": Bounded(226.0, 74.0, 2250.0)},
+    {"load_inertia": Bounded(1e-3, 5e-4, 2e-3), "flexible_hz": Bounded(74.0, 27.0, 205.0)},
+    {"load_inertia": Bounded(4e-3, 2e-3, 6e-3), "flexible_hz": Bounded(300.0, 10.0, 4000.0)},
+    {"load_inertia": Bounded.exactly(2e-3), "flexible_hz": Bounded.exactly(450.0)},
+    {"load_inertia": Bounded.exactly(2e-3), "flexible_hz": Bounded(5000.0, 2500.0, 20_000.0)},
+]
+
+
+@pytest.mark.parametrize("period", [1e-3, 2e-3, 6e-2])
+@pytest.mark.parametrize("case", WIDE)
+def test_however_wide_the_doubt_few_vibrations_are_computed(
+    case: dict[str, Any], period: float
+) -> None:
+    """A start must not take minutes: all delays of a period share the grid."""
+    belief = situation(**case, delay=Bounded(3e-3, 0.0, 3e-3)).belief
+    every = set()
+    for age in np.arange(0.0, 20e-3, 1e-3).tolist():
+        grid = knots(belief, period, age + 3e-3, 0.0)
+        assert len(grid) <= 50
+        every |= set(grid)
+    assert len(every) <= 75
+    for knot in every:
+        assert math.tau * (knot.high - knot.low) * (knot.delay + period) < 40 * 0.4
+
+
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+@pytest.mark.parametrize("case", WIDE)
+def test_walls_in_wide_doubt_are_stable_on_every_servo_in_it(
+    case: dict[str, Any], encoder: str
+) -> None:
+    """Slow and fast vibrations, up to many times the rate; `flexible_guard` tries thousands."""
+    where = situation(**case, flexible_damping_ratio=Bounded(0.01, 0.003, 0.3), encoder=encoder)
+    random = np.random.default_rng(2)
+    for age in (0.0, 0.4e-3, 2.3e-3):
+        ask = float(random.choice([0.05, 5.0]))
+        wall = one(Request(1e6, ask, "both"), where, delay=age, inserted=age)
+        load = case["load_inertia"]
+        loads = random.uniform(max(load.low, 1e-5), load.high, 60)
+        rates = np.log([case["flexible_hz"].low, case["flexible_hz"].high])
+        hz = np.exp(random.uniform(rates[0], rates[1], 60))
+        m, b, j, k, c = np.array([linked(*at, 0.003) for at in zip(loads, hz, strict=True)]).T
+        limit = flexible_boundary(
+            m, b, j, k, c, wall.damping, 1e-3, age + 0.5e-3, encoder=encoder
+        ).stiffness
+        assert np.all(wall.stiffness < limit)
 
 
 def test_a_load_follows_from_the_gear_trains_stiffness() -> None:

@@ -13,6 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.guard.schedule import GainSchedule
+from haptic_wall.controller.runtime.assembly import guard_schedule
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_OFF,
@@ -23,12 +25,13 @@ from haptic_wall.controller.runtime.telemetry import (
     Word,
 )
 from haptic_wall.controller.runtime.tick import Tick
+from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.servo import Reading
+from haptic_wall.hw.servo import Check, Reading, Servo
 from tests.typed import not_none, status_of
 
 Rows = NDArray[np.void]
@@ -425,6 +428,35 @@ def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_mo
     result, rows = session("emulated-ideal", *sets, f"servo.coulomb={friction}", duration=0.5)
     assert result.wall_came_on
     assert 0.001 < abs(rows["position"][0]) < 0.0175
+
+
+def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The decisions take up to seconds. Only a start shows how long a reply takes."""
+    real_start, real_stop = DynamixelServo.start, DynamixelServo.stop
+    torque_on, when = [False], []
+
+    def start(servo: DynamixelServo) -> list[Check]:
+        checks = real_start(servo)
+        servo.bus.reply_s = 0.016
+        torque_on[0] = True
+        return checks
+
+    def stop(servo: DynamixelServo) -> bool:
+        torque_on[0] = False
+        return real_stop(servo)
+
+    def decided(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+        when.append(torque_on[0])
+        return guard_schedule(config, servo, simulated)
+
+    monkeypatch.setattr(DynamixelServo, "start", start)
+    monkeypatch.setattr(DynamixelServo, "stop", stop)
+    monkeypatch.setattr("haptic_wall.controller.runtime.session.guard_schedule", decided)
+    result, _ = session("emulated-ideal", "loop.clock=simulated", duration=0.2)
+    assert when == [False, False]
+    assert result.wall_came_on
 
 
 def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
