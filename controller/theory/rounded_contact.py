@@ -19,7 +19,7 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.response import held_response
 
 _SWEEP = 8  # periods between two checks for contacts that are over
-_HALVINGS = 40
+_HALVINGS, _ENOUGH = 60, 1e-7  # steps at most, and the last one [periods]
 _LONGEST = 20_000  # periods; no contact that can return speed lasts as long
 _FLOOR = 0.5  # a contact that cannot return this fraction of its speed is not simulated further
 
@@ -156,14 +156,36 @@ class _Motion:
             self.leaving = np.where(out, np.maximum(self.leaving, -v), self.leaving)
             index = np.flatnonzero(out & (self.x >= 0))
             if index.size:
-                low, high = np.zeros(index.size), time[index]
-                d, x0, v0, n = delta[index], self.x[index], self.v[index], net[index]
-                for _ in range(_HALVINGS):
-                    middle = 0.5 * (low + high)
-                    there = held_response(d, middle)
-                    inside = x0 + there.position_per_speed * v0 > there.position_per_torque * n
-                    low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-                there = held_response(d, high)
-                crossing = there.position_per_speed * n - there.speed_per_speed * v0
+                crossing = _crossing_speed(
+                    delta[index], self.x[index], self.v[index], net[index], time[index]
+                )
                 self.leaving[index] = np.maximum(self.leaving[index], crossing)
         self.x, self.v = x, v
+
+
+def _crossing_speed(
+    delta: FloatArray, x: FloatArray, v: FloatArray, net: FloatArray, time: FloatArray
+) -> FloatArray:
+    """Return the outward speed at position 0 in a piece from (x, v), x >= 0, that ends outside.
+
+    The device moves outwards all the time. Newton's method starts from the estimate of a constant
+    acceleration; halving keeps it within the piece.
+    """
+    low, high = np.zeros_like(x), time
+    pull = net - delta * v
+    root = np.sqrt(np.maximum(v * v + 2 * pull * x, 0.0)) - v
+    after = np.minimum(np.divide(2 * x, root, out=np.zeros_like(x), where=root > 0), time)
+    for _ in range(_HALVINGS):
+        there = held_response(delta, after)
+        position = x + there.position_per_speed * v - there.position_per_torque * net
+        outward = there.position_per_speed * net - there.speed_per_speed * v
+        inside = position > 0
+        low, high = np.where(inside, after, low), np.where(inside, high, after)
+        closer = after + position / np.where(outward > 0, outward, 1.0)
+        within = (outward > 0) & (closer >= low) & (closer <= high)
+        moved = np.where(within, closer, 0.5 * (low + high)) - after
+        after = after + moved
+        if np.max(np.abs(moved)) < _ENOUGH:
+            break
+    there = held_response(delta, after)
+    return there.position_per_speed * net - there.speed_per_speed * v
