@@ -454,7 +454,8 @@ class Backstop:
     def _gives_way(self, steps: int) -> bool:
         """Whether the load would push through a wall reduced ``steps`` times."""
         load, limit = abs(self._motion.load), self._settings.torque_limit
-        if self._hold is not None and not self._settings.bounces:
+        holds = self._hold is not None and self._hold.permitted
+        if holds and not self._settings.bounces:
             return load > self._tuning.loaded * limit
         return load > self._tuning.loaded_contacts * self._probing.scale**steps * limit
 

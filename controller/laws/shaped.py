@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.laws.shape import Shape
+from haptic_wall.controller.laws.wall import limited_torque
 
 
 class ShapedLaw:
@@ -84,12 +85,11 @@ class ShapedLaw:
             return away  # not a number: the safety checks must see it
         stiffness = self.stiffness
         elongation = self._shape.elongation(away, velocity, stiffness)
-        torque = -stiffness * self.scale * elongation
+        softer = stiffness * self.scale
+        torque = -softer * elongation
         limit = self.elastic_limit
-        if torque > limit:
-            torque = limit
-        elif torque < -limit:
-            torque = -limit
+        if torque > limit or torque < -limit:
+            torque = limited_torque(torque, limit, softer * (abs(away) - self.soft_to))
         everywhere = self._everywhere
         if not everywhere and elongation == 0.0:
             return 0.0

@@ -112,6 +112,20 @@ def held_torque(
     return rest * carried if carried < 0.0 else 0.0
 
 
+def limited_torque(torque: float, limit: float, rise: float) -> float:
+    """Return the torque of a softened spring that is beyond its limit [N·m].
+
+    Args:
+        torque: Of the spring without a limit; more than ``limit``, either way [N·m].
+        limit: ``Law.elastic_limit`` [N·m].
+        rise: Of the spring's torque beyond ``Law.soft_to`` [N·m]; negative: not as deep.
+    """
+    # The rise starts from the limit, or from the spring's line below it.
+    if rise > 0.0:
+        limit = min(limit + rise, abs(torque))
+    return limit if torque > 0.0 else -limit
+
+
 class Wall:
     """A virtual wall at a position; ``stiffness`` and ``damping`` may be changed at any time.
 
@@ -208,10 +222,7 @@ class Wall:
         torque = -stiffness * away
         limit = self.elastic_limit
         if torque > limit or torque < -limit:
-            # The rise beyond soft_to starts from the limit, or from the spring's line below it.
-            rise = stiffness * (abs(away) - self.soft_to)
-            limit = min(limit + rise, abs(torque)) if rise > 0.0 else limit
-            torque = limit if torque > 0.0 else -limit
+            torque = limited_torque(torque, limit, stiffness * (abs(away) - self.soft_to))
         if self.carried:
             self.held = held = held_torque(
                 self.carried, self.carried_to, away, self.stiffness, self.scale

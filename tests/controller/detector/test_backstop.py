@@ -892,6 +892,36 @@ def test_a_push_on_a_wall_that_an_alarm_has_reduced_is_held() -> None:
     assert trial.torque[-1] == pytest.approx(-0.984, abs=0.15)
 
 
+def test_whoever_lets_go_on_a_wall_that_an_alarm_has_reduced_is_not_thrown() -> None:
+    """What was held reached past the surface, as far as the old swing: 7.8 rad/s and 139 degrees."""
+    pushes = 1.23 * np.interp(np.arange(6000) * 1e-3, [2.0, 3.0], [0.0, 1.0])
+    trial = run(
+        replace(VALUE, delay=0.005),
+        0.02,
+        operator=operator_of(0.0, 0.0, np.zeros(6000), push=pushes),
+        stiffness=11.5,
+        kick=0.2,
+        duration_s=7.0,
+    )
+    assert trial.counts[2] == 1
+    let_go = trial.output[6000:]
+    assert trial.held[5999] < -0.5, "most of the push is held"
+    whole = let_go[0] * math.sqrt(11.5 / VALUE.inertia)
+    assert np.abs(np.diff(let_go)).max() * 1e3 < 1.1 * whole
+    assert let_go.min() > -3.0 * let_go[0], "a softer spring stops it later"
+
+
+@pytest.mark.parametrize("mean", [1.3, 1.85])
+def test_a_law_that_holds_no_load_is_not_probed_under_one(mean: float) -> None:
+    """Probed, its limit was below the person's push: 37 and 78 degrees, and for good by turns."""
+    stops = "wall.law=stops", "wall.low=-0.5", "wall.high=0.0"
+    trial = run(
+        VALUE, 0.02, *stops, operator=leaning(mean, 3.0), stiffness=19.0, kick=0.0, duration_s=3.0
+    )
+    assert trial.output.max() < 1.2 * 1.5 * mean / 19.0
+    assert trial.stiffness.min() == 19.0
+
+
 def test_a_damped_wall_that_swings_under_a_load_is_found() -> None:
     """At its frequency late damping is most of the stiffness; the probe must take it, too."""
     truth = replace(XL330, inertia=0.0036284, damping=0.0036617, delay=0.02, back_emf="current")

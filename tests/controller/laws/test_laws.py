@@ -117,6 +117,18 @@ def test_a_softened_law_is_softer_everywhere(law: str) -> None:
         assert soft.torque(x, 0.0) == pytest.approx(0.25 * whole.torque(x, 0.0))
 
 
+def test_a_softened_law_has_its_whole_limit_deeper_than_the_motion() -> None:
+    """A push of more than the softer limit went through it by turns."""
+    law = ShapedLaw("stops", shape("stops"), 0.0)
+    law.stiffness, law.scale, law.elastic_limit = 8.0, 0.25, 0.25 * 2.0
+    end = next(x for x in PLACES.tolist() if x > 0.0 and law.in_contact(x))
+    for deep in (0.4, 0.8, 1.6):
+        law.soft_to = end + 0.4
+        spring = 2.0 * law._shape.elongation(end + deep, 0.0, 8.0)
+        wanted = min(spring, 0.5 + max(2.0 * (deep - 0.4), 0.0))
+        assert law.torque(end + deep, 0.0) == pytest.approx(-wanted, abs=1e-6)
+
+
 def test_friction_slips_at_its_torque_and_starts_anew_at_rest() -> None:
     law = ShapedLaw("friction", shape("friction"), 0.0)
     law.stiffness = 8.0
