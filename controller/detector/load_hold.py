@@ -29,15 +29,15 @@ class LoadHold:
     """
 
     __slots__ = (
+        "_high",
         "_limit",
         "_load",
-        "_margin",
+        "_low",
         "_motion",
         "_one_sided",
         "_place",
         "_rested",
         "_since_rest",
-        "_slack",
         "_tuning",
         "deep",
         "inside",
@@ -64,8 +64,8 @@ class LoadHold:
         self._one_sided = one_sided
         self.inside = False
         self.whole = self.permitted = True
-        self.torque = self.reach = self.deep = self._load = self._margin = 0.0
-        self._place = self._rested = self._slack = 0.0
+        self.torque = self.reach = self.deep = self._load = 0.0
+        self._place = self._rested = self._low = self._high = 0.0
         self._since_rest = 0
 
     def begin(self, stiffness: float) -> None:
@@ -78,22 +78,16 @@ class LoadHold:
             stiffness: K of the whole spring [N·m/rad].
         """
         motion, load = self._motion, self.torque
+        turned = motion.turned, motion.turned_2, motion.turned_3
         if self.whole:
             self._since_rest = known = motion.known
             load = motion.mean_torque(known) if known >= 2 and self.permitted else 0.0
             side = math.copysign(1.0, load)
             depth = self._room - 0.5 * side * (motion.turned + motion.turned_2)
             load = side * min(abs(load), stiffness * max(depth, 0.0))
-            self._slack = 0.0
+            self._low, self._high = min(turned), max(turned)
         self._load = load = load if abs(load) > self._least else 0.0
-        place = load / stiffness if stiffness > 0.0 else 0.0
-        turned = motion.turned, motion.turned_2, motion.turned_3
         self.deep = max(abs(one) for one in turned) + self._room
-        if load:
-            side = math.copysign(1.0, load)
-            self._margin = max(0.0, *(side * (one + place) for one in turned)) + self._room
-        else:
-            self._margin = self.deep
         self._hold(load, stiffness)
 
     def follow(
@@ -128,19 +122,21 @@ class LoadHold:
         if rests and motion.settled > self._tuning.settled:
             self._load = torque
             self._since_rest = -1  # the half-cycle with the rest in it is no part of a motion
+            self._low = self._high = away
         elif ended:
             self._since_rest += 1
+            self._extend()
             known = min(motion.known, self._since_rest)
             load = motion.mean_torque(known) if known >= 2 else self._load
             clear = returning or abs(load - self.torque) > self._least
             self._load = load if clear else self.torque
+        elif self.inside and away * self.torque > 0.0:
+            self._load = 0.0  # the load has gone, or the next cycle tells its torque
         change = self._load - self.torque
-        slack = self._tuning.slack * self._limit
-        if returning or abs(change) > slack * scale:
-            # The load is as far from where the whole spring carries it as the slack allows.
-            self._slack = 0.0 if returning or stiffness <= 0.0 else slack / stiffness
-            share = min(span / self._tuning.follows_s, 1.0)
-            self._hold(self.torque + share * change, stiffness)
+        if not (returning or abs(change) > self._tuning.slack * self._limit * scale):
+            change = 0.0  # the spring about what is held carries it
+        share = min(span / self._tuning.follows_s, 1.0)
+        self._hold(self.torque + share * change, stiffness)
 
     @property
     def _least(self) -> float:
@@ -149,6 +145,16 @@ class LoadHold:
     @property
     def _room(self) -> float:
         return self._tuning.room * max(self._motion.amplitude, self._motion.amplitude_2)
+
+    def _extend(self) -> None:
+        """Let the motion since the last rest reach to the last turning point.
+
+        The load's motion that was clear of the surface does not pass it: a shaft that turns around
+        on the other side has lost the load.
+        """
+        turned = self._motion.turned
+        if not (self.inside and turned * self.torque > 0.0):
+            self._low, self._high = min(self._low, turned), max(self._high, turned)
 
     def _hold(self, torque: float, stiffness: float) -> None:
         """Hold a torque, up to its place in the whole spring or the turning points, and some more.
@@ -159,9 +165,13 @@ class LoadHold:
         """
         if stiffness <= 0.0:
             return
-        place, margin = -torque / stiffness, self._margin + self._slack
+        place = -torque / stiffness
+        spare = 0.5 * self._tuning.room * (self._high - self._low)
         self.torque = torque
-        self.reach = place + math.copysign(margin, torque)
+        if torque > 0.0:
+            self.reach = max(place, self._high) + spare
+        else:
+            self.reach = min(place, self._low) - spare
         self.inside = self.reach * torque < 0.0
 
     def leave(self) -> None:

@@ -893,7 +893,7 @@ def test_a_push_on_a_wall_that_an_alarm_has_reduced_is_held() -> None:
 
 
 def test_whoever_lets_go_on_a_wall_that_an_alarm_has_reduced_is_not_thrown() -> None:
-    """What was held reached past the surface, as far as the old swing: 7.8 rad/s and 139 degrees."""
+    """What was held reached as far past the surface as the old swing: 7.8 rad/s, 139 degrees."""
     pushes = 1.23 * np.interp(np.arange(6000) * 1e-3, [2.0, 3.0], [0.0, 1.0])
     trial = run(
         replace(VALUE, delay=0.005),

@@ -114,6 +114,31 @@ def test_a_load_at_rest_that_has_changed_is_held_as_it_is_now(eased: float) -> N
     assert abs(followed(hold, 0.1, eased, 3.0) - eased) < 0.03
 
 
+def test_a_load_at_rest_is_held_up_to_its_place_and_not_as_far_as_an_old_swing() -> None:
+    hold = holding(seen := swung(0.0, 0.3))
+    hold.whole = False
+    at_rest(seen, 0.2)
+    followed(hold, 0.2, -2.0, 8.0)
+    assert hold.torque == pytest.approx(-2.0, abs=0.05)
+    assert hold.reach == pytest.approx(0.2, abs=0.01)
+    assert hold.inside
+
+
+def test_a_shaft_that_turns_around_beyond_the_surface_takes_no_held_torque_there() -> None:
+    hold = holding(seen := swung(0.0, 0.3))
+    hold.whole = False
+    at_rest(seen, 0.2)
+    followed(hold, 0.2, -2.0, 8.0)
+    reach, torque = hold.reach, hold.torque
+    for k in range(150):  # let go, and back from the other side
+        away = 0.2 * math.cos(math.tau * 5.0 * k * 1e-3)
+        ended = seen.update(away, -2.0, 1e-3)
+        hold.follow(away, -2.0, 1e-3, STIFFNESS, 1 / 16, ended=ended, returning=False)
+    assert seen.turned < -0.15
+    assert hold.reach > 0.5 * reach, "full only where the load was"
+    assert abs(hold.torque) < 0.95 * abs(torque), "the load has gone"
+
+
 def test_what_is_held_changes_slowly() -> None:
     hold = holding(seen := swung(0.2, 0.1))
     at_rest(seen, 0.1)
