@@ -27,6 +27,7 @@ from haptic_wall.hw.names import did_you_mean
 
 COMMANDS = {
     "run": "Run the wall; write report, log and picture at the end.",
+    "set": "Change the wall that runs in another terminal.",
     "emulate": "Emulate a Dynamixel bus on a pseudo-terminal.",
     "scan": "List the servos on a bus: ids, baud rates, models.",
     "doctor": "Find the faults of a testbed, and the remedy of each.",
@@ -49,7 +50,18 @@ COMMANDS = {
 """Each command, and its line in the help; the module beside this one that has its name exports
 ``command``"""
 NEEDS_LINUX = frozenset(
-    {"run", "emulate", "scan", "doctor", "commission", "sweep", "delay", "rendered", "identify"}
+    {
+        "run",
+        "set",
+        "emulate",
+        "scan",
+        "doctor",
+        "commission",
+        "sweep",
+        "delay",
+        "rendered",
+        "identify",
+    }
 )
 
 HARDWARE = 4

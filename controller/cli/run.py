@@ -144,6 +144,7 @@ def command(
         witness=witness,
         stream=streamed,
         hold=held,
+        changeable=True,
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")

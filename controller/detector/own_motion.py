@@ -21,19 +21,20 @@ class OwnMotion:
         scale: Of the elastic torque and of its limit [1].
         damping_scale: Of the damping [1].
         hold: The torque that holds a load on a softer wall.
+        elongation: As of ``WatchSettings``.
     """
 
     __slots__ = (
         "_backstop",
         "_bounces",
         "_contacts",
-        "_elongation",
         "_half_cycles",
         "_inside",
         "_side",
         "_still_for",
         "_threshold",
         "damping_scale",
+        "elongation",
         "hold",
         "scale",
     )
@@ -54,7 +55,7 @@ class OwnMotion:
             elongation: As of ``WatchSettings``.
         """
         self._side = side
-        self._elongation = elongation
+        self.elongation = elongation
         self._threshold = settings.threshold
         tuning = settings.tuning
         self._still_for = tuning.half_cycles.still
@@ -86,7 +87,7 @@ class OwnMotion:
         if backstop.suspected and self._still and not self.answering:
             self._suspect(False)  # the suspected motion is over, and the next one needs no probe
         if bounces is None:
-            elongation = away if self._elongation is None else self._elongation(away)
+            elongation = away if self.elongation is None else self.elongation(away)
             backstop.update(span, elongation, stiffness, ended=ended)
             self.scale, self.damping_scale = backstop.stiffness_scale, backstop.damping_scale
             self._follow_load(away, torque, span, stiffness, ended=ended)
@@ -197,6 +198,14 @@ class OwnMotion:
         bounces = self._bounces
         return self._backstop.phase != Phase.WATCHING or (
             bounces is not None and bounces.phase != Phase.WATCHING
+        )
+
+    @property
+    def probing(self) -> bool:
+        """Whether a probe is under way."""
+        bounces = self._bounces
+        return self._backstop.phase == Phase.PROBING or (
+            bounces is not None and bounces.phase == Phase.PROBING
         )
 
     @property

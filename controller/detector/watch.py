@@ -253,6 +253,23 @@ class Watch:
         self._last_move = self._mean = 0.0
         self._periods = 0
 
+    def change(self, settings: WatchSettings, own: OwnMotion | None) -> None:
+        """Watch another law from now on; what was reported stays.
+
+        Args:
+            settings: Of the law.
+            own: The backstop for it; None: the law is the same but for its gains, and so the
+                present one goes on.
+        """
+        self._settings = settings
+        balance = self._detector.balance
+        balance.side, balance.elongation = settings.side, settings.elongation
+        if own is not None:
+            self.own = own
+            self.resume()
+        elif self.own is not None:
+            self.own.elongation = settings.elongation
+
     def _take_back(self) -> None:
         """Take an alarm of the detector back: a probe has found that a hand moves the shaft."""
         if self._detector.alarm:

@@ -239,6 +239,20 @@ class GainSchedule:
         )
 
     @property
+    def rows(self) -> Sequence[Sequence[Decision]]:
+        """Return the decisions, as the class takes them."""
+        return self._rows
+
+    def present(self, rows: Sequence[Sequence[Decision]]) -> Decision:
+        """Return the decision of other rows for the present bins."""
+        return rows[self._interval.bin][self._age.bin]
+
+    def take(self, rows: Sequence[Sequence[Decision]]) -> None:
+        """Use other decisions for the same bins; the observations stay."""
+        self._rows = rows
+        self.decision = self.present(rows)
+
+    @property
     def decisions(self) -> list[Decision]:
         """Return all decisions; ``index`` counts in this order."""
         return [each for row in self._rows for each in row]
@@ -247,6 +261,10 @@ class GainSchedule:
     def index(self) -> int:
         """Return the index of the present decision in ``decisions``."""
         return self._interval.bin * (self._oldest + 1) + self._age.bin
+
+    def age_of(self, index: int) -> int:
+        """Return the sample age [ns] of a decision by its index in ``decisions``."""
+        return self._ages[index % (self._oldest + 1)]
 
     @property
     def age_ns(self) -> int:

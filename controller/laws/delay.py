@@ -37,6 +37,30 @@ class DelayRing:
         self._at = (self._at + 1) % size
         return ring[self._at]
 
+    def coming(self, value: float) -> float:
+        """Return the value that ``push(value)`` would return."""
+        return self._ring[(self._at + 1) % (self.steps + 1)] if self.steps else value
+
+    def resized(self, steps: int, last: float) -> DelayRing:
+        """Return a ring of another length with the same values under way.
+
+        In a longer ring the value that came out last is held for the added periods. In a shorter
+        one the oldest values are left out.
+
+        Args:
+            steps: Of the new ring.
+            last: The value that came out last, of a ring without length: others know theirs.
+        """
+        at, size = self._at, self.steps + 1
+        last = self._ring[at] if self.steps else last
+        waiting = [self._ring[(at + 1 + k) % size] for k in range(self.steps)]
+        added = steps - self.steps
+        waiting = [last] * added + waiting if added > 0 else waiting[-added:]
+        ring = DelayRing(steps)
+        ring._ring[1:] = waiting
+        ring._last = self._last if self.steps else last
+        return ring
+
     def clear(self) -> None:
         """Empty the ring: zeros come out until a new value does."""
         self._ring = [0.0] * (self.steps + 1)

@@ -81,6 +81,16 @@ class PassivityControl:
         self.injected = min(-balance / (elapsed * speed * speed), self.cap)
         return self.injected
 
+    def rebase(self, penetration: float) -> None:
+        """Count the stored energy from that of another law at the last position.
+
+        The change gave nothing to the shaft, so that the balance stays.
+
+        Args:
+            penetration: Elongation of the new law's spring there [rad].
+        """
+        self._last_penetration = penetration
+
     def restart(self) -> None:
         """Forget the balance and the last sample, as after a pause without torque."""
         self._last = math.nan

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import sys
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -54,6 +55,8 @@ class Orders:
     duration_s: float | None
     program: list[dict[str, Any]]
     """Phases in place of the wall; empty: the wall"""
+    changes: int | None = None
+    """Descriptor of the socket that changes of the wall come from"""
 
 
 def main() -> None:
@@ -85,6 +88,9 @@ def main() -> None:
                     port=orders.port,
                     tell=lambda text: _tell("tell", text=text),
                     take_real_time=lambda: _prepare(config, orders.core, single, scope),
+                    changes=None
+                    if orders.changes is None
+                    else socket.socket(fileno=orders.changes),
                 ),
             )
     except (ServoError, PlatformError) as error:

@@ -52,6 +52,8 @@ class Ended:
     lacking: int | None = 0
     """Rows missing from the log; None: unknown, part of it is lost"""
     log: LogState = LogState.NONE
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    """The last changes of the running wall that were asked for"""
 
     @property
     def logged(self) -> bool:
@@ -82,5 +84,7 @@ class Plan:
     """Receiver of the live stream; None: none"""
     hold: Hold | None = None
     """The dead man; None: none"""
+    changeable: bool = False
+    """The wall takes changes while it runs"""
     force: bool = False
     """Log and record may replace files that this program did not write"""

@@ -94,6 +94,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "ticks": ended.ticks,
         "missed": ended.missed,
         "rows": rows,
+        "changes": ended.changes,
         "servo": (ended.result or {}).get("facts"),
     }
     try:

@@ -50,6 +50,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "realtime": ended.realtime,
         "machine": result.get("setup", []),
         "warnings": _warnings(ended),
+        "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
         "plot": plot,

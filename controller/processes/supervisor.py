@@ -18,6 +18,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.dial_monitor import DialMonitor, start_dial
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.processes.hold_monitor import HoldMonitor, start_hold
 from haptic_wall.controller.processes.idle_window import until_idle_window
@@ -65,6 +66,7 @@ class Supervisor:
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
         self._streamer: Child | None = None
+        self._dial: DialMonitor | None = None
         self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
@@ -84,12 +86,19 @@ class Supervisor:
             hold = start_hold(self._plan, self._telemetry, self._others)
             if hold is not None:
                 children.callback(hold.close)
-            loop = self._start_loop(children)
+            dial = start_dial(self._plan, self._telemetry, self._tell, self._others)
+            if dial is not None:
+                self._dial, peer = dial
+                children.callback(self._dial.close)
+                children.enter_context(peer)
+            loop = self._start_loop(children, None if dial is None else peer.fileno())
             reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
             self._cause = "; ".join(filter(None, (found, self._cause)))
             self._warnings += [*log.end(), *self._outside.notes()]
             if hold is not None and hold.trouble:
                 self._warnings.append(hold.trouble)
+            if self._dial is not None:
+                self._dial.close()
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
@@ -106,6 +115,7 @@ class Supervisor:
             self._cause,
             self._torque_off,
             lacking=log.lacking,
+            changes=[] if self._dial is None else self._dial.changes,
         )
 
     def _stopped_before_the_start(self) -> Ended:
@@ -177,7 +187,7 @@ class Supervisor:
         self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
         children.callback(self._streamer.dismiss, END_S)
 
-    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+    def _start_loop(self, children: contextlib.ExitStack, changes: int | None) -> Child:
         orders = Orders(
             config=self._plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
@@ -186,8 +196,11 @@ class Supervisor:
             core=self._core,
             duration_s=self._plan.duration_s,
             program=[asdict(phase) for phase in self._plan.program],
+            changes=changes,
         )
         descriptors = [self._telemetry.descriptor]
+        if changes is not None:
+            descriptors.append(changes)
         if self._port is not None:
             descriptors.append(self._port)
         loop = Child(
@@ -217,10 +230,7 @@ class Supervisor:
             self._hear(loop)
             log.look(now)
             if now >= looked + LOOK_S:
-                self._rows.look()
-                self._hear_streamer()
-                if hold is not None:
-                    hold.look(self._tell)
+                self._look_at_others(hold)
                 looked = now
             if emulator is not None and emulator.ended():
                 watch.asked()
@@ -235,6 +245,15 @@ class Supervisor:
                 self._cut_unconfirmed()
             return End.REFUSED
         return self._cut(loop, Trip.LOOP_DIED, "")
+
+    def _look_at_others(self, hold: HoldMonitor | None) -> None:
+        """Count rows; take the news of the processes that are not the loop's."""
+        self._rows.look()
+        self._hear_streamer()
+        if self._dial is not None:
+            self._dial.look()
+        if hold is not None:
+            hold.look(self._tell)
 
     def _wait_for(self, descriptors: Sequence[int]) -> bool:
         """Wait for news on a descriptor or for the next check; return whether there is news."""

@@ -6,6 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -29,7 +30,9 @@ from haptic_wall.controller.laws.program import Phase, Program
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
+from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
@@ -42,7 +45,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import peak
 from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.servo import Bus, Facts, Servo
 
 COARSE = 6
 """Off the nominal period only every n-th age has a decision of its own; the ages below share it [1]
@@ -55,7 +58,19 @@ SLOWEST = 0.05
 """Least speed in passivity control's division by the speed [rad/s]"""
 
 
-def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+class OpenServo(Protocol):
+    """The part of a servo that the guard's decisions need."""
+
+    @property
+    def facts(self) -> Facts:
+        """Return its facts."""
+
+    @property
+    def bus(self) -> Bus | None:
+        """Return its bus."""
+
+
+def guard_schedule(config: Config, servo: OpenServo, simulated: bool) -> GainSchedule:
     """Compute the guard's decisions for every sample age and every served interval."""
     situation = situation_of(config, servo)
     period = situation.period
@@ -89,20 +104,20 @@ def guard_schedule(config: Config, servo: Servo, simulated: bool) -> GainSchedul
 
 
 def decision_in_force(
-    config: Config, servo: Servo, schedule: GainSchedule, commanded: float
+    config: Config, servo: OpenServo, decision: Decision, age_ns: int, commanded: float
 ) -> Decision:
-    """Return the schedule's present decision, with the reasons that the schedule omits.
+    """Return a decision of the gain schedule, with the reasons that the schedule omits.
 
     Args:
         config: The effective configuration.
         servo: The servo that renders the wall.
-        schedule: The gain schedule.
+        decision: In force now.
+        age_ns: Its sample age [ns].
         commanded: Stiffness that is really commanded [N·m/rad].
     """
-    decision = schedule.decision
     situation = replace(situation_of(config, servo), period=decision.period)
     inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
-    delays = [inserted + schedule.age_ns * 1e-9]
+    delays = [inserted + age_ns * 1e-9]
     settings = settings_at(config, decision.period)
     (again,) = decide(
         config.request(situation.position_step),
@@ -123,7 +138,7 @@ def settings_at(config: Config, interval: float) -> GuardSettings:
     return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
-def situation_of(config: Config, servo: Servo) -> Situation:
+def situation_of(config: Config, servo: OpenServo) -> Situation:
     """Return the situation of the wall: the belief, the period, the limits of the servo."""
     return Situation(
         belief=config.belief(),
@@ -149,7 +164,7 @@ def _driven_limits(config: Config, servo: Servo, speed: float) -> DrivenLimits:
     )
 
 
-def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[float]:
+def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> list[float]:
     """Return the damping that may be added to each decision's [N·m·s/rad].
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
@@ -173,11 +188,11 @@ def most_injected(config: Config, servo: Servo, schedule: GainSchedule) -> list[
     return most
 
 
-def _ages_ns(config: Config, servo: Servo) -> list[int]:
+def _ages_ns(config: Config, servo: OpenServo) -> list[int]:
     return age_bins_ns(config.period_ns, round(_reply_s(servo) * 1e9))
 
 
-def _reply_s(servo: Servo) -> float:
+def _reply_s(servo: OpenServo) -> float:
     """How long a reply takes, where it takes several periods [s]; else 0."""
     return 0.0 if servo.bus is None else servo.bus.reply_s
 
@@ -199,6 +214,7 @@ def tick_parts(
     injected: Sequence[float],
     *,
     engage_at_once: bool = False,
+    inbox: Inbox | None = None,
     tuning: Tuning = TUNING,
 ) -> TickParts:
     """Return all parts of a tick.
@@ -213,6 +229,7 @@ def tick_parts(
         injected: ``most_injected`` of the schedule.
         engage_at_once: The wall comes on wherever the shaft is, as with the setting of that name.
             A program always does: it starts at the shaft's position.
+        inbox: Changes of the running wall; None: none come.
         tuning: Numbers of the detector.
     """
     period_ns = config.period_ns
@@ -223,6 +240,7 @@ def tick_parts(
     if not (law.guarded or real):
         driven = math.inf  # a program may drive a simulated shaft
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
+    rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
     return TickParts(
         clock=clock,
         servo=servo,
@@ -264,12 +282,14 @@ def tick_parts(
         wall_from_start=law.guarded and wall.reference == "start",
         engagement=Engagement(
             EngageLimits(
-                torque=engage_torque(safety.engage_torque, servo.facts.stall_torque),
+                torque=rest_torque,
                 position_step=servo.facts.position_step,
                 periods=max(1, math.ceil(REST_S / period - 1e-6)),
             ),
             start_room=math.inf if engage_at_once or not law.guarded else config.start_room,
         ),
+        inbox=Inbox(None, telemetry.words) if inbox is None else inbox,
+        changeover=Changeover(ChangeLimits(rest_torque, servo.facts.torque_limit, period)),
     )
 
 

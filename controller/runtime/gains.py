@@ -12,6 +12,7 @@ after an oscillation, and whether the shaft is where K may be raised.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from haptic_wall.controller.guard.guard import Decision
 from haptic_wall.controller.guard.schedule import GainSchedule
@@ -33,6 +34,7 @@ class Gains:
         stiffness: At the end of the ramp, without scale [N·m/rad].
         damping: At the end of the ramp, without scale [N·m·s/rad].
         in_force: The warm-up is over.
+        schedule: The gain schedule.
     """
 
     __slots__ = (
@@ -41,25 +43,27 @@ class Gains:
         "_damping_wait",
         "_highest",
         "_law",
+        "_most",
         "_pending",
         "_ramp_left",
         "_ramp_ticks",
-        "_schedule",
         "_stiffness_step",
         "_torque_limit",
         "damping",
         "in_force",
+        "schedule",
         "stiffness",
     )
 
     def __init__(
         self, schedule: GainSchedule, law: Law, ramp_ticks: int, torque_limit: float
     ) -> None:
-        self._schedule = schedule
+        self.schedule = schedule
         self._law = law
         self._ramp_ticks = ramp_ticks
         self._torque_limit = torque_limit
         self._highest = max(decision.stiffness for decision in schedule.decisions)
+        self._most = math.inf  # while a change waits that lowers K
         self._ramp_left = self._damping_wait = self._damping_left = 0
         self._stiffness_step = self._damping_step = 0.0
         self._pending = False  # an increase that waits for a moment at rest
@@ -69,17 +73,17 @@ class Gains:
     @property
     def decision(self) -> Decision:
         """Return the guard's present decision."""
-        return self._schedule.decision
+        return self.schedule.decision
 
     @property
     def age_ns(self) -> int:
         """Return the sample age of the present decision [ns]."""
-        return self._schedule.age_ns
+        return self.schedule.age_ns
 
     @property
     def index(self) -> int:
         """Return the index of the decision in ``GainSchedule.decisions`` [1]."""
-        return self._schedule.index
+        return self.schedule.index
 
     @property
     def largest_rise(self) -> float:
@@ -90,13 +94,13 @@ class Gains:
     def coming(self) -> float:
         """Return the stiffness with which the wall would come on [N·m/rad]."""
         if not self.in_force:
-            return self._schedule.decision.stiffness
+            return self.schedule.decision.stiffness
         return max(self._law.stiffness, self.stiffness)
 
     def begin(self) -> None:
         """End the warm-up: the decision for the ages measured so far is in force at once."""
-        self._schedule.settle()
-        decision, law = self._schedule.decision, self._law
+        self.schedule.settle()
+        decision, law = self.schedule.decision, self._law
         if law.guarded:
             law.stiffness = decision.stiffness
             law.damping = decision.damping
@@ -141,15 +145,16 @@ class Gains:
         Returns:
             Whether the decision has changed and is in force.
         """
-        changed = self._schedule.observe(age_ns, interval_ns, may_raise) and self.in_force
+        changed = self.schedule.observe(age_ns, interval_ns, may_raise) and self.in_force
         law = self._law
         if changed:
             if law.guarded:
                 self._begin_ramp(may_raise)
         elif self._pending and may_raise and not (self._ramp_left or self._damping_left):
             self._pending = False
-            decision = self._schedule.decision
-            self.stiffness, self.damping = decision.stiffness, decision.damping
+            decision = self.schedule.decision
+            self.stiffness = min(decision.stiffness, self._most)
+            self.damping = decision.damping
             self._ramp_left = self._damping_left = 1
         if self._ramp_left:
             self._ramp_left -= 1
@@ -167,14 +172,43 @@ class Gains:
                 law.damping = self.damping
         return changed
 
+    def lower(self, stiffness: float) -> None:
+        """Lower K to at most ``stiffness`` [N·m/rad] along a ramp, and keep it there."""
+        if stiffness != self._most:
+            self._most = stiffness
+            self._begin_ramp(may_raise=False)
+
+    def release(self) -> None:
+        """End ``lower``: K returns where it may be raised."""
+        if self._most < math.inf:
+            self._most = math.inf
+            self._begin_ramp(may_raise=False)
+
+    def take(self, law: Law, rows: Sequence[Sequence[Decision]], highest: float) -> None:
+        """Command another law, or the same one by other decisions, from now on.
+
+        Args:
+            law: Its state is that of the law before.
+            rows: The guard's decisions, as of ``GainSchedule``.
+            highest: Largest stiffness in them [N·m/rad].
+        """
+        self._law = law
+        self.schedule.take(rows)
+        self._highest, self._most = highest, math.inf
+        self._ramp_left = self._damping_left = self._damping_wait = 0
+        self._pending = False
+        decision = self.schedule.decision
+        self.stiffness = law.stiffness = decision.stiffness
+        self.damping = law.damping = decision.damping
+
     def _begin_ramp(self, may_raise: bool) -> None:
         """Start a ramp to the gains that are allowed from now on."""
         law, ticks = self._law, self._ramp_ticks
         # K is raised only while the spring is at rest, so at once: a ramp could continue into
         # contact. A longer delay may also allow more: it allows less damping, which leaves more of
         # the torque limit to the spring's encoder steps. K stays until a moment of rest.
-        decision = self._schedule.decision
-        stiffness, damping = decision.stiffness, decision.damping
+        decision = self.schedule.decision
+        stiffness, damping = min(decision.stiffness, self._most), decision.damping
         self._pending = stiffness > law.stiffness and not may_raise
         if self._pending:
             stiffness, damping = law.stiffness, min(damping, law.damping)

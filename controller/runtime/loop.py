@@ -54,7 +54,7 @@ class Grid:
         self._on_block = on_block
         self._deadline = first_deadline(clock, period_ns)
         self._missed = 0
-        self._begun = self._deadline
+        self._begun = self._words[Word.BEGAN_NS] = self._deadline
         if late is not None:
             late.begin(self._deadline)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.gains import Gains
@@ -51,6 +52,29 @@ class MotionWatch:
         self.watch.set_age(self._gains.age_ns * 1e-9)
         if self._passivity is not None:
             self._passivity.cap = self._most_injected[self._gains.index]
+
+    def change(
+        self,
+        law: Law,
+        position: float,
+        most_injected: Sequence[float],
+        settings: WatchSettings,
+        own: OwnMotion | None,
+    ) -> None:
+        """Watch the motion on another law from now on.
+
+        Args:
+            law: The rendered law.
+            position: Of the shaft [rad].
+            most_injected: As of the class.
+            settings: As of ``Watch.change``; likewise the next.
+            own: The backstop.
+        """
+        self._law = law
+        self._most_injected = most_injected
+        self.watch.change(settings, own)
+        if self._passivity is not None:
+            self._passivity.rebase(law.elongation(position))
 
     def resume(self) -> None:
         """Restart after a pause: the motion before it no longer counts."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -19,8 +20,10 @@ from haptic_wall.controller.runtime.assembly import (
     situation_of,
     tick_parts,
 )
+from haptic_wall.controller.runtime.change import KnownServo
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
+from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.loop import Grid
@@ -100,6 +103,8 @@ class Surroundings:
     take_real_time: Callable[[], LateTicks | None] = lambda: None
     """Called after the long computations, just before the servo starts: real-time scheduling must
     not be held through them. Its result explains late ticks"""
+    changes: socket.socket | None = None
+    """Changes of the running wall come from there; None: none come"""
     open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
     """Opens the servo; replaced by tests and experiments that change an emulated one"""
 
@@ -200,11 +205,19 @@ class _Session:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{servo.facts.name}: torque is on{passed}")
-        self._law = rendered(config, servo, self._program)
-        self._parts = tick_parts(
-            config, self._clock, servo, telemetry, self._schedule, self._law, self._injected
+        inbox = Inbox(self._around.changes, telemetry.words)
+        inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
+        parts = tick_parts(
+            config,
+            self._clock,
+            servo,
+            telemetry,
+            self._schedule,
+            rendered(config, servo, self._program),
+            self._injected,
+            inbox=inbox,
         )
-        self._tick = Tick(self._parts)
+        self._tick = Tick(parts)
         self._grid = Grid(
             self._tick,
             self._waiter,
@@ -221,7 +234,8 @@ class _Session:
     def run(self, duration_s: float | None) -> None:
         """Serve the grid until the end, and switch the torque off."""
         began_s = time.monotonic()
-        self._waiting = WallWait(self._grid, self._config, self._parts, self._around.tell)
+        parts = self._tick.parts
+        self._waiting = WallWait(self._grid, self._config, parts, self._around.tell)
         self._reason, self._message = _run(
             self._grid, self._config, self.servo, duration_s, self._waiting
         )
@@ -235,7 +249,7 @@ class _Session:
 
     def finish(self) -> Result:
         """Return the outcome; the servo is closed."""
-        servo, parts, tick = self.servo, self._parts, self._tick
+        servo, parts, tick = self.servo, self._tick.parts, self._tick
         trouble = servo.trouble if isinstance(servo, HasTrouble) else ""
         result = Result(
             stop_reason=self._reason,
@@ -263,29 +277,32 @@ class _Session:
 
     def _reported(self, result: Result) -> Result:
         """Add the report's computed parts to a result."""
-        config, servo, schedule = self._config, self.servo, self._schedule
-        watch = self._parts.motion.watch
+        servo, parts = self.servo, self._tick.parts
+        watch, gains, made = parts.motion.watch, parts.gains, parts.inbox.made
+        config = self._config if made is None else Config.model_validate_json("".join(made.config))
         self._around.on_block()
         if self._warm_up is not None and self._warm_up.fault:
             self._around.tell(
                 f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
             )
-        decision = decision_in_force(config, servo, schedule, self._tick.commanded[0])
+        decision = decision_in_force(
+            config, servo, gains.decision, gains.age_ns, self._tick.commanded[0]
+        )
         return replace(
             result,
             guard=guard_report(
                 config,
                 decision,
                 self._tick,
-                self._law,
+                parts.law,
                 watch,
                 situation_of(config, servo),
                 (servo.bus or Bus()).counts,
             ),
             oscillation=oscillation_report(watch),
-            delay=delay_report(config, decision, schedule.age_ns),
+            delay=delay_report(config, decision, gains.age_ns),
             timing=None if self._late is None else self._late.report(),
-            warnings=missed_warnings(config, self._parts.missed),
+            warnings=missed_warnings(config, parts.missed),
         )
 
 

@@ -61,6 +61,8 @@ FLAG_OFF = 8
 """The wall is off during a run: the dead man was released, or the spring is loaded."""
 FLAG_RAISED = 16
 """The return to the full wall was requested."""
+FLAG_CHANGED = 32
+"""From this tick on a change of the running wall is in force."""
 
 
 @dataclass(slots=True)
@@ -146,6 +148,22 @@ class Word(IntEnum):
     """Until when the dead man counts as held [ns]; far in the future without one (watcher)."""
     LOG_FILE = 12
     """Identity of the log's file; 0: none was begun (recorder)."""
+    OFFERED = 13
+    """Pieces of changes sent to the loop (dial)."""
+    WITHDRAWN = 14
+    """Number of the last change that must not be made any more (dial)."""
+    SETTLED = 15
+    """Number of the last change that was made or dropped (loop)."""
+    CHANGED_AT = 16
+    """Sequence number of the first row with that change; -1: it was dropped (loop)."""
+    CHANGED_BIN = 17
+    """Index of the decision that it came into force with (loop)."""
+    OBSTACLE = 18
+    """An ``Obstacle``: why the change at hand waits (loop)."""
+    OBSTACLE_SIZE = 19
+    """Its size, in millionths (loop)."""
+    BEGAN_NS = 20
+    """The first deadline [ns]; 0: the loop does not run yet (loop)."""
 
 
 _HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as an enum member

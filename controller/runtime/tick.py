@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import Engagement
 from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.runtime.change import Change
+from haptic_wall.controller.runtime.changeover import Changeover, Obstacle, Target, adopt
 from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.safety import Safety, Trip
 from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CHANGED,
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_RAISED,
@@ -30,7 +34,8 @@ _OK = Outcome.OK  # looking up an enum member is slow: a plain name is many time
 _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
-_HELD_NS = int(Word.HELD_NS)
+_HELD_NS, _HEAD = int(Word.HELD_NS), int(Word.HEAD)
+_OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +58,10 @@ class TickParts:
     """The wall's position counts from the first reading"""
     engagement: Engagement
     """Decides when the wall may come on"""
+    inbox: Inbox
+    """Changes of the running wall"""
+    changeover: Changeover
+    """Finds the tick for a change"""
 
 
 class Tick:
@@ -77,6 +86,7 @@ class Tick:
         self._bus_ns = 0
         self._raises = self._words[Word.RAISE]
         self._delay_s = 0.0
+        self._started_at = 0.0  # added to the positions of laws [rad]
         self._on = False  # the wall acts
         self.came_on = False
         self.trip: Trip | None = None
@@ -89,6 +99,11 @@ class Tick:
         """End the warm-up: the guard's decision for the measured ages is in force at once."""
         self._parts.gains.begin()
         self._follow_gains()
+
+    @property
+    def parts(self) -> TickParts:
+        """Return the parts; a change replaces some."""
+        return self._parts
 
     def _follow_gains(self) -> None:
         """Use the delay of the present decision."""
@@ -133,22 +148,24 @@ class Tick:
             woke_ns: When the loop woke for it [ns].
             missed: Whole periods skipped since the last tick.
         """
-        parts = self._parts
-        servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
         words, row = self._words, self._row
         periods = 1 + missed
 
         self._sample(woke_ns)
+        flags = 0
+        if self._parts.inbox.change is not None:
+            flags = self._change(self._parts.inbox.change)
+        parts = self._parts
+        servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
         position, sampled_ns = sampler.position, sampler.sampled_ns
 
-        flags = 0
         wall_torque = 0.0
         contact = law.in_contact(position)
         if missed:
             self._count_missed(deadline_ns, missed)
         on = (self._on and woke_ns <= words[_HELD_NS]) or self._engage(woke_ns)
         if not on:
-            flags = FLAG_WARM_UP if self.warm_up else FLAG_OFF
+            flags |= FLAG_WARM_UP if self.warm_up else FLAG_OFF
         elif sampled_ns is not None:
             found = motion.update(sampler, contact, periods)
             self.trip = self.trip or found
@@ -184,6 +201,13 @@ class Tick:
         row.torque = sent
         self._write_row()
         self.done = law.done
+        if words[_OFFERED] != parts.inbox.taken:
+            parts.inbox.take()
+        self._end(woke_ns, missed)
+
+    def _end(self, woke_ns: int, missed: int) -> None:
+        """Count the tick and its time."""
+        words = self._words
         self.ticks = words[_TICKS] = self.ticks + 1
         self.missed = words[_MISSED] = self.missed + missed
         self._bus_ns = bus_ns = self._bus.waited_ns
@@ -217,9 +241,81 @@ class Tick:
         if sampler.outcome is _OK:
             self.trip = parts.safety.good(reading)
             if sampler.first and parts.wall_from_start and self.trip is None:
+                self._started_at = sampler.position
                 parts.law.position += sampler.position
         elif sampler.outcome is not _WAITING:
             self.trip = parts.safety.failed(self._now())
+
+    def _change(self, change: Change) -> int:
+        """Make the change at hand, if this is the tick for it.
+
+        Returns:
+            ``FLAG_CHANGED`` where it is in force from this tick on; else 0.
+        """
+        parts = self._parts
+        inbox, gains = parts.inbox, parts.gains
+        if self.trip is not None or self._words[_WITHDRAWN] >= change.number:
+            gains.release()
+            parts.changeover.restart()
+            inbox.settle(-1, 0)
+            return 0
+        obstacle = self._obstacle(change)
+        if obstacle is not Obstacle.NONE:
+            inbox.waits(obstacle, parts.changeover.size)
+            return 0
+        self._make(change)
+        inbox.settle(self._words[_HEAD], gains.index)
+        return FLAG_CHANGED
+
+    def _obstacle(self, change: Change) -> Obstacle:
+        """Return what is against making a change in this tick."""
+        parts = self._parts
+        sampler, gains, changeover = parts.sampler, parts.gains, parts.changeover
+        if not self.came_on:
+            return Obstacle.NOT_ON
+        if sampler.outcome is not _OK:
+            return Obstacle.READING
+        if not change.placed:
+            change.placed = True
+            if change.law is not None:
+                change.law.position += self._started_at
+        decision = gains.schedule.present(change.rows)
+        softer = change.softer and decision.stiffness <= gains.stiffness
+        obstacle = changeover.watched(parts.motion.watch, softer)
+        if obstacle is not Obstacle.NONE or not self._on:
+            return obstacle
+        target = Target(
+            law=change.law or parts.law,
+            stiffness=decision.stiffness,
+            damping=decision.damping,
+            delay=max(decision.delay, self._delay_s),
+            steps=change.steps,
+        )
+        obstacle = changeover.obstacle(
+            parts.law, parts.ring, target, sampler.position, sampler.velocity
+        )
+        falls = decision.stiffness < gains.stiffness
+        if obstacle is not Obstacle.NONE and falls and not change.moved:
+            gains.lower(decision.stiffness)
+        return obstacle
+
+    def _make(self, change: Change) -> None:
+        """Render, command and watch as the change asks for, from this tick on."""
+        parts = self._parts
+        law, ring, position = parts.law, parts.ring, parts.sampler.position
+        if change.law is not None:
+            adopt(change.law, law)
+            law = change.law
+            law.settle(position)
+        if change.steps != ring.steps:
+            ring = ring.resized(change.steps, ring.coming(self._row.wall_torque))
+        parts.gains.take(law, change.rows, change.highest)
+        parts.motion.change(law, position, change.injected, change.watch, change.own)
+        if not self._on:
+            parts.engagement.restart()
+        self._parts = replace(parts, law=law, ring=ring)
+        parts.changeover.restart()
+        self._follow_gains()
 
     def _engage(self, woke_ns: int) -> bool:
         """Record that the wall is off; return whether it comes on in this tick."""

@@ -165,6 +165,22 @@ def _read(source: str) -> tuple[str, str]:
         ) from None
 
 
+def loaded(data: dict[str, Any], title: str) -> Config:
+    """Return the checked configuration of settings that were not read from a file.
+
+    Args:
+        data: Settings by section and name.
+        title: Their source, for messages.
+
+    Raises:
+        ConfigError: With every problem found.
+    """
+    config, problems = _validated(data)
+    if config is None:
+        raise ConfigError(title, problems)
+    return config
+
+
 def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     """Return the configuration, or all of its problems."""
     try:

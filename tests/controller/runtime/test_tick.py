@@ -20,8 +20,10 @@ from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.velocity import BackwardDifference
 from haptic_wall.controller.laws.wall import Wall
+from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
 from haptic_wall.controller.runtime.deadlines import next_deadline
 from haptic_wall.controller.runtime.gains import Gains
+from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed
@@ -147,6 +149,8 @@ class Rig:
                 ),
                 telemetry=self.telemetry,
                 wall_from_start=wall.get("from_start", False),
+                inbox=Inbox(None, self.telemetry.words),
+                changeover=Changeover(ChangeLimits(0.1, math.inf, 1e-3)),
                 engagement=Engagement(
                     EngageLimits(0.1, 0.0, 3), start_room=wall.get("start_room", math.inf)
                 ),

@@ -1,0 +1,66 @@
+"""``haptic-wall set``: change a running wall from another terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.cli.text import number
+from haptic_wall.controller.errors import UserError
+
+WAIT_S = 10.0
+"""Default wait for a moment that suits [s]"""
+MOST_WAIT_S = 3600.0
+
+
+@click.command()
+@click.argument("sets", metavar="PATH=VALUE...", nargs=-1, required=True)
+@click.option(
+    "--run",
+    "run",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Folder or log of the run; default: the only one that runs.",
+)
+@click.option(
+    "--wait",
+    "wait_s",
+    type=float,
+    default=WAIT_S,
+    metavar="S",
+    help="Longest wait for a moment at which the change is safe [s]; default: 10.",
+)
+@json_option
+def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_wanted: bool) -> None:
+    """Change the wall that runs in another terminal, e.g. wall.stiffness=4.
+
+    Several changes are made in one tick: wall.law=detents wall.count=12. What can be changed:
+    wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law.
+    The change waits for a moment in which it gives the shaft no energy.
+    """
+    from haptic_wall.controller.processes.ask import ask
+    from haptic_wall.controller.processes.run_socket import alive, chosen
+
+    if not 0.0 <= wait_s <= MOST_WAIT_S:
+        raise UserError(
+            f"found {wait_s:g}", field="--wait", wanted=f"a time from 0 to {MOST_WAIT_S:g} s"
+        )
+    told = ask(chosen(run, alive()), sets, wait_s, say)
+    answer(as_json(told) if as_json_wanted else _text(told))
+
+
+def _text(told: dict[str, Any]) -> str:
+    changes = ", ".join(f"{path}: {value}" for path, value in told["changed"].items())
+    if not changes:
+        return "nothing changes: the wall is so already"
+    lines = [f"applied after {number(told['waited_s'])} s: {changes}"]
+    guard = told["guard"]
+    commanded = guard["commanded"]
+    lines.append(
+        f"commanded are {number(commanded['stiffness'])} N·m/rad and "
+        f"{number(commanded['damping'])} N·m·s/rad"
+    )
+    return "\n".join([*lines, *map(str, guard["reasons"])])

@@ -1,0 +1,263 @@
+"""Makes the changes of a running wall: checks, computes, hands over, and answers."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from haptic_wall.controller.errors import ConfigError, HapticWallError
+from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.processes.run_socket import Peer
+from haptic_wall.controller.runtime.assembly import decision_in_force
+from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
+from haptic_wall.controller.runtime.changes import Changes
+from haptic_wall.controller.runtime.handover import Offers, Settled
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
+from haptic_wall.controller.settings.changes import changed, difference
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.errors import ExplainedError
+
+START_S: Final = 1.0
+"""Longest wait for the servo's start [s]"""
+LOOP_S: Final = 2.0
+"""Longest wait for the loop to take a piece, and to say what became of a change [s]"""
+LEAST_S: Final = 0.3
+"""Least time for the loop to take a change and to try it [s]"""
+NOT_MADE: Final = 3
+"""Exit status of a change that was not made"""
+_SHOWN: Final = 300
+"""Characters of a request in the log"""
+
+
+@dataclass(slots=True)
+class _Asked:
+    """The change at hand."""
+
+    peer: Peer
+    sets: list[str]
+    new: Config
+    until_s: float
+    began_s: float
+    number: int = 0
+    withdrawn_s: float | None = None
+    why: str = ""
+    """Why it was withdrawn"""
+
+
+class ChangeDesk:
+    """Makes one change at a time.
+
+    Args:
+        config: In force at the start of the run.
+        telemetry: Of the run.
+        offers: To the loop.
+        tell: Called with each change, as an event for report and log.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        telemetry: Telemetry,
+        offers: Offers,
+        tell: Callable[[dict[str, Any]], None],
+    ) -> None:
+        self._config = config
+        self._telemetry = telemetry
+        self._words = telemetry.words
+        self._offers = offers
+        self._tell = tell
+        self._changes: Changes | None = None
+        self._asked: _Asked | None = None
+
+    @classmethod
+    def of(cls, orders: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
+        """Return the desk of a run, by the orders of its process."""
+        telemetry = Telemetry(orders["telemetry"], mapped=False)
+        peer = socket.socket(fileno=orders["loop"])
+        peer.settimeout(LOOP_S)
+        config = Config.model_validate_json(orders["config"])
+        return cls(config, telemetry, Offers(peer, telemetry.words), tell)
+
+    def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
+        """Check and compute a change, and send it to the loop.
+
+        Args:
+            sets: Changes as ``PATH=VALUE``.
+            wait_s: Longest wait for its moment [s].
+            peer: Who asks.
+
+        Returns:
+            The answer, if there already is one.
+        """
+        began_s = time.monotonic()
+        try:
+            new = changed(self._config, sets)
+            asked = self._asked = _Asked(peer, sets, new, 0.0, began_s)
+            if not difference(self._config, new):
+                self._asked = None
+                return {"applied": True, "changed": {}, "waited_s": 0.0}
+            changes = self._known()
+            if changes is None:
+                return self._not_made("the servo has not been started yet")
+            change = changes.computed(new)
+            asked.number = change.number
+            self._offers.send(change)
+        except ExplainedError as error:
+            return self._refused(peer, sets, error)
+        except OSError:
+            return self._not_made("the run is over, or its loop takes no changes")
+        asked.began_s = time.monotonic()
+        asked.until_s = asked.began_s + max(wait_s, LEAST_S)
+        return None
+
+    def look(self) -> dict[str, Any] | None:
+        """Return the answer to the change at hand; None: it waits."""
+        asked = self._asked
+        if asked is None:
+            return None
+        settled = self._offers.settled(asked.number)
+        if settled is not None:
+            return self._not_made(asked.why) if settled.row < 0 else self._made(asked, settled)
+        now_s = time.monotonic()
+        if asked.withdrawn_s is None:
+            if self._words[Word.STATE] != LoopState.RUNNING or self._words[Word.STOP]:
+                asked.why = "the run is over"
+                self._give_up(asked)
+            elif now_s > asked.until_s:
+                asked.why = self.obstacle() or "the loop has not taken it in time"
+                self._give_up(asked)
+        elif now_s > asked.withdrawn_s + LOOP_S:
+            return self._not_made(asked.why)  # the loop has ended
+        return None
+
+    def obstacle(self) -> str:
+        """Return why the change at hand waits, as words; empty: it does not."""
+        kind, size = self._offers.obstacle
+        return obstacle_text(kind, size)
+
+    def withdraw(self) -> None:
+        """Give the change at hand up."""
+        if self._asked is not None and self._asked.withdrawn_s is None:
+            self._asked.why = "the one who asked has gone"
+            self._give_up(self._asked)
+
+    def _give_up(self, asked: _Asked) -> None:
+        asked.withdrawn_s = time.monotonic()
+        self._offers.withdraw(asked.number)
+
+    def _known(self) -> Changes | None:
+        if self._changes is None:
+            servo = self._offers.servo(START_S)
+            if servo is not None:
+                self._changes = Changes(self._config, servo)
+        return self._changes
+
+    def _made(self, asked: _Asked, settled: Settled) -> dict[str, Any]:
+        changes = self._changes
+        assert changes is not None and changes.schedule is not None
+        new_values = dict(difference(self._config, asked.new))
+        self._config = changes.config = asked.new
+        self._asked = None
+        decision = changes.schedule.decisions[settled.bin]
+        age_ns = changes.schedule.age_of(settled.bin)
+        told = decision_in_force(asked.new, changes.servo, decision, age_ns, decision.stiffness)
+        guard = decision_report(told)
+        made_ns = self._made_ns(settled.row)
+        answer = {
+            "applied": True,
+            "changed": new_values,
+            "waited_s": max(0.0, made_ns * 1e-9 - asked.began_s),
+            "row": settled.row,
+            "guard": {
+                name: guard[name] for name in ("requested", "commanded", "binding", "reasons")
+            },
+        }
+        self._event(asked.peer, asked.sets, "applied", "", answer, made_ns)
+        return answer
+
+    def _made_ns(self, row: int) -> int:
+        """Return when the tick with a change was due [ns]."""
+        rows, _ = self._telemetry.read(row, 1)
+        return int(rows[0]["deadline_ns"]) if len(rows) else time.monotonic_ns()
+
+    def _not_made(self, why: str) -> dict[str, Any]:
+        asked, self._asked = self._asked, None
+        assert asked is not None
+        text = f"not applied: {why}"
+        self._event(asked.peer, asked.sets, "not applied", why, {})
+        return {"error": text, "field": None, "advice": None, "exit_status": NOT_MADE}
+
+    def _refused(self, peer: Peer, sets: list[str], error: ExplainedError) -> dict[str, Any]:
+        self._asked = None
+        text = "; ".join(error.problems) if isinstance(error, ConfigError) else str(error)
+        self._event(peer, sets, "refused", text, {})
+        return {
+            "error": f"refused: {text}",
+            "field": error.problem.field,
+            "advice": error.problem.remedy,
+            "exit_status": error.exit_status if isinstance(error, HapticWallError) else 2,
+        }
+
+    def _event(
+        self,
+        peer: Peer,
+        sets: list[str],
+        outcome: str,
+        why: str,
+        answer: dict[str, Any],
+        at_ns: int | None = None,
+    ) -> None:
+        began_ns = self._words[Word.BEGAN_NS]
+        at_ns = time.monotonic_ns() if at_ns is None else at_ns
+        self._tell(
+            {
+                "change": {
+                    "at_s": (at_ns - began_ns) * 1e-9 if began_ns else None,
+                    "row": answer.get("row"),
+                    "outcome": outcome,
+                    "why": why[:_SHOWN] or None,
+                    "set": [each[:_SHOWN] for each in sets[:_SHOWN]],
+                    "changed": answer.get("changed"),
+                    "waited_s": answer.get("waited_s"),
+                    "commanded": answer.get("guard", {}).get("commanded"),
+                    "by": asdict(peer) | {"user": peer.user},
+                }
+            }
+        )
+
+
+def obstacle_text(kind: Obstacle, size: float) -> str:
+    """Say why a change waits."""
+    match kind:
+        case Obstacle.NONE:
+            return ""
+        case Obstacle.NOT_ON:
+            return "the wall has not come on yet"
+        case Obstacle.READING:
+            return "where the shaft is, and how fast, is not known"
+        case Obstacle.PROBED:
+            return "the wall is being probed for an oscillation"
+        case Obstacle.REDUCED:
+            return (
+                "an oscillation has reduced the wall, and until it is raised again (SIGUSR1) only "
+                "its stiffness can be lowered"
+            )
+        case Obstacle.ENERGY:
+            return (
+                "where the shaft is, the new wall would hold more energy than the old one: "
+                f"{1e3 * size:.3g} mJ more, at most {1e3 * MOST_J:g} are allowed; move the shaft "
+                "out of it"
+            )
+        case Obstacle.TORQUE:
+            return (
+                f"the torque would jump: by {size:.3g} N·m, more than safety.engage_torque; move "
+                "the shaft to where both walls push alike"
+            )
+        case Obstacle.DELAY:
+            return (
+                f"the shaft moves too fast for a longer delay: {size:.3g} rad/s; let it come to "
+                "rest"
+            )

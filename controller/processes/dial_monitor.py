@@ -1,0 +1,118 @@
+"""The supervisor's side of the dial: starts its process, and keeps what was changed, by whom."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+from typing import Any, Final
+
+from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.plan import Plan, Tell
+from haptic_wall.controller.processes.run_socket import MODULE, socket_of
+from haptic_wall.controller.runtime.telemetry import Telemetry
+
+MOST_KEPT: Final = 1000
+"""Number of changes that the report lists: the last ones"""
+_END_S: Final = 2.0
+
+
+class DialMonitor:
+    """Listens to the dial's process.
+
+    Args:
+        dial: Its process.
+        tell: Called with messages for a person.
+
+    Attributes:
+        changes: The last changes, as events.
+        count: Number of all of them.
+    """
+
+    def __init__(self, dial: Child, tell: Tell) -> None:
+        self._dial = dial
+        self._tell = tell
+        self._over = self._closed = False
+        self.changes: list[dict[str, Any]] = []
+        self.count = 0
+
+    def look(self) -> None:
+        """Take its news."""
+        for line in self._dial.lines():
+            said = json.loads(line)
+            if "trouble" in said:
+                self._over = True
+                self._tell(f"the running wall cannot be changed: {said['trouble']}")
+                continue
+            self.count += 1
+            self.changes = [*self.changes, said["change"]][-MOST_KEPT:]
+            self._tell(change_text(said["change"]))
+        if self._dial.ended() and not self._over:
+            self._over = True
+            self._tell(
+                f"the process that takes changes {self._dial.exit_text()}; the wall stays as it is"
+            )
+
+    def close(self) -> None:
+        """End the process, and take its last news; safe to call twice."""
+        if self._closed:
+            return
+        self._closed = self._over = True
+        self._dial.send(signal.SIGTERM)
+        self._dial.wait(_END_S)
+        self.look()
+        self._dial.dismiss(0.0)
+
+
+def start_dial(
+    plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]
+) -> tuple[DialMonitor, socket.socket] | None:
+    """Start the dial's process; return it and the loop's side of the socket between them.
+
+    Args:
+        plan: Of the run.
+        telemetry: Shared memory of the run.
+        tell: Called with messages for a person.
+        cores: On which the process runs.
+
+    Returns:
+        None: this run takes no changes.
+    """
+    log = plan.log
+    if not plan.changeable or plan.program or (log.exists() and not log.is_file()):
+        return None
+    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        orders = {
+            "telemetry": telemetry.descriptor,
+            "loop": ours.fileno(),
+            "parent": os.getpid(),
+            "config": plan.config.model_dump_json(),
+        }
+        dial = Child(
+            "dial",
+            [MODULE, str(socket_of(log))],
+            orders,
+            [telemetry.descriptor, ours.fileno()],
+            cores,
+        )
+    return DialMonitor(dial, tell), loops
+
+
+def change_text(change: dict[str, Any]) -> str:
+    """Return a change in one line, for people."""
+    by = change["by"]
+    who = f"{' '.join(change['set'])}, asked by {by['user']} (process {by['pid']})"
+    if change["outcome"] != "applied":
+        return f"{change['outcome']}: {who}: {change['why']}"
+    commanded = change["commanded"] or {}
+    values = ", ".join(
+        f"{value:.4g} {unit}"
+        for value, unit in (
+            (commanded.get("stiffness"), "N·m/rad"),
+            (commanded.get("damping"), "N·m·s/rad"),
+        )
+        if value is not None
+    )
+    return f"changed: {who}; commanded are {values}"

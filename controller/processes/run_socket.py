@@ -1,0 +1,186 @@
+"""The socket of a running wall: its place, who may speak to it, and which runs have one.
+
+It lies beside the log, and is open to its owner alone. Runs are found by their processes, so that
+nothing has to be cleaned up after one that was killed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import pwd
+import socket
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from haptic_wall.controller.errors import UserError
+
+MODULE: Final = "haptic_wall.controller.processes.dial"
+"""The process that listens; the socket's path is its argument"""
+SUFFIX: Final = ".sock"
+"""After the log's name"""
+MOST_BYTES: Final = 1 << 16
+"""Longest request, and longest answer"""
+_CREDENTIALS: Final = struct.Struct("3i")
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The process at the other end, by the kernel's word."""
+
+    pid: int
+    uid: int
+
+    @property
+    def user(self) -> str:
+        """Return the name of its user, or its number."""
+        try:
+            return pwd.getpwuid(self.uid).pw_name
+        except KeyError:
+            return str(self.uid)
+
+
+@dataclass(frozen=True, slots=True)
+class AliveRun:
+    """A run that takes changes."""
+
+    socket: Path
+    pid: int
+    """Of the process that listens"""
+
+    @property
+    def log(self) -> Path:
+        """Return the path of its log."""
+        return self.socket.with_name(self.socket.name.removesuffix(SUFFIX))
+
+
+def socket_of(log: Path) -> Path:
+    """Return the path of the socket of a run with this log."""
+    place = Path(os.path.abspath(log))  # noqa: PTH100 - a link stays the name that the user knows
+    return place.with_name(place.name + SUFFIX)
+
+
+def peer_of(connection: socket.socket) -> Peer:
+    """Return the process at the other end of a connection."""
+    found = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    pid, uid, _ = _CREDENTIALS.unpack(found)
+    return Peer(pid, uid)
+
+
+@contextlib.contextmanager
+def _name_of(path: Path) -> Iterator[str]:
+    """Yield a short name of a path: the kernel takes 107 bytes."""
+    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
+def listening(path: Path) -> socket.socket:
+    """Return a socket that listens at a path; nobody else may connect.
+
+    A socket that a killed run has left there is replaced.
+
+    Raises:
+        OSError: It cannot be made there, or another run listens.
+    """
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+    before = os.umask(0o177)  # from the first instant on
+    try:
+        with _name_of(path) as name:
+            try:
+                listener.bind(name)
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE or not path.is_socket() or _is_heard(path):
+                    raise
+                path.unlink()
+                listener.bind(name)
+        listener.listen(64)
+    except BaseException:
+        listener.close()
+        raise
+    finally:
+        os.umask(before)
+    return listener
+
+
+def _is_heard(path: Path) -> bool:
+    try:
+        connected(path).close()
+    except OSError:
+        return False
+    return True
+
+
+def connected(path: Path) -> socket.socket:
+    """Return a connection to a running wall.
+
+    Raises:
+        OSError: None listens there.
+    """
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        with _name_of(path) as name:
+            connection.connect(name)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def alive(processes: Path = Path("/proc")) -> list[AliveRun]:
+    """Return this user's runs that take changes, the newest last.
+
+    Args:
+        processes: The folder of the system's processes.
+    """
+    found = []
+    for each in processes.iterdir():
+        if not each.name.isdigit():
+            continue
+        with contextlib.suppress(OSError):
+            words = (each / "cmdline").read_bytes().split(b"\0")
+            if MODULE.encode() in words and each.stat().st_uid == os.getuid():
+                path = Path(os.fsdecode(words[words.index(MODULE.encode()) + 1]))
+                found.append(AliveRun(path, int(each.name)))
+    return sorted(found, key=lambda run: run.pid)
+
+
+def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
+    """Return the run that a command means.
+
+    Args:
+        asked: The folder or the log of the run; None: the only one.
+        runs: Those alive.
+
+    Raises:
+        UserError: There is none, or several.
+    """
+    which = list(runs)
+    if asked is not None:
+        place = Path(os.path.realpath(asked))
+        which = [
+            run
+            for run in runs
+            if place in (Path(os.path.realpath(run.log)), Path(os.path.realpath(run.log.parent)))
+        ]
+    if len(which) == 1:
+        return which[0]
+    names = ", ".join(str(run.log) for run in which or runs)
+    if which:
+        raise UserError(
+            f"found {len(which)} running walls: {names}",
+            field="--run",
+            wanted="one",
+            advice="name the log of the one that you mean",
+        )
+    raise UserError(
+        "no wall is running" if asked is None else f"no wall is running in {asked}",
+        field="--run",
+        advice=f"running are {names}" if runs else "start one with `haptic-wall run`",
+    )

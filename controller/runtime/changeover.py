@@ -1,0 +1,188 @@
+"""The rule for changes of a running wall: in one tick, where the shaft gets no energy by it.
+
+Before and behind that tick law, stiffness, damping and delay are as the guard has decided them
+together, so that no pair of an old and a new value ever acts. The tick is one in which the new law
+holds no more energy than the old one, and in which the torque hardly jumps. Only one thing is done
+before: a stiffness that is to fall falls along a ramp, which always takes energy. So K goes down
+before B goes down or the delay up, and goes up no sooner than B.
+
+A derating after an oscillation stays. While there is one, no change is made that could feed the
+oscillation again: only the stiffness may go down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.wall import Law
+
+MOST_J: Final = 1e-4
+"""Energy that counts as none [J]: a spring of 60 N·m/rad holds it at one count of 4096"""
+SPEED_TICKS: Final = 8
+"""Ticks over which the speed is taken: one encoder count in a period is no speed"""
+
+
+class Obstacle(IntEnum):
+    """The reason why a change waits."""
+
+    NONE = 0
+    NOT_ON = 1
+    """The wall has not come on yet."""
+    READING = 2
+    """The position, or the speed, of the shaft is not known."""
+    PROBED = 3
+    """The wall is being probed for an oscillation."""
+    REDUCED = 4
+    """An oscillation has reduced the wall."""
+    ENERGY = 5
+    """The new law would hold more energy [J]."""
+    TORQUE = 6
+    """The torque would jump [N·m]."""
+    DELAY = 7
+    """The shaft moves too far in the added delay [rad/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeLimits:
+    """What a change may do at most."""
+
+    torque: float
+    """Jump of the torque [N·m]: ``safety.engage_torque``"""
+    torque_limit: float
+    """Of the servo [N·m]"""
+    period: float
+    """T [s]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What is commanded behind a change."""
+
+    law: Law
+    """In force now, or another one, which has rested so far"""
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    delay: float
+    """Total, from a sample to the action of its torque [s]"""
+    steps: int
+    """Inserted [periods]"""
+
+
+class Changeover:
+    """Finds the tick for a change.
+
+    Args:
+        limits: What the change may do at most.
+
+    Attributes:
+        size: Of the obstacle found last, in its unit.
+    """
+
+    __slots__ = ("_at", "_limits", "_positions", "size")
+
+    def __init__(self, limits: ChangeLimits) -> None:
+        self._limits = limits
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with another change: the positions so far are not followed by the next ones."""
+        self._positions = [math.nan] * SPEED_TICKS
+        self._at = 0
+        self.size = 0.0
+
+    def watched(self, watch: Watch, softer: bool) -> Obstacle:
+        """Return the obstacle that the oscillation watch is, if it is one."""
+        self.size = 0.0
+        own = watch.own
+        if own is None:
+            return Obstacle.NONE
+        if not softer and min(own.reduced) < 1.0:
+            return Obstacle.REDUCED
+        if own.probing or (not softer and (own.answering or own.suspected or watch.current)):
+            return Obstacle.PROBED
+        return Obstacle.NONE
+
+    def obstacle(
+        self, old: Law, ring: DelayRing, target: Target, position: float, velocity: float
+    ) -> Obstacle:
+        """Return what is against making the change in this tick; call in each tick that is on.
+
+        Both laws are asked for their torque; neither is changed.
+
+        Args:
+            old: The law in force.
+            ring: The inserted delay in force.
+            target: What is commanded behind the change.
+            position: Of the shaft [rad].
+            velocity: As the law gets it [rad/s].
+        """
+        limits, new = self._limits, target.law
+        speed = self._speed(position)
+        if math.isnan(speed):
+            return Obstacle.READING
+        ahead = position + speed * target.delay
+        held = self._held(old, position, least=True), self._held(old, ahead, least=True)
+        torque = old.torque(position, velocity)
+        before = old.stiffness, old.damping
+        if new is not old:
+            adopt(new, old)
+            new.settle(position)
+        new.stiffness, new.damping = target.stiffness, target.damping
+        torque_then = new.torque(position, velocity)
+        more = max(
+            self._held(new, position, least=False) - held[0],
+            self._held(new, ahead, least=False) - held[1],
+        )
+        if new is old:
+            old.stiffness, old.damping = before
+        if not more <= MOST_J:
+            self.size = more
+            return Obstacle.ENERGY
+        added = target.steps - ring.steps
+        coming = ring.resized(target.steps, torque).coming(torque_then) if added else torque_then
+        jump = max(abs(torque_then - torque), abs(coming - ring.coming(torque)) if added else 0.0)
+        if not jump <= limits.torque:
+            self.size = jump
+            return Obstacle.TORQUE
+        way = speed * added * limits.period
+        if added > 0 and not 0.5 * target.stiffness * way * way <= MOST_J:
+            self.size = abs(speed)
+            return Obstacle.DELAY
+        return Obstacle.NONE
+
+    def _speed(self, position: float) -> float:
+        """Return the mean speed over the last ticks [rad/s]; NaN: not known yet."""
+        at = self._at
+        moved = position - self._positions[at]
+        self._positions[at] = position
+        self._at = (at + 1) % SPEED_TICKS
+        return moved / (SPEED_TICKS * self._limits.period)
+
+    def _held(self, law: Law, position: float, *, least: bool) -> float:
+        """Return a lower or an upper bound of the energy in the law's spring [J].
+
+        A limited torque takes more way for the same energy. Of a law with several slopes only the
+        energy of the unlimited spring is known. A limited one that exceeds its limit L somewhere
+        holds at least ``L² / 2 K``: no slope is above K.
+        """
+        if not law.in_contact(position):
+            return 0.0
+        limit = min(law.clip, self._limits.torque_limit)
+        if not law.linear and least and law.stiffness * law.elongation(position) > limit:
+            return 0.5 * limit * limit / law.stiffness
+        return law.stored(position, limit)
+
+
+def adopt(new: Law, old: Law) -> None:
+    """Give a law the state that is not its own: the derating, and the injected damping."""
+    new.scale, new.damping_scale = old.scale, old.damping_scale
+    new.elastic_limit, new.soft_to = old.elastic_limit, old.soft_to
+    new.carried, new.carried_to, new.held = old.carried, old.carried_to, old.held
+    new.injected = old.injected

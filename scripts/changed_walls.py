@@ -1,0 +1,190 @@
+"""Runs a wall on the simulated clock, changes it while it runs, and records the true motion."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.runtime.change import KnownServo
+from haptic_wall.controller.runtime.changeover import Obstacle
+from haptic_wall.controller.runtime.changes import Changes
+from haptic_wall.controller.runtime.handover import Offers
+from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.changes import changed
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import ServoSettings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class Asked:
+    """A change that was asked for."""
+
+    sets: tuple[str, ...]
+    tick: int
+    """Row before which it was asked for"""
+    before: Config
+    new: Config | None = None
+    """None: it was refused"""
+    refused: str = ""
+    row: int = -1
+    """First row with it; -1: it was not made"""
+    obstacle: Obstacle = Obstacle.NONE
+    """The last reason why it waited"""
+    number: int = 0
+    withdrawn: bool = False
+
+
+Ask = Callable[[int, Config, float], Sequence[str]]
+"""From the row, the configuration and the position [rad]: changes; empty: none"""
+
+
+class _Asking:
+    """Stands before a servo: asks for changes, and records the true position."""
+
+    def __init__(self, servo: Servo, hand: ChangedRun) -> None:
+        self._servo = servo
+        self._hand = hand
+        self.facts, self.bus = servo.facts, servo.bus
+        self.start, self.collect, self.write = servo.start, servo.collect, servo.write
+        self.stop, self.close = servo.stop, servo.close
+
+    def request(self) -> None:
+        """Request the position of the servo, and let the other side ask."""
+        self._servo.request()
+        self._hand.tick(self._servo._mechanism.position)  # type: ignore[attr-defined]
+
+
+@dataclass
+class ChangedRun:
+    """A run and its changes, one after the other.
+
+    Args:
+        config: At the start; its servo is simulated, on the simulated clock.
+        ask: Called in each tick in which no change waits.
+        wait: Longest wait of a change [ticks].
+    """
+
+    config: Config
+    ask: Ask
+    wait: int = 5000
+    asked: list[Asked] = field(default_factory=list)
+    truth: list[float] = field(default_factory=list)
+    """True position at each tick [rad]"""
+
+    def run(self, seconds: float) -> tuple[Result, NDArray[np.void]]:
+        """Run the wall; return the result, and the rows."""
+        ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._telemetry = telemetry = Telemetry.create()
+        with ours, loops:
+            self._offers = Offers(ours, telemetry.words)
+            result = run_session(
+                self.config,
+                SimulatedClock(),
+                telemetry,
+                seconds,
+                surroundings=Surroundings(changes=loops, open_servo=self._open),
+            )
+        rows, _ = telemetry.read(0)
+        telemetry.close()
+        return result, rows
+
+    def _open(self, settings: ServoSettings, clock: Clock, port: int | None) -> Servo:
+        servo = open_servo(settings, clock, port)
+        self._changes = Changes(self.config, KnownServo(servo.facts, None, True))
+        return _Asking(servo, self)
+
+    def tick(self, position: float) -> None:
+        """Go on with the change at hand, or ask for one."""
+        row = len(self.truth)
+        self.truth.append(position)
+        at_hand = self.asked[-1] if self.asked and self.asked[-1].number else None
+        if at_hand is not None:
+            settled = self._offers.settled(at_hand.number)
+            if settled is None:
+                obstacle = self._offers.obstacle[0]
+                at_hand.obstacle = obstacle or at_hand.obstacle
+                if row > at_hand.tick + self.wait and not at_hand.withdrawn:
+                    at_hand.withdrawn = True
+                    self._offers.withdraw(at_hand.number)
+                return
+            at_hand.row, at_hand.number = settled.row, 0
+            if settled.row >= 0 and at_hand.new is not None:
+                self._changes.config = at_hand.new
+        config = self._changes.config
+        sets = tuple(self.ask(row, config, position))
+        if not sets:
+            return
+        asked = Asked(sets, row, config)
+        self.asked.append(asked)
+        try:
+            asked.new = changed(config, sets)
+            change = self._changes.computed(asked.new)
+        except UserError as error:
+            asked.refused = str(error)
+            return
+        asked.number = change.number
+        self._offers.send(change)
+
+
+def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) -> float:
+    """Return the energy that a change gave to the true motion [J].
+
+    That is the work of the torque behind it, less the work that the old law would have done on the
+    same motion, up to the tick from which the new law alone acts; and the difference of the
+    energies in both springs at the true position there.
+
+    Args:
+        run: With the true motion.
+        rows: Of the run.
+        asked: A change that was made.
+        since: First row of the law before it: one with memory is fed from there on.
+    """
+    new = asked.new
+    assert new is not None
+    row, period = asked.row, new.period_s
+    most = max(asked.before.delay.steps, new.delay.steps)
+    last = row + most + 1 if most else row
+    step = 2.0 * np.pi / new.servo.counts_per_rev if new.servo.counts_per_rev else 0.0
+    old_law, new_law = asked.before.law(step), new.law(step)
+    gains = rows["stiffness"], rows["damping"]
+    ring = DelayRing(asked.before.delay.steps)
+    limit = new.servo.torque_limit or 4.1
+    truth = np.array(run.truth)
+    times = np.arange(truth.size, dtype=np.float64)
+    lag = new.servo.delay / period
+
+    def acting(tick: int) -> float:
+        """Return the true position when the torque of a tick begins to act [rad]."""
+        return float(np.interp(tick + lag, times, truth))
+
+    work = 0.0
+    for tick in range(since, last):
+        from_row = min(tick, row - 1)
+        old_law.stiffness, old_law.damping = float(gains[0][from_row]), float(gains[1][from_row])
+        torque = old_law.torque(float(rows["position"][tick]), float(rows["velocity"][tick]))
+        would = max(-limit, min(limit, ring.push(torque)))
+        if tick >= row:
+            sent = float(rows["torque"][tick])
+            work += (sent - would) * (acting(tick + 1) - acting(tick))
+    new_law.stiffness = float(gains[0][row])
+    there = acting(last)
+    if new_law.name == "friction":
+        new_law.settle(float(rows["position"][row]))
+    return work + _held(new_law, there, limit) - _held(old_law, there, limit)
+
+
+def _held(law: Law, position: float, limit: float) -> float:
+    return law.stored(position, limit) if law.in_contact(position) else 0.0

@@ -1,0 +1,269 @@
+"""Clients of a running wall, honest and hostile; they harm nothing but their own request."""
+
+import contextlib
+import json
+import os
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.processes import dial as module
+from haptic_wall.controller.processes.ask import NotAppliedError, ask
+from haptic_wall.controller.processes.dial import Dial
+from haptic_wall.controller.processes.run_socket import (
+    MODULE,
+    MOST_BYTES,
+    AliveRun,
+    Peer,
+    alive,
+    chosen,
+    connected,
+    listening,
+    peer_of,
+    socket_of,
+)
+
+
+class ScriptedDesk:
+    """Answers after some looks; records what it was asked for."""
+
+    def __init__(self, looks: int = 1) -> None:
+        self.looks = looks
+        self.asked: list[list[str]] = []
+        self.withdrawn = 0
+        self._left = 0
+
+    def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
+        assert peer.pid == os.getpid() and wait_s >= 0.0
+        self.asked.append(sets)
+        self._left = self.looks
+        return {"error": "refused: x", "exit_status": 2} if sets == ["x"] else None
+
+    def look(self) -> dict[str, Any] | None:
+        self._left -= 1
+        return {"applied": True, "changed": {}, "waited_s": 0.0} if self._left <= 0 else None
+
+    def obstacle(self) -> str:
+        return "the torque would jump: by 1 N·m"
+
+    def withdraw(self) -> None:
+        self.withdrawn += 1
+        self._left = 0
+
+
+class Served:
+    def __init__(self, folder: Path, desk: ScriptedDesk, owner: int | None = None) -> None:
+        self.run = AliveRun(socket_of(folder / "run.hwlog"), os.getpid())
+        self.desk = desk
+        self.dial = Dial(listening(self.run.socket), lambda: desk, peer_of, owner)
+
+    def until(self, done: Any, seconds: float = 20.0) -> None:
+        end = time.monotonic() + seconds
+        while not done():
+            assert time.monotonic() < end
+            self.dial.serve()
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    monkeypatch.setattr(module, "_IDLE_S", 0.01)
+    monkeypatch.setattr(module, "READ_S", 0.2)
+    made = Served(tmp_path, ScriptedDesk())
+    yield made
+    made.dial.close()
+
+
+class Client(threading.Thread):
+    """Asks in a thread of its own."""
+
+    def __init__(self, run: AliveRun, *sets: str) -> None:
+        super().__init__(daemon=True)
+        self.run_, self.sets = run, sets
+        self.answer: Any = None
+        self.told: list[str] = []
+        self.start()
+
+    def run(self) -> None:
+        try:
+            self.answer = ask(self.run_, self.sets, 1.0, self.told.append)
+        except Exception as error:  # noqa: BLE001 - for the test to look at
+            self.answer = error
+
+
+def sent(served: Served, content: bytes) -> dict[str, Any]:
+    """Send anything; return the answer."""
+    with connected(served.run.socket) as connection:
+        connection.setblocking(False)
+        rest = memoryview(content)
+        found = b""
+        end = time.monotonic() + 20.0
+        while b"\n" not in found:
+            assert time.monotonic() < end
+            with contextlib.suppress(OSError):
+                rest = rest[connection.send(rest) :]
+            served.dial.serve()
+            with contextlib.suppress(BlockingIOError):
+                found += connection.recv(MOST_BYTES)
+        answer: dict[str, Any] = json.loads(found)
+        return answer
+
+
+def test_a_request_is_answered(served: Served) -> None:
+    client = Client(served.run, "wall.stiffness=4", "delay.steps=1")
+    served.until(lambda: client.answer)
+    assert client.answer == {"applied": True, "changed": {}, "waited_s": 0.0}
+    assert served.desk.asked == [["wall.stiffness=4", "delay.steps=1"]]
+
+
+def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
+    client = Client(served.run, "x")
+    served.until(lambda: client.answer)
+    assert isinstance(client.answer, NotAppliedError)
+    assert (str(client.answer), client.answer.exit_status) == ("refused: x", 2)
+
+
+def test_a_change_that_waits_says_so_once(served: Served) -> None:
+    served.desk.looks = 60
+    client = Client(served.run, "a=1")
+    served.until(lambda: client.answer)
+    assert client.told == ["waits: the torque would jump: by 1 N·m"]
+
+
+def test_only_the_owner_may_connect(served: Served) -> None:
+    mode = served.run.socket.stat().st_mode
+    assert stat.S_ISSOCK(mode) and stat.S_IMODE(mode) == 0o600
+
+
+def test_another_user_is_refused_by_the_kernels_word(tmp_path: Path) -> None:
+    other = Served(tmp_path, ScriptedDesk(), owner=os.getuid() + 1)
+    told = sent(other, b'{"set": ["wall.stiffness=4"]}\n')
+    assert "belongs to another user" in told["error"] and other.desk.asked == []
+    other.dial.close()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\n",
+        b"\x00\xff\xfe\n",
+        b"{}\n",
+        b"[1, 2]\n",
+        b'{"set": "wall.stiffness=4"}\n',
+        b'{"set": [4]}\n',
+        b'{"set": ["a=1"], "wait_s": "long"}\n',
+        b'{"set": ["a=1"], "wait_s": NaN}\n',
+        b'{"set": ["a=1"], "wait_s": -1}\n',
+        b'{"set": ["a=1"], "wait_s": 1e9}\n',
+        b'{"set": ' + b"[" * 30_000 + b"\n",
+        json.dumps({"set": ["a=1"] * 101}).encode() + b"\n",
+    ],
+)
+def test_garbage_is_answered_in_a_sentence(served: Served, content: bytes) -> None:
+    told = sent(served, content)
+    assert "wanted one line" in told["error"] and told["exit_status"] == 2
+    assert served.desk.asked == []
+
+
+def test_a_hundred_megabytes_are_not_taken(served: Served) -> None:
+    told = sent(served, b"a" * 100_000_000)
+    assert "more than 65536 bytes" in told["error"]
+
+
+def test_a_client_that_stops_in_the_middle_delays_nobody(served: Served) -> None:
+    with connected(served.run.socket) as slow:
+        slow.send(b'{"set": ["wall.st')
+        client = Client(served.run, "a=1")
+        served.until(lambda: client.answer)
+        assert client.answer["applied"]
+        slow.setblocking(False)
+        found: list[bytes] = []
+
+        def answered() -> bool:
+            with contextlib.suppress(BlockingIOError):
+                found.append(slow.recv(MOST_BYTES))
+            return bool(found)
+
+        served.until(answered)
+    assert b"no whole request came" in found[0]
+
+
+def test_a_client_that_goes_takes_its_request_along(served: Served) -> None:
+    served.desk.looks = 1000
+    with connected(served.run.socket) as gone:
+        gone.send(b'{"set": ["a=1"]}\n')
+        served.until(lambda: served.desk.asked)
+    served.until(lambda: served.desk.withdrawn)
+    client = Client(served.run, "x")
+    served.until(lambda: client.answer)
+    assert served.desk.asked == [["a=1"], ["x"]]
+
+
+def test_fifty_clients_at_once_are_served_one_after_the_other(served: Served) -> None:
+    clients = [Client(served.run, f"a={number}") for number in range(50)]
+    served.until(lambda: all(client.answer for client in clients))
+    assert all(client.answer["applied"] for client in clients)
+    assert sorted(served.desk.asked) == sorted([f"a={number}"] for number in range(50))
+
+
+def test_too_many_clients_are_sent_away(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_CLIENTS", 3)
+    with contextlib.ExitStack() as open_ones:
+        for _ in range(3):
+            open_ones.enter_context(connected(served.run.socket))
+            served.dial.serve()
+        assert "others ask at the same time" in sent(served, b"")["error"]
+
+
+def test_a_socket_that_a_killed_run_left_is_replaced_but_no_other_file(tmp_path: Path) -> None:
+    path = tmp_path / "run.hwlog.sock"
+    listening(path).close()
+    with listening(path), pytest.raises(OSError, match="use"):
+        listening(path)
+    path.unlink()
+    path.write_text("mine")
+    with pytest.raises(OSError, match="use"):
+        listening(path)
+    assert path.read_text() == "mine"
+
+
+def test_a_long_path_is_no_problem(tmp_path: Path) -> None:
+    folder = tmp_path / ("a" * 100) / ("b" * 100)
+    folder.mkdir(parents=True)
+    path = folder / "run.hwlog.sock"
+    with listening(path) as listener, connected(path), listener.accept()[0] as connection:
+        assert peer_of(connection).uid == os.getuid()
+
+
+def alive_in(folder: Path, *logs: Path) -> list[AliveRun]:
+    for number, log in enumerate(logs, start=1):
+        (folder / str(number)).mkdir(parents=True)
+        words = ["python", "-P", "-m", MODULE, str(socket_of(log)), ""]
+        (folder / str(number) / "cmdline").write_bytes("\0".join(words).encode())
+    (folder / "77").mkdir()
+    (folder / "77" / "cmdline").write_bytes(b"bash\0")
+    return alive(folder)
+
+
+def test_runs_are_found_by_their_processes(tmp_path: Path) -> None:
+    logs = [tmp_path / "one" / "a.hwlog", tmp_path / "one" / "b.hwlog", tmp_path / "c.hwlog"]
+    runs = alive_in(tmp_path / "proc", *logs)
+    assert [run.log for run in runs] == logs
+    assert chosen(tmp_path, runs).log == logs[2]
+    assert chosen(logs[0], runs).log == logs[0]
+    assert chosen(None, runs[:1]).log == logs[0]
+
+
+def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:
+    runs = alive_in(tmp_path / "proc", tmp_path / "a.hwlog", tmp_path / "b.hwlog")
+    with pytest.raises(UserError, match=r"2 running walls: .*a\.hwlog, .*b\.hwlog"):
+        chosen(None, runs)
+    with pytest.raises(UserError, match=r"no wall is running in .*; running are .*a\.hwlog"):
+        chosen(tmp_path / "other", runs)
+    with pytest.raises(UserError, match="no wall is running; start one"):
+        chosen(None, [])
