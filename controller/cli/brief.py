@@ -6,7 +6,15 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any, Final
 
-from haptic_wall.controller.cli.text import ending, entry, files, milli, number, oscillation
+from haptic_wall.controller.cli.text import (
+    changes,
+    ending,
+    entry,
+    files,
+    milli,
+    number,
+    oscillation,
+)
 from haptic_wall.controller.cli.wrapping import width
 
 LINES: Final = 8
@@ -26,7 +34,7 @@ def brief_text(report: Mapping[str, Any]) -> str:
     ended, places = list(ending(report)), list(files(report))
     notes = [("note", str(note)) for note in report.get("warnings") or []]
     reasons = [("why", str(why)) for why in (report.get("guard") or {}).get("reasons") or []]
-    more = [*notes, *reasons]
+    more = [*notes, *changes(report), *reasons]
     room = LINES - len(ended) - len(places) - bool(more)
     lines: list[str] = []
     for fact in (_oscillation(report), _wall(report.get("guard")), _ticks(report), _bus(report)):
@@ -35,7 +43,11 @@ def brief_text(report: Mapping[str, Any]) -> str:
     lines += shown.values()
     cut = [label for label, text in more if not shown.get((label, text), "").endswith(text)]
     if cut:
-        said = (_count(cut.count("note"), "note"), _count(cut.count("why"), "reason"))
+        said = (
+            _count(cut.count("note"), "note"),
+            _count(cut.count("change"), "change"),
+            _count(cut.count("why"), "reason"),
+        )
         lines += entry("more", f"{', '.join(filter(None, said))}: `run -v`")
     return "\n".join([*ended, *lines, *places])
 

@@ -214,7 +214,28 @@ def _realtime(settings: list[Mapping[str, Any]]) -> Iterator[str]:
         )
 
 
+def changes(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return label and text of each change of the running wall."""
+    return [("change", _change(each)) for each in report.get("changes") or []]
+
+
+def _change(change: Mapping[str, Any]) -> str:
+    by, at_s = change["by"], change.get("at_s")
+    when = "" if at_s is None else f"at {at_s:.3f} s, "
+    text = f"{when}{' '.join(change['set'])}, by {by['user']} (process {by['pid']})"
+    if change["outcome"] != "applied":
+        return f"{text}: {change['outcome']}, {change['why']}"
+    commanded = change.get("commanded") or {}
+    waited = number(change.get("waited_s"), 2)
+    return (
+        f"{text}: made after {waited} s, {number(commanded.get('stiffness'))} N·m/rad, "
+        f"{number(commanded.get('damping'))} N·m·s/rad"
+    )
+
+
 def _notes(report: Mapping[str, Any]) -> Iterator[str]:
+    for label, text in changes(report):
+        yield from entry(label, text)
     for warning in report.get("warnings") or []:
         yield from entry("note", str(warning))
     yield from files(report)

@@ -151,8 +151,10 @@ class Changeover:
         if not jump <= limits.torque:
             self.size = jump
             return Obstacle.TORQUE
-        way = speed * added * limits.period
-        if added > 0 and not 0.5 * target.stiffness * way * way <= MOST_J:
+        # Until the new delay is whole the torque stays behind by the added periods.
+        moved = speed * limits.period
+        late = target.stiffness * moved * moved * added * (target.steps + 1)
+        if added > 0 and not late <= MOST_J:
             self.size = abs(speed)
             return Obstacle.DELAY
         return Obstacle.NONE

@@ -1,0 +1,185 @@
+"""Starts a wall from Python in processes of its own, and changes it while it runs.
+
+::
+
+    with start("simulated", duration_s=60.0) as wall:
+        wall.set({"wall.stiffness": 4.0})
+        wall.set({"wall.law": "detents", "wall.count": 12}, wait_s=30.0)
+        print(wall.report()["changes"])
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from haptic_wall.controller.errors import HapticWallError, UserError
+from haptic_wall.controller.processes.ask import ask
+from haptic_wall.controller.processes.run_socket import AliveRun, connected, socket_of
+
+START_S: Final = 60.0
+"""Longest time until a started run takes changes [s]"""
+END_S: Final = 30.0
+"""Longest time until a run that was asked to end has reported [s]"""
+_LOOK_S: Final = 0.02
+
+
+class StartedWall:
+    """A running wall.
+
+    Attributes:
+        log: Path of its log.
+    """
+
+    def __init__(self, log: Path, arguments: Sequence[str]) -> None:
+        self.log = log
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "haptic_wall.controller.cli.attached", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            process_group=0,  # a Ctrl-C is for the starter, which ends the run as it leaves
+        )
+        self._said = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def set(self, changes: Mapping[str, Any], wait_s: float = 10.0) -> dict[str, Any]:
+        """Change the wall, in one tick in which that gives the shaft no energy.
+
+        Args:
+            changes: New values by path, such as ``{"wall.stiffness": 4.0}``.
+            wait_s: Longest wait for that tick [s].
+
+        Returns:
+            ``applied``, ``changed``, ``waited_s``, ``row``, and ``guard`` with what is commanded
+            and the reasons.
+
+        Raises:
+            NotAppliedError: It was refused, or the tick did not come; the wall is as before.
+            UserError: The run has ended.
+        """
+        sets = [f"{path}={json.dumps(value)}" for path, value in changes.items()]
+        run = AliveRun(socket_of(self.log), self._process.pid)
+        return ask(run, sets, wait_s, lambda _text: None)
+
+    def running(self) -> bool:
+        """Whether the run goes on."""
+        return self._process.poll() is None
+
+    def wait(self) -> dict[str, Any]:
+        """Wait until the run ends by itself; return its report, as ``run --json`` prints it.
+
+        Raises:
+            HapticWallError: The run could not start.
+        """
+        self._process.wait()
+        return self._report()
+
+    def report(self) -> dict[str, Any]:
+        """End the run, if it still goes on; return its report, as ``run --json`` prints it.
+
+        Raises:
+            HapticWallError: The run could not start, or does not end.
+        """
+        if self.running():
+            self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            raise HapticWallError(
+                f"the run of {self.log} does not end",
+                advice="switch the servo's power off, and kill its processes",
+            ) from None
+        return self._report()
+
+    def _report(self) -> dict[str, Any]:
+        self._reader.join(END_S)
+        try:
+            said: dict[str, Any] = json.loads(self._said)
+        except ValueError:
+            raise HapticWallError(
+                f"the run of {self.log} ended without a report",
+                advice="its messages are on standard error",
+            ) from None
+        if "error" in said:
+            raise UserError(said["error"])
+        return said
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        self._said = self._process.stdout.read()
+
+    def await_start(self) -> None:
+        """Wait until the run takes changes, or has ended."""
+        end_s = time.monotonic() + START_S
+        while self.running() and time.monotonic() < end_s:
+            with contextlib.suppress(OSError):
+                connected(socket_of(self.log)).close()
+                return
+            time.sleep(_LOOK_S)
+
+    def close(self) -> None:
+        """End the run, and its processes."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(END_S)
+        finally:
+            if self.running():
+                self._process.kill()
+                self._process.wait()
+            self._reader.join()
+            self._process.stdout.close()
+
+
+@contextlib.contextmanager
+def start(
+    config: str | Path,
+    sets: Sequence[str] = (),
+    duration_s: float | None = None,
+    log: Path | None = None,
+) -> Iterator[StartedWall]:
+    """Start a wall; it ends with the block, however that ends, with torque off.
+
+    Its messages go to standard error.
+
+    Args:
+        config: A preset's name, or the path of a YAML file.
+        sets: Changes of it as ``PATH=VALUE``.
+        duration_s: Time for which the wall is on [s]; None: until the block ends.
+        log: Path of its log; None: in a temporary folder, which is removed.
+
+    Raises:
+        UserError: The configuration is wrong, or the wall takes no changes: it is on the simulated
+            clock.
+    """
+    if "loop.clock=simulated" in sets:
+        raise UserError(
+            "on the simulated clock a run is over before it can be changed",
+            field="sets",
+            advice="leave loop.clock=simulated out",
+        )
+    with contextlib.ExitStack() as scope:
+        if log is None:
+            folder = scope.enter_context(tempfile.TemporaryDirectory(prefix="haptic-wall-"))
+            log = Path(folder) / "run.hwlog"
+        arguments = ["run", str(config), "--json", "--no-plot", "--log", str(log)]
+        arguments += [f"--duration={math.inf if duration_s is None else duration_s!r}"]
+        for change in sets:
+            arguments += ["--set", change]
+        wall = StartedWall(log, arguments)
+        scope.callback(wall.close)
+        wall.await_start()
+        if not wall.running():
+            wall.wait()
+        yield wall

@@ -1,0 +1,105 @@
+"""A wall in processes of its own, changed through its socket; hostile clients do it no harm."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.processes.ask import NotAppliedError
+from haptic_wall.controller.processes.run_socket import connected, socket_of
+from haptic_wall.controller.processes.started import StartedWall, start
+from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
+
+pytestmark = pytest.mark.realtime
+
+
+def attacked(wall: StartedWall) -> None:
+    """Send garbage, too much, and nothing, all at once."""
+
+    def attack(content: bytes, times: int) -> None:
+        with contextlib.suppress(OSError), connected(socket_of(wall.log)) as connection:
+            connection.settimeout(1.0)
+            for _ in range(times):
+                connection.sendall(content)
+
+    contents = [(b"\xff\x00\n", 1), (b"a" * 2**20, 100), (b'{"set": ["wall.st', 1), (b"", 0)]
+    threads = [
+        threading.Thread(target=attack, args=contents[number % len(contents)])
+        for number in range(50)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def asked(wall: StartedWall, *words: str) -> tuple[int, dict[str, object]]:
+    """Call the command."""
+    program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "set", "--json"]
+    done = subprocess.run(
+        [*program, *words, "--run", str(wall.log)], stdout=subprocess.PIPE, check=False
+    )
+    return done.returncode, json.loads(done.stdout)
+
+
+def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: Path) -> None:
+    log = tmp_path / "run.hwlog"
+    sets = ("servo.hand=push", "wall.stiffness=8", "realtime.profile=off")
+    with start("simulated", sets, log=log) as wall:
+        told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
+        assert told["applied"] and told["guard"]["commanded"]["stiffness"] == 4.0
+        attacked(wall)
+        status, answer = asked(wall, "wall.law=detents", "wall.count=12", "--wait=60")
+        assert (status, answer.get("applied")) == (0, True)
+        with pytest.raises(NotAppliedError, match=r"loop\.rate_hz: found a setting that a running"):
+            wall.set({"loop.rate_hz": 500})
+        status, answer = asked(wall, "wall.position=900", "--wait=0")
+        assert status == 3 and str(answer["error"]).startswith("not applied: ")
+        report = wall.report()
+    assert report["stop_reason"] == "interrupted" and report["torque_off"]
+    outcomes = [each["outcome"] for each in report["changes"]]
+    assert outcomes == ["applied", "applied", "refused", "not applied"]
+    assert all(each["by"]["uid"] == os.getuid() for each in report["changes"])
+    _, rows = read_log(log)
+    changes = [each["row"] for each in report["changes"] if each["row"] is not None]
+    assert rows["seq"][(rows["flags"] & FLAG_CHANGED) > 0].tolist() == changes
+    assert not socket_of(log).exists()
+
+
+def test_a_wall_that_cannot_start_says_why() -> None:
+    with (
+        pytest.raises(UserError, match=r"wall\.stiffness"),
+        start("simulated", ["wall.stiffness=-1"]),
+    ):
+        pass
+    with (
+        pytest.raises(UserError, match="simulated clock"),
+        start("simulated", ["loop.clock=simulated"]),
+    ):
+        pass
+
+
+def test_a_wall_ends_with_its_starter() -> None:
+    code = (
+        "from haptic_wall.controller.processes.started import start\n"
+        "import os\n"
+        "with start('simulated', ['realtime.profile=off']) as wall:\n"
+        "    print(wall._process.pid, flush=True)\n"
+        "    os._exit(1)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False
+    )
+    process = Path(f"/proc/{int(done.stdout)}")
+    end = time.monotonic() + 60.0
+    while process.exists() and (process / "cmdline").read_bytes():
+        assert time.monotonic() < end
+        time.sleep(0.05)
