@@ -23,6 +23,8 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from haptic_wall.controller.paper import items
+from haptic_wall.controller.processes.run_socket import AliveRun, socket_of
+from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
 from tests.typed import not_none, status_of
@@ -155,7 +157,24 @@ def look(words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "Traceback" not in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("cut_short")
+@pytest.fixture
+def running_wall(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that is asked for changes: it takes what its configuration takes."""
+    run = AliveRun(socket_of(folder / "runs" / "run.hwlog"), os.getpid())
+    config = load_config("simulated").config
+
+    def ask(_run: AliveRun, sets: Sequence[str], wait_s: float, _tell: object) -> dict[str, object]:
+        assert wait_s > 0.0
+        values = dict(difference(config, changed(config, sets)))
+        commanded = {"stiffness": 4.0, "damping": 0.02}
+        guard = {"commanded": commanded, "reasons": []}
+        return {"applied": True, "changed": values, "waited_s": 0.1, "guard": guard}
+
+    monkeypatch.setattr("haptic_wall.controller.processes.run_socket.alive", lambda: [run])
+    monkeypatch.setattr("haptic_wall.controller.processes.ask.ask", ask)
+
+
+@pytest.mark.usefixtures("cut_short", "running_wall")
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
 def test_commands_of_the_program(
     found: tuple[str, tuple[str, ...]],
