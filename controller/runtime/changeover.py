@@ -85,7 +85,7 @@ class Changeover:
         size: Of the obstacle found last, in its unit.
     """
 
-    __slots__ = ("_at", "_limits", "_positions", "size")
+    __slots__ = ("_at", "_fastest", "_limits", "_positions", "size")
 
     def __init__(self, limits: ChangeLimits) -> None:
         self._limits = limits
@@ -95,6 +95,7 @@ class Changeover:
         """Begin with another change: the positions so far are not followed by the next ones."""
         self._positions = [math.nan] * SPEED_TICKS
         self._at = 0
+        self._fastest = 0.0
         self.size = 0.0
 
     def watched(self, watch: Watch, softer: bool) -> Obstacle:
@@ -152,20 +153,25 @@ class Changeover:
             self.size = jump
             return Obstacle.TORQUE
         # Until the new delay is whole the torque stays behind by the added periods.
-        moved = speed * limits.period
+        moved = self._fastest * limits.period
         late = target.stiffness * moved * moved * added * (target.steps + 1)
         if added > 0 and not late <= MOST_J:
-            self.size = abs(speed)
+            self.size = self._fastest
             return Obstacle.DELAY
         return Obstacle.NONE
 
     def _speed(self, position: float) -> float:
-        """Return the mean speed over the last ticks [rad/s]; NaN: not known yet."""
-        at = self._at
-        moved = position - self._positions[at]
-        self._positions[at] = position
+        """Return the mean speed over the last ticks [rad/s]; NaN: not known yet.
+
+        ``_fastest`` is that of the faster half: near a turning point the mean is zero.
+        """
+        at, positions = self._at, self._positions
+        first, middle = positions[at], positions[(at + SPEED_TICKS // 2) % SPEED_TICKS]
+        positions[at] = position
         self._at = (at + 1) % SPEED_TICKS
-        return moved / (SPEED_TICKS * self._limits.period)
+        span = SPEED_TICKS * self._limits.period
+        self._fastest = 2.0 * max(abs(position - middle), abs(middle - first)) / span
+        return (position - first) / span
 
     def _held(self, law: Law, position: float, *, least: bool) -> float:
         """Return a lower or an upper bound of the energy in the law's spring [J].
