@@ -154,8 +154,9 @@ class Changeover:
             return Obstacle.TORQUE
         # Until the new delay is whole the torque stays behind by the added periods.
         moved = self._fastest * limits.period
-        late = target.stiffness * moved * moved * added * (target.steps + 1)
-        if added > 0 and not late <= MOST_J:
+        stiffness = max(old.stiffness, target.stiffness)
+        late = stiffness * moved * moved * added * (target.steps + 1)
+        if added > 0 and not late <= 0.5 * MOST_J:
             self.size = self._fastest
             return Obstacle.DELAY
         return Obstacle.NONE
