@@ -55,7 +55,7 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
     sets = ("servo.hand=push", "wall.stiffness=8", "realtime.profile=off")
     with start("simulated", sets, log=log) as wall:
         told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
-        assert told["applied"] and told["guard"]["commanded"]["stiffness"] == 4.0
+        assert told["applied"] and told["guard"]["requested"]["stiffness"] == 4.0
         attacked(wall)
         status, answer = asked(wall, "wall.law=detents", "wall.count=12", "--wait=60")
         assert (status, answer.get("applied")) == (0, True)
