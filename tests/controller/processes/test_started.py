@@ -61,7 +61,7 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
         assert (status, answer.get("applied")) == (0, True)
         with pytest.raises(NotAppliedError, match=r"loop\.rate_hz: found a setting that a running"):
             wall.set({"loop.rate_hz": 500})
-        status, answer = asked(wall, "wall.position=900", "--wait=0")
+        status, answer = asked(wall, "wall.law=spring", "wall.position=900", "--wait=0")
         assert status == 3 and str(answer["error"]).startswith("not applied: ")
         report = wall.report()
     assert report["stop_reason"] == "interrupted" and report["torque_off"]
