@@ -160,12 +160,13 @@ class Inbox:
         taken: Number of pieces taken, to be compared with ``Word.OFFERED``.
     """
 
-    __slots__ = ("_lists", "_peer", "_words", "change", "made", "taken")
+    __slots__ = ("_lists", "_loaded", "_peer", "_words", "change", "made", "taken")
 
     def __init__(self, peer: socket.socket | None, words: memoryview[int]) -> None:
         self._peer = peer
         self._words = words
         self._lists: list[list[Any]] = []
+        self._loaded: Change | None = None
         self.change: Change | None = None
         self.made: Change | None = None
         self.taken = words[_OFFERED]
@@ -179,6 +180,11 @@ class Inbox:
         """Take one piece, unless a change is at hand; never waits."""
         if self.change is not None or self._peer is None:
             return
+        if self._loaded is not None:  # in a tick of its own
+            self._loaded.complete()
+            self.change, self._loaded = self._loaded, None
+            self.taken += 1
+            return
         try:
             piece = self._peer.recv(MOST_BYTES, socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -186,14 +192,13 @@ class Inbox:
         if not piece:  # the other side has ended
             self._peer = None
             return
-        self.taken += 1
         if piece[:1] == b".":
             change = _Unpickler(piece[1:], self._lists).load()
             self._lists = []
             assert isinstance(change, Change)
-            change.complete()
-            self.change = change
+            self._loaded = change
             return
+        self.taken += 1
         number, part = pickle.loads(piece[1:])
         if number == len(self._lists):
             self._lists.append(part)
