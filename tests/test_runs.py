@@ -250,7 +250,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
         arguments = ["run", "xm430-w350", "--log", "run.hwlog", "--no-plot", *PATIENT, *BELIEF]
         arguments += ["--set", f"servo.port={port}"]
         with ticking(*arguments, cwd=tmp_path) as (process, family):
-            assert set(family) == {"loop_process", "recorder"}
+            assert set(family) == {"dial", "loop_process", "recorder"}
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan
             process.kill()
             for pid in family.values():
