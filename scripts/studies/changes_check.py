@@ -276,6 +276,6 @@ def harmless(found: Sequence[tuple[Bench, Row]]) -> bool:
 STUDY = Study(
     "changes-check.md",
     (Part("changes", benches, tried, by_kind, case_s=4.0, wanted=harmless),),
-    (Option("runs", 16, "runs of each servo and hand", quick=1),),
+    (Option("runs", 13, "runs of each servo and hand", quick=1),),
     everywhere=True,
 )
