@@ -22,6 +22,7 @@ import numpy as np
 
 from haptic_wall.controller.theory.chain import Sampled
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _Rows = TypeVar("_Rows", FloatArray, ComplexArray)
 
@@ -43,6 +44,8 @@ class Loops:
     """Whole periods of the delay"""
     samples: int
     """N of the velocity difference"""
+    velocity_filter: VelocityFilter | None = None
+    """Of the velocity: a factor of D"""
 
     def inverse(self, w: FloatArray) -> ComplexArray:
         """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
@@ -59,10 +62,11 @@ class Loops:
         return found
 
     def difference(self, w: FloatArray) -> ComplexArray:
-        """Return D = (1 - z^-N)/(N T) at the frequencies ``w``, loops × frequencies."""
+        """Return D = (1 - z^-N)/(N T), filtered, at the frequencies ``w``, loops × frequencies."""
         half = self.samples * w / 2
         moved: ComplexArray = 2j * np.sin(half) * _turned(-half)
-        return moved / (self.samples * self.period[:, None])
+        found: ComplexArray = moved / (self.samples * self.period[:, None])
+        return found if self.velocity_filter is None else found * self.velocity_filter.response(w)
 
 
 def _turned(angle: FloatArray) -> ComplexArray:
@@ -121,15 +125,27 @@ def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatAr
 
 def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> ComplexArray:
     """Return the closed-loop poles, loops × poles; arguments as of ``unstable_poles``."""
-    chains, samples = loops.chains, loops.samples
+    chains, samples, filtered = loops.chains, loops.samples, loops.velocity_filter
     count, order = chains.old.shape
     torques = loops.whole + 1
-    size = order + torques + samples
+    past = order + torques + samples
+    size = past if filtered is None else past + 2
     a = np.zeros((count, size, size))
-    per_sample = virtual_damping / (samples * loops.period)
-    command = np.zeros((count, size))
-    command[:, order - 1] = -stiffness - per_sample
-    command[:, -1] = per_sample
+    per_sample = 1.0 / (samples * loops.period)
+    difference = np.zeros((count, size))
+    difference[:, order - 1], difference[:, past - 1] = per_sample, -per_sample
+    if filtered is not None:
+        # direct form: the velocity v and two states r, with y = b0 v + r1
+        b0, b1, b2, a1, a2 = filtered.taps()
+        a[:, past] = (b1 - a1 * b0) * difference
+        a[:, past, past] -= a1
+        a[:, past, past + 1] = 1.0
+        a[:, past + 1] = (b2 - a2 * b0) * difference
+        a[:, past + 1, past] -= a2
+        difference *= b0
+        difference[:, past] += 1.0
+    command = -virtual_damping[:, None] * difference
+    command[:, order - 1] -= stiffness
     a[:, :order, :order] = chains.step + np.eye(order)
     a[:, :order, order + torques - 1] += chains.old
     if loops.whole:
@@ -140,7 +156,7 @@ def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> C
     shifted = np.arange(order + 1, order + torques)
     a[:, shifted, shifted - 1] = 1.0
     a[:, order + torques, order - 1] = 1.0
-    shifted = np.arange(order + torques + 1, size)
+    shifted = np.arange(order + torques + 1, past)
     a[:, shifted, shifted - 1] = 1.0
     return np.linalg.eigvals(a).astype(np.complex128)
 
@@ -148,7 +164,7 @@ def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> C
 def _frequencies(loops: Loops, virtual_damping: FloatArray) -> FloatArray:
     """Return the frequencies of all crossings below pi; NaN where there are fewer than columns."""
     parts = _Polynomials.of(loops)
-    torque, wall = parts.torque_odd, parts.wall_odd
+    torque, wall = _times(parts.torque_odd, parts.filter_size), parts.wall_odd
     more = parts.late - loops.samples
     if more >= 0:
         wall = _times(wall, _circle(more))
@@ -176,6 +192,8 @@ def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
     n = loops.samples
     back = (_power(-1, n) - _power(1, n))[1:]  # without its factor s
     both = _times(parts.torque, _times(back[None], _power(1, n)[None]))
+    if loops.velocity_filter is not None:  # its numerator is real
+        both = _times(both, loops.velocity_filter.denominator[None])
     w = _refined(_positive_roots(_even(both)), lambda w: _ratio(loops, w).imag)
     w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
     kept = np.isfinite(w)
@@ -206,6 +224,8 @@ class _Polynomials:
     """Its imaginary part over tan(w/2), rising powers of v"""
     wall_odd: FloatArray
     """Rising powers of v"""
+    filter_size: FloatArray
+    """Square of the modulus of the filter's denominator, rising powers of v"""
     size: FloatArray
     """Square of the numerator's modulus, rising powers of v"""
     late: int
@@ -221,10 +241,22 @@ class _Polynomials:
             mu = chains.moved_poles[:, i]
             pole = _times(pole, np.stack([-mu, 2.0 + mu], axis=1))
         torque = _times(_times(pole.real, mirrored), _power(1, 2 * late)[None])
+        wall = _power(1, 2 * loops.samples)[None]
+        filter_size = np.ones((1, 1))
+        if loops.velocity_filter is not None:
+            below = loops.velocity_filter.denominator[None]
+            below_mirrored = below * np.array([1.0, -1.0, 1.0])
+            # D ~ (1 - s²)^N - (1 - s)^2N, and -(1 - s)^2N has the odd part of (1 + s)^2N
+            ends = np.zeros((1, 2 * loops.samples + 1))
+            ends[:, ::2] = (_power(-1, loops.samples))[None]
+            wall = ends - _power(-1, 2 * loops.samples)[None]
+            wall = _times(wall, _times(loops.velocity_filter.numerator[None], below_mirrored))
+            filter_size = _even(_times(below, below_mirrored))
         return cls(
             torque=torque,
             torque_odd=_odd(torque),
-            wall_odd=_odd(_power(1, 2 * loops.samples)[None]),
+            wall_odd=_odd(wall),
+            filter_size=filter_size,
             size=_even(_times(numerator, mirrored)),
             late=late,
         )

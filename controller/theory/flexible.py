@@ -29,6 +29,7 @@ from haptic_wall.controller.theory.crossings import (
     unstable_poles,
 )
 from haptic_wall.controller.theory.exact import CriticalPoint
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 MOST_PERIODS = 30
 """Longest delay, in periods, and most samples of the velocity difference"""
@@ -48,6 +49,7 @@ def flexible_boundary(
     *,
     encoder: str = "output",
     bandwidth: ArrayLike | None = None,
+    velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
     """Return the stiffness below which a two-sided wall is stable on two masses, and the frequency.
 
@@ -65,6 +67,7 @@ def flexible_boundary(
         velocity_samples: N of the velocity difference, >= 1.
         encoder: The side that is measured: ``output`` or ``motor``.
         bandwidth: Of the current loop, whose torque lags by the first order > 0 [Hz]; None: none.
+        velocity_filter: Of the velocity that damps; None: none.
 
     Returns:
         The boundary in the broadcast shape: the end of the stable interval that begins at 0.
@@ -81,7 +84,9 @@ def flexible_boundary(
         encoder=encoder,
         bandwidth=bandwidth,
     )
-    return chain_boundary(chain, shape, virtual_damping, period, delay, velocity_samples)
+    return chain_boundary(
+        chain, shape, virtual_damping, period, delay, velocity_samples, velocity_filter
+    )
 
 
 def flexible_ceiling(
@@ -96,6 +101,7 @@ def flexible_ceiling(
     *,
     encoder: str = "output",
     bandwidth: ArrayLike | None = None,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return the virtual damping up to which some stiffness from 0 on is stable on two masses.
 
@@ -113,7 +119,7 @@ def flexible_ceiling(
         encoder=encoder,
         bandwidth=bandwidth,
     )
-    return chain_ceiling(chain, shape, period, delay, velocity_samples)
+    return chain_ceiling(chain, shape, period, delay, velocity_samples, velocity_filter)
 
 
 def chain_boundary(
@@ -123,6 +129,7 @@ def chain_boundary(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
 ) -> CriticalPoint:
     """Return ``flexible_boundary`` of any chain; ``shape`` is that of its parameters."""
     given, (big_b, t, t_d, n) = _common(
@@ -133,7 +140,7 @@ def chain_boundary(
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
     stiffness, frequency = np.zeros(big_b.size), np.zeros(big_b.size)
-    for part, loops in _groups(chain, given, shape, t, t_d, n):
+    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
         first, w = _first_interval(loops, big_b[part])
         stiffness[part], frequency[part] = first, w / (2 * np.pi * t[part])
     return CriticalPoint(*(x.reshape(given)[()] for x in (stiffness, big_b.copy(), frequency)))
@@ -145,6 +152,7 @@ def chain_ceiling(
     period: ArrayLike,
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return ``flexible_ceiling`` of any chain; ``shape`` is that of its parameters."""
     given, (t, t_d, n) = _common(
@@ -154,7 +162,7 @@ def chain_ceiling(
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
     ceiling = np.zeros(t.size)
-    for part, loops in _groups(chain, given, shape, t, t_d, n):
+    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
         damping, count = damping_crossings(loops)
         leaves = np.where(count > 0, damping, np.inf)
         ceiling[part] = np.min(leaves, axis=1)
@@ -186,6 +194,7 @@ def _groups(
     period: FloatArray,
     delay: FloatArray,
     velocity_samples: FloatArray,
+    velocity_filter: VelocityFilter | None,
 ) -> Iterator[tuple[IntArray, Loops]]:
     """Yield the settings of each whole delay and number of samples, as indices and loops."""
     late = delay / period
@@ -202,4 +211,4 @@ def _groups(
         for start in range(0, every.size, _CHUNK):
             part = every[start : start + _CHUNK]
             chains = sampled(chain.take(rows[part]), period[part], late[part] - d)
-            yield part, Loops(chains, period[part], int(d), int(n))
+            yield part, Loops(chains, period[part], int(d), int(n), velocity_filter)

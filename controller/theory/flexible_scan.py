@@ -14,6 +14,7 @@ import numpy as np
 from haptic_wall.controller.theory.chain import sampled, two_masses
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 96, 120
 """Frequencies of the grid: in equal ratios, and in equal steps"""
@@ -37,6 +38,7 @@ class FlexibleScan:
         delay: float,
         samples: int,
         encoder: str,
+        velocity_filter: VelocityFilter | None = None,
     ) -> None:
         """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,)."""
         chain, _ = two_masses(
@@ -51,11 +53,21 @@ class FlexibleScan:
         whole = math.floor(late)
         times = np.full(inertia.size, period)
         loops = Loops(
-            sampled(chain, times, np.full(inertia.size, late - whole)), times, whole, samples
+            sampled(chain, times, np.full(inertia.size, late - whole)),
+            times,
+            whole,
+            samples,
+            velocity_filter,
         )
         with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
         alone = np.sqrt(transmission_stiffness / load_inertia)
-        w = _grid(np.stack([with_both, alone], axis=1) * period, late)
+        near = [with_both * period, alone * period]
+        if velocity_filter is not None:
+            near.append(np.full(inertia.size, velocity_filter.w0))
+        w = _grid(np.stack(near, axis=1), late)
+        if velocity_filter is not None:  # at a notch itself no damping acts
+            w0 = velocity_filter.w0
+            w = np.where(np.abs(w - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, w)
         self._inverse = loops.inverse(w)
         self._difference = loops.difference(w)
         ratio = self._inverse / self._difference
