@@ -161,6 +161,13 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
                 advice="leave it out, or change CONFIG by --set",
             )
     config = load_config(name, sets).config
+    if config.wall.velocity_filter != "none":
+        raise UserError(
+            f"found {config.wall.velocity_filter}",
+            field="wall.velocity_filter",
+            wanted="none: the boundary is drawn without a filter",
+            advice="haptic-wall run reports the limits with it",
+        )
     belief, period = config.belief(), config.period_ns * 1e-9
     delay: Bounded | None = given["delay"]
     if delay is None:

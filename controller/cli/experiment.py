@@ -130,6 +130,14 @@ def experiment(
                     wanted="wall: only walls are measured",
                     advice="haptic-wall run renders any law",
                 )
+            filtered = loaded.config.wall.velocity_filter
+            if filtered != "none":
+                raise UserError(
+                    f"found {filtered}",
+                    field="wall.velocity_filter",
+                    wanted="none: experiments count no filter",
+                    advice="haptic-wall run renders it",
+                )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
 
         options = [config_argument(default, needed=without is None), set_option, out]

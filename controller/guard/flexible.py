@@ -19,6 +19,7 @@ import numpy as np
 from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
@@ -32,6 +33,8 @@ _SLOW = 0.8
 """Cycles per period up to which a faster vibration bounds less"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
+_BESIDE = np.linspace(-2.0, 2.0, 17)
+"""Frequencies beside that of a notch, in widths of it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
 """Frequency of a contact over the vibration's, and the share of the limit that returns no more"""
 _UNBOUND = 1e12
@@ -47,6 +50,7 @@ def flexible_ceiling(
     delay: FloatArray,
     samples: int,
     inserted: float = 0.0,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return the commanded damping above which the load may vibrate without any stiffness.
 
@@ -56,6 +60,7 @@ def flexible_ceiling(
         delay: Total, of each plant, at the longest [s].
         samples: Of the velocity difference.
         inserted: The part of it that is neither the sample's age nor the device's own lag [s].
+        velocity_filter: Of the velocity that damps; None: none.
 
     Returns:
         [N·m·s/rad]
@@ -63,8 +68,8 @@ def flexible_ceiling(
     gain = belief.torque_gain.high
     found = [
         min(
-            float(_scan(belief, t, knot, samples).ceilings().min())
-            for knot in knots(belief, t, t_d, inserted)
+            float(_scan(belief, t, knot, samples, velocity_filter).ceilings().min())
+            for knot in knots(belief, t, t_d, inserted, _is_notch(velocity_filter))
         )
         / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
@@ -79,6 +84,7 @@ def flexible_limit(
     damping: FloatArray,
     samples: int,
     inserted: float = 0.0,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
 
@@ -86,7 +92,15 @@ def flexible_limit(
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
     found = [
-        _limit(belief, t, knots(belief, t, t_d, inserted), t_d, b, samples)
+        _limit(
+            belief,
+            t,
+            knots(belief, t, t_d, inserted, _is_notch(velocity_filter)),
+            t_d,
+            b,
+            samples,
+            velocity_filter,
+        )
         for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
     ]
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
@@ -158,31 +172,53 @@ class Knot(NamedTuple):
     """[Hz]"""
 
 
+def _is_notch(velocity_filter: VelocityFilter | None) -> bool:
+    return velocity_filter is not None and velocity_filter.kind == "notch"
+
+
 def _limit(
-    belief: Belief, period: float, grid: list[Knot], delay: float, damping: float, samples: int
+    belief: Belief,
+    period: float,
+    grid: list[Knot],
+    delay: float,
+    damping: float,
+    samples: int,
+    velocity_filter: VelocityFilter | None,
 ) -> float:
     *shorter, below, above = grid
-    at = [_limit_at(belief, period, knot, damping, samples) for knot in shorter]
+    loop = (samples, velocity_filter)
+    at = [_limit_at(belief, period, knot, damping, *loop) for knot in shorter]
     for knot in (below, above):
         scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
-        at.append(scale * _limit_at(belief, period, knot, damping, samples))
+        at.append(scale * _limit_at(belief, period, knot, damping, *loop))
     return min(at)
 
 
 @lru_cache(maxsize=8192)
-def _limit_at(belief: Belief, period: float, knot: Knot, damping: float, samples: int) -> float:
-    scan = _scan(belief, period, knot, samples)
+def _limit_at(
+    belief: Belief,
+    period: float,
+    knot: Knot,
+    damping: float,
+    samples: int,
+    velocity_filter: VelocityFilter | None,
+) -> float:
+    scan = _scan(belief, period, knot, samples, velocity_filter)
     gains = {belief.torque_gain.low, belief.torque_gain.high}
     return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
 
 
-def knots(belief: Belief, period: float, delay: float, inserted: float) -> list[Knot]:
+def knots(
+    belief: Belief, period: float, delay: float, inserted: float, every: bool = False
+) -> list[Knot]:
     """Return the grid from below the shortest possible delay to above ``delay`` [s].
 
     Delays a cycle of the slowest vibration ago are left out: the phases were the same then, and the
-    delay of the stiffness was shorter.
+    delay of the stiffness was shorter. With ``every`` all believed frequencies are counted at each
+    delay: a notch lets a faster vibration pass where it stops a slower one.
     """
-    grid = _delays(belief.flexible_hz.low, belief.flexible_hz.high, period, delay)
+    hz = belief.flexible_hz
+    grid = _delays(hz.low, hz.high, period, delay, every)
     shortest = min(inserted + belief.delay.low, delay)
     if grid[-1].low > 0.0:
         shortest = max(shortest, delay - 1.0 / grid[-1].low)
@@ -191,7 +227,7 @@ def knots(belief: Belief, period: float, delay: float, inserted: float) -> list[
 
 
 @lru_cache(maxsize=1024)
-def _delays(low: float, high: float, period: float, longest: float) -> list[Knot]:
+def _delays(low: float, high: float, period: float, longest: float, every: bool) -> list[Knot]:
     """Return the grid from 0 to above ``longest`` [s], of vibrations ``low`` to ``high`` [Hz].
 
     Where the frequencies span more than a cycle of the phase, or the delay is more than one, delays
@@ -199,6 +235,9 @@ def _delays(low: float, high: float, period: float, longest: float) -> list[Knot
     after the longer one at a frequency that is lower by the ratio: so the frequencies are
     widened downward by it.
     """
+    if every:
+        step = _PHASE / (math.tau * high)
+        return [Knot(k * step, low, high) for k in range(math.floor(longest / step + 1e-9) + 2)]
     found = [Knot(0.0, *_counted(low, high, period, 0.0))]
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
@@ -228,14 +267,25 @@ def _counted(low: float, high: float, period: float, delay: float) -> tuple[floa
 
 
 @lru_cache(maxsize=1024)
-def _scan(belief: Belief, period: float, knot: Knot, samples: int) -> FlexibleScan:
+def _scan(
+    belief: Belief,
+    period: float,
+    knot: Knot,
+    samples: int,
+    velocity_filter: VelocityFilter | None,
+) -> FlexibleScan:
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
     load = belief.load_inertia
+    rates = np.linspace(knot.low, knot.high, count)
+    if velocity_filter is not None and _is_notch(velocity_filter):
+        middle = velocity_filter.w0 / (math.tau * period)
+        near = middle * (1.0 + _BESIDE / velocity_filter.q)
+        rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
     grid = np.meshgrid(
         _ends(belief.inertia),
         _ends(Bounded(load.value, max(load.low, LIGHTEST * load.high), load.high)),
-        math.tau * np.linspace(knot.low, knot.high, count),
+        math.tau * rates,
         _ends(belief.flexible_damping_ratio),
         indexing="ij",
     )
@@ -253,6 +303,7 @@ def _scan(belief: Belief, period: float, knot: Knot, samples: int) -> FlexibleSc
         knot.delay,
         samples,
         belief.encoder,
+        velocity_filter,
     )
 
 

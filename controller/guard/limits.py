@@ -31,6 +31,7 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.flexible_scan import RigidScan
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 from haptic_wall.controller.theory.passivity import passive_slope
 
@@ -38,6 +39,9 @@ BACKLASH_COUNTS = 4
 """An oscillation of backlash of up to so many counts to either side is let be"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
+SCANNED = 0.98
+"""Fraction of a rigid servo's limits with a velocity filter that is used: they are found on a grid
+of frequencies, to a hundredth"""
 LOOKED_UP = 0.05
 """Largest fraction by which the table underestimates the one-sided limit."""
 
@@ -113,6 +117,9 @@ def evaluate(
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
     belief = situation.belief
+    rigid_loop = None
+    if request.velocity_filter is not None:
+        rigid_loop = RigidScan(m, b, t, t_d, n, request.velocity_filter)
     ceiling, rigid = damping_ceiling(request, situation, plants)
     nothing_stable, vibration = g * rigid, ceiling
     vibrates = ceiling < rigid if belief.is_flexible else None
@@ -125,7 +132,10 @@ def evaluate(
         damping = np.minimum(damping, settings.damping_cap * ceiling)
         damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping) + 0.0
     acting = g * damping
-    exact = critical_stiffness(m, b, acting, t, t_d, n)
+    if rigid_loop is None:
+        exact = critical_stiffness(m, b, acting, t, t_d, n)
+    else:
+        exact = np.minimum(SCANNED * rigid_loop.limits(acting), _UNBOUND)
     one_sided = None
     if request.side != "both":
         one_sided = (
@@ -142,7 +152,9 @@ def evaluate(
             belief, exact / g, np.divide(damping, vibration, out=full, where=vibration > 0.0), t
         )
     elif belief.is_flexible:
-        flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted)
+        flexible = flexible_limit(
+            belief, t, t_d, damping, n, situation.inserted, request.velocity_filter
+        )
         if one_sided is not None:
             rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
             flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
@@ -192,11 +204,16 @@ def damping_ceiling(
     """
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n, belief = request.velocity_samples, situation.belief
-    rigid = max_virtual_damping(m, b, t, t_d, n) / g
+    filtered = request.velocity_filter
+    if filtered is None:
+        rigid = max_virtual_damping(m, b, t, t_d, n) / g
+    else:
+        rigid = SCANNED * RigidScan(m, b, t, t_d, n, filtered).ceilings() / g
     if belief.is_fast(situation.period):
         return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
     if belief.is_flexible:
-        return np.minimum(rigid, flexible_ceiling(belief, t, t_d, n, situation.inserted)), rigid
+        found = flexible_ceiling(belief, t, t_d, n, situation.inserted, filtered)
+        return np.minimum(rigid, found), rigid
     return rigid, rigid
 
 
@@ -381,6 +398,8 @@ def quantisation_limit(
     if step == 0:
         return None
     by_damper = np.abs(damping) * step / (request.velocity_samples * period)
+    if request.velocity_filter is not None:
+        by_damper = request.velocity_filter.peak(request.velocity_samples) * by_damper
     return np.maximum(settings.quantisation_share * situation.torque_limit - by_damper, 0.0) / step
 
 
@@ -397,6 +416,13 @@ def unstable_nominally(
     p = Plants.nominal(situation, before_device)
     n = request.velocity_samples
     acting = p.gain * request.damping
+    if request.velocity_filter is not None:
+        loop = RigidScan(p.inertia, p.damping, p.period, p.delay, n, request.velocity_filter)
+        if request.stiffness > 0:
+            above: NDArray[np.bool_] = p.gain * request.stiffness >= loop.limits(acting)
+            return above
+        beyond: NDArray[np.bool_] = (acting < -p.damping) | (acting >= loop.ceilings())
+        return beyond
     if request.stiffness > 0:
         critical = critical_stiffness(p.inertia, p.damping, acting, p.period, p.delay, n)
         unstable: NDArray[np.bool_] = p.gain * request.stiffness >= critical

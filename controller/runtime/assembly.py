@@ -27,7 +27,7 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.program import Phase, Program
-from haptic_wall.controller.laws.velocity import velocity_estimator
+from haptic_wall.controller.laws.velocity import Biquad, velocity_estimator
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
 from haptic_wall.controller.runtime.changeover import ChangeLimits, Changeover
@@ -169,10 +169,11 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
     and to the amount that one encoder count may command. It is zero where the wall must be passive:
-    any added damping lowers the passive stiffness.
+    any added damping lowers the passive stiffness; and with a filter of the velocity, whose
+    boundary has another peak.
     """
     decisions = schedule.decisions
-    if config.guard.mode == "passive":
+    if config.guard.mode == "passive" or config.velocity_filter() is not None:
         return [0.0] * len(decisions)
     situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
@@ -239,6 +240,7 @@ def tick_parts(
     fastest, driven = speed_limits(safety.max_speed, servo.facts, real)
     if not (law.guarded or real):
         driven = math.inf  # a program may drive a simulated shaft
+    filtered = config.velocity_filter()
     gains = Gains(schedule, law, max(1, round(RAMP_S / period)), servo.facts.torque_limit)
     rest_torque = engage_torque(safety.engage_torque, servo.facts.stall_torque)
     return TickParts(
@@ -250,6 +252,7 @@ def tick_parts(
             velocity_estimator(period, wall.velocity_samples),
             period_ns,
             pipelined=config.servo.schedule == "pipelined",
+            velocity_filter=None if filtered is None else Biquad(filtered.taps()),
         ),
         gains=gains,
         ring=DelayRing(config.delay.steps),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from haptic_wall.controller.laws.velocity import VelocityEstimator
+from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
 from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 COLLECT_SHARE = 0.8
@@ -33,11 +33,13 @@ class Sampler:
         velocity: Estimates the velocity from the positions.
         period_ns: The sampling period [ns].
         pipelined: A request is sent at the end of the period before; else in its own.
+        velocity_filter: Of the velocity that damps; None: none.
 
     Attributes:
         outcome: Of the last request.
         position: The last known position [rad]; NaN: none is known yet.
         velocity: Estimated velocity [rad/s]; 0 after a reading that failed.
+        damped: The same, filtered where the wall has a filter: the law's damping acts on it.
         sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
         measured_torque: Torque in the last reply [N·m]; NaN: the servo measures none.
         first: The last sample was the first good one.
@@ -46,11 +48,13 @@ class Sampler:
     __slots__ = (
         "_collect_ns",
         "_estimator",
+        "_filter",
         "_other_collect_ns",
         "_period_ns",
         "_pipelined",
         "_served_ns",
         "_servo",
+        "damped",
         "first",
         "measured_torque",
         "outcome",
@@ -60,10 +64,17 @@ class Sampler:
     )
 
     def __init__(
-        self, servo: Servo, velocity: VelocityEstimator, period_ns: int, *, pipelined: bool
+        self,
+        servo: Servo,
+        velocity: VelocityEstimator,
+        period_ns: int,
+        *,
+        pipelined: bool,
+        velocity_filter: Biquad | None = None,
     ) -> None:
         self._servo = servo
         self._estimator = velocity
+        self._filter = velocity_filter
         self._period_ns = period_ns
         self._pipelined = pipelined
         self._collect_ns = int(COLLECT_SHARE * period_ns)
@@ -71,7 +82,7 @@ class Sampler:
         self._served_ns = 0  # wake-up of the last tick with a reading; 0: none
         self.outcome = _OK
         self.position = math.nan
-        self.velocity = 0.0
+        self.velocity = self.damped = 0.0
         self.sampled_ns: int | None = None
         self.measured_torque = math.nan
         self.first = False
@@ -108,7 +119,7 @@ class Sampler:
             return reading
         if outcome is not _OK:
             # The last position again, so dx = 0. Before the first good reading the torque is zero.
-            self.velocity = 0.0
+            self.velocity = self.damped = 0.0
             if self._pipelined and outcome is Outcome.LOST:
                 self._collect_ns, self._other_collect_ns = self._other_collect_ns, self._collect_ns
             return reading
@@ -116,7 +127,9 @@ class Sampler:
         self.position = position
         self.sampled_ns = sampled_ns
         self.first = last_ns is None
-        self.velocity = self._estimator.update(position, self._periods(last_ns, sampled_ns))
+        velocity = self._estimator.update(position, self._periods(last_ns, sampled_ns))
+        self.velocity = velocity
+        self.damped = velocity if self._filter is None else self._filter.update(velocity)
         return reading
 
     def _periods(self, last_ns: int | None, sampled_ns: int) -> float:

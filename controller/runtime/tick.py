@@ -169,7 +169,7 @@ class Tick:
         elif sampled_ns is not None:
             found = motion.update(sampler, contact, periods)
             self.trip = self.trip or found
-            wall_torque = law.torque(position, sampler.velocity)
+            wall_torque = law.torque(position, sampler.damped)
         if contact:
             flags |= FLAG_CONTACT
         torque = parts.ring.push(wall_torque, periods)

@@ -301,7 +301,13 @@ class Config(Sections):
 
         wall = self.wall
         if wall.law == "wall":
-            return Request(wall.stiffness, wall.damping, wall.side, wall.velocity_samples)
+            return Request(
+                wall.stiffness,
+                wall.damping,
+                wall.side,
+                wall.velocity_samples,
+                velocity_filter=self.velocity_filter(),
+            )
         facts = self._of_law(facts_of, step)
         own = facts.own_stiffness
         return Request(

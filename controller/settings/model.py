@@ -147,6 +147,21 @@ class _Rendered(Section):
     velocity_samples: Whole = setting(
         1, "Samples the velocity is differenced over; 1: the backward difference", ge=1, le=64
     )
+    velocity_filter: Literal["none", "lowpass", "notch"] = setting(
+        "none",
+        "Filter of the velocity that damps, of the second order: lowpass, notch (both for "
+        "two-sided walls; the guard counts their delay)",
+    )
+    velocity_hz: Positive = setting(
+        100.0, "Corner of the low-pass, or middle of the notch; below half the rate", "Hz"
+    )
+    velocity_q: float = setting(
+        0.7,
+        "Quality of the filter: the gain of the low-pass at its corner; the middle of the notch "
+        "over its width",
+        ge=0.1,
+        le=20.0,
+    )
     passivity_control: bool = setting(
         False, "Put damping in where the wall gives more energy than it took"
     )

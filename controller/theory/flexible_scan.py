@@ -11,13 +11,18 @@ import math
 
 import numpy as np
 
-from haptic_wall.controller.theory.chain import sampled, two_masses
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 96, 120
 """Frequencies of the grid: in equal ratios, and in equal steps"""
+_MORE = 600
+"""Of the first for a rigid servo, which has no resonance beside which the grid is dense"""
+_FLANK = np.geomspace(1e-5, 0.4, 80)
+_ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
+"""Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]"""
 _NEAR = np.concatenate([-np.geomspace(0.4, 0.001, 16), [0.0], np.geomspace(0.001, 0.5, 16)])
@@ -61,13 +66,8 @@ class FlexibleScan:
         )
         with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
         alone = np.sqrt(transmission_stiffness / load_inertia)
-        near = [with_both * period, alone * period]
-        if velocity_filter is not None:
-            near.append(np.full(inertia.size, velocity_filter.w0))
-        w = _grid(np.stack(near, axis=1), late)
-        if velocity_filter is not None:  # at a notch itself no damping acts
-            w0 = velocity_filter.w0
-            w = np.where(np.abs(w - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, w)
+        near = np.stack([with_both, alone], axis=1) * period
+        w = _grid(near, late, velocity_filter)
         self._inverse = loops.inverse(w)
         self._difference = loops.difference(w)
         ratio = self._inverse / self._difference
@@ -90,16 +90,71 @@ class FlexibleScan:
         return np.where(stable, _least(left.imag, left.real), 0.0)
 
 
-def _grid(resonances: FloatArray, late: float) -> FloatArray:
+class RigidScan:
+    """The same for rigid servos, each with its own period and delay."""
+
+    def __init__(
+        self,
+        inertia: FloatArray,
+        damping: FloatArray,
+        period: FloatArray,
+        delay: FloatArray,
+        samples: int,
+        velocity_filter: VelocityFilter | None = None,
+    ) -> None:
+        """Prepare; all arrays of shape (n,), arguments as of ``FlexibleScan``."""
+        late = delay / period
+        whole = np.floor(late + 1e-12)
+        none = np.empty((inertia.size, 0))
+        chain = Chain(inertia[:, None], damping[:, None], none, none)
+        self._parts: list[tuple[IntArray, ComplexArray, ComplexArray]] = []
+        self._ceiling, self._floor = np.zeros(inertia.size), np.zeros(inertia.size)
+        for d in np.unique(whole).tolist():
+            part = np.flatnonzero(whole == d)
+            fraction = np.maximum(late[part] - d, 0.0)
+            chains = sampled(chain.take(part), period[part], fraction)
+            loops = Loops(chains, period[part], int(d), samples, velocity_filter)
+            w = _grid(np.empty((part.size, 0)), d + 1.0, velocity_filter, _MORE)
+            inverse, difference = loops.inverse(w), loops.difference(w)
+            ratio = inverse / difference
+            self._ceiling[part] = _least(ratio.imag, ratio.real)
+            self._floor[part] = -_least(ratio.imag, -ratio.real)
+            self._parts.append((part, inverse, difference))
+
+    def ceilings(self) -> FloatArray:
+        """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
+        return self._ceiling
+
+    def limits(self, virtual_damping: FloatArray) -> FloatArray:
+        """Return the stiffness up to which every stiffness from 0 on is stable [N·m/rad]."""
+        found = np.zeros(self._ceiling.size)
+        for part, inverse, difference in self._parts:
+            left = inverse - virtual_damping[part, None] * difference
+            found[part] = _least(left.imag, left.real)
+        stable = (virtual_damping < self._ceiling) & (virtual_damping > self._floor)
+        return np.where(stable, found, 0.0)
+
+
+def _grid(
+    resonances: FloatArray,
+    late: float,
+    velocity_filter: VelocityFilter | None,
+    few: int = _FEW,
+) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
     common = np.concatenate(
-        [np.geomspace(_SLOWEST / (1.0 + late), np.pi, _FEW), np.linspace(0.05, np.pi, _EVEN)]
+        [np.geomspace(_SLOWEST / (1.0 + late), np.pi, few), np.linspace(0.05, np.pi, _EVEN)]
     )
     near = (resonances[..., None] * (1.0 + _NEAR)).reshape(len(resonances), -1)
     folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
+    if velocity_filter is not None:
+        common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
     rows = np.concatenate([np.tile(common, (len(near), 1)), folded], axis=1)
     found: FloatArray = np.sort(np.clip(rows, common[0], np.pi), axis=1)
-    return found
+    if velocity_filter is None:
+        return found
+    w0 = velocity_filter.w0  # at a notch itself no damping acts
+    return np.where(np.abs(found - w0) < 1e-7 * w0, (1.0 + 1e-6) * w0, found)
 
 
 def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Measures and computes the stable walls of a servo with a bare horn and with a link.
+"""Measures and computes the stable walls of a servo: a bare horn, a link, a link and a notch.
 
     scripts/study flexible_figure [--points N] [--quick]
 
@@ -20,8 +20,10 @@ from haptic_wall.controller.experiments.sweep.ceiling import CeilingSearch
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
 from haptic_wall.controller.experiments.testbed import Testbed
+from haptic_wall.controller.laws.velocity import Biquad
 from haptic_wall.controller.report.style import (
     BLUE,
+    GREEN,
     INK,
     ORANGE,
     PAGE,
@@ -32,6 +34,7 @@ from haptic_wall.controller.report.style import (
 )
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.plant.body import PlantParameters, State
 from haptic_wall.hw.plant.two_masses import TwoMasses
 from haptic_wall.hw.settings import TrueServo
@@ -51,12 +54,32 @@ class Load(NamedTuple):
     ratio: float
     dampings: tuple[float, ...]
     colour: str
+    notch_q: float = 0.0
+    """Quality of a notch of the velocity at the vibration; 0: none"""
 
     @property
     def transmission(self) -> tuple[float, float]:
         """Return stiffness and damping of the transmission."""
         moving = MOTOR * self.inertia / (MOTOR + self.inertia)
         return self.stiffness, 2.0 * self.ratio * math.sqrt(self.stiffness * moving)
+
+    @property
+    def velocity_filter(self) -> VelocityFilter | None:
+        """Return the filter of the velocity."""
+        if self.notch_q == 0.0:
+            return None
+        return VelocityFilter("notch", math.tau * self.hertz * PERIOD, self.notch_q)
+
+    @property
+    def filter_settings(self) -> list[str]:
+        """Return the settings of that filter."""
+        if self.notch_q == 0.0:
+            return []
+        return [
+            "wall.velocity_filter=notch",
+            f"wall.velocity_hz={self.hertz}",
+            f"wall.velocity_q={self.notch_q}",
+        ]
 
     @property
     def hertz(self) -> float:
@@ -68,8 +91,9 @@ class Load(NamedTuple):
 LOADS = (
     Load("a bare horn", 1e-4, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), BLUE),
     Load("a horn with a link", 0.003, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.18), ORANGE),
+    Load("a link and a notch", 0.003, 200.0, 0.02, (0.0, 0.06, 0.12, 0.2, 0.3, 0.5), GREEN, 0.7),
 )
-LAST = 0.35
+LAST = 0.55
 """Last virtual damping of the picture"""
 
 
@@ -105,13 +129,16 @@ def point(case: Case) -> Point:
     load = LOADS[number]
     servo = (MOTOR, FRICTION, load.inertia, *load.transmission)
     if way == "ceiling":
-        exact = float(flexible_ceiling(*servo, PERIOD, DELAY))
+        exact = float(flexible_ceiling(*servo, PERIOD, DELAY, velocity_filter=load.velocity_filter))
         with tempfile.TemporaryDirectory() as folder:
             found = CeilingSearch(Testbed(_config(load), Path(folder)), 0).run()
         if found.measured is None:
             return Point(math.nan, 0.0, math.nan, exact, found.reason or "")
         return Point(found.measured, 0.0, found.uncertainty or 0.0, exact, "")
-    exact = float(flexible_boundary(*servo, damping, PERIOD, DELAY).stiffness)
+    boundary = flexible_boundary(
+        *servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
+    )
+    exact = float(boundary.stiffness)
     if way == "simulation":
         return Point(damping, _simulated(load, damping), 0.0, exact, "")
     with tempfile.TemporaryDirectory() as folder:
@@ -138,6 +165,7 @@ def _config(load: Load) -> Any:  # noqa: ANN401 - a Config
             f"servo.load_inertia={load.inertia}",
             f"servo.transmission_stiffness={stiffness}",
             f"servo.transmission_damping={damping}",
+            *load.filter_settings,
         ],
     ).config
 
@@ -164,8 +192,11 @@ def _grows(load: Load, stiffness: float, damping: float) -> bool:
     plant, parameters = TwoMasses(true), PlantParameters(MOTOR, FRICTION, 0.0)
     motor = output = State(0.01, 0.0)
     before, waiting, energies = output.position, 0.0, []
+    notch = None if load.velocity_filter is None else Biquad(load.velocity_filter.taps())
     for _ in range(3000):
-        torque = -stiffness * output.position - damping * (output.position - before) / PERIOD
+        velocity = (output.position - before) / PERIOD
+        velocity = velocity if notch is None else notch.update(velocity)
+        torque = -stiffness * output.position - damping * velocity
         before = output.position
         # The torque of the sample a period ago acts.
         motor, output = plant.step(motor, output, parameters, waiting, round(PERIOD * 1e9))
@@ -211,7 +242,9 @@ def draw(found: Found[Case, Point]) -> None:
         ax = figure.subplots()
         for number, load in enumerate(LOADS):
             servo = (MOTOR, FRICTION, load.inertia, *load.transmission)
-            exact = flexible_boundary(*servo, damping, PERIOD, DELAY).stiffness
+            exact = flexible_boundary(
+                *servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
+            ).stiffness
             ax.plot(damping, exact, color=load.colour, label=f"{load.name}: theory")
             for way, marker, size in (("sweep", "o", 7.0), ("simulation", "x", 4.0)):
                 rows = [row for case, row in found if case[:2] == (number, way)]

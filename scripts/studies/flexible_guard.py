@@ -31,6 +31,7 @@ from haptic_wall.controller.theory.flexible import (
     flexible_boundary,
     flexible_ceiling,
 )
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
 
@@ -71,7 +72,7 @@ class Outcome(NamedTuple):
     """Commanded K of the one-sided wall over the middle's one-sided limit"""
 
 
-Kind = Literal["known", "wide"]
+Kind = Literal["known", "wide", "lowpass", "notch"]
 
 
 def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, float, float]:
@@ -161,7 +162,23 @@ def chain_of(truths: FloatArray, encoder: str) -> Chain:
     return two_masses(*servo, encoder=encoder)[0]
 
 
-def modulus(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> FloatArray:
+def _filter(random: np.random.Generator, kind: Kind, hz: float) -> VelocityFilter | None:
+    """Return a filter of this kind for a vibration at ``hz``; None: this kind has none."""
+    if kind == "notch":
+        return VelocityFilter("notch", math.tau * hz * PERIOD, float(random.uniform(0.3, 3.0)))
+    if kind == "lowpass":
+        corner = hz * math.exp(random.uniform(math.log(0.2), math.log(3.0)))
+        return VelocityFilter("lowpass", math.tau * corner * PERIOD, 0.7)
+    return None
+
+
+def modulus(
+    belief: Belief,
+    truths: FloatArray,
+    age: float,
+    wall: Decision,
+    velocity_filter: VelocityFilter | None = None,
+) -> FloatArray:
     """Return the largest modulus of a closed-loop pole of each truth."""
     found = np.zeros(len(truths))
     late = (age + truths[:, 3]) / PERIOD
@@ -169,7 +186,8 @@ def modulus(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> F
     for whole in np.unique(np.floor(late)).tolist():
         part = np.flatnonzero(np.floor(late) == whole)
         period = np.full(part.size, PERIOD)
-        loops = Loops(sampled(chain.take(part), period, late[part] - whole), period, int(whole), 1)
+        chains = sampled(chain.take(part), period, late[part] - whole)
+        loops = Loops(chains, period, int(whole), 1, velocity_filter)
         closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
         found[part] = np.abs(closed).max(axis=1)
     return found
@@ -215,21 +233,29 @@ def outcome(case: Search) -> Outcome:
     known = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
     ceiling = float(flexible_ceiling(*known, PERIOD, age + lag, encoder=belief.encoder)) / gain
     situation = Situation(belief, PERIOD, 4.1, 0.0)
+    filtered = _filter(random, kind, belief.flexible_hz.value)
+    if filtered is not None:
+        ceiling = float(
+            flexible_ceiling(
+                *known, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
+            )
+        )
+        ceiling /= gain
     asked = of_ceiling * ceiling
-    both, one = (
-        decide(Request(1e9, asked, side), GuardSettings(), situation, [age], age, explained=False)[
-            0
-        ]
-        for side in ("both", "above")
-    )
+    settings = GuardSettings()
+
+    def decided(request: Request) -> Decision:
+        return decide(request, settings, situation, [age], age, explained=False)[0]
+
+    both = decided(Request(1e9, asked, "both", velocity_filter=filtered))
     shares = random.random((truths, len(NAMES)))
     corners = random.random(shares.shape) < 0.5
     shares = np.where(random.random((truths, 1)) < 0.5, shares, corners)
-    tried = modulus(belief, inside(belief, shares), age, both)
+    tried = modulus(belief, inside(belief, shares), age, both, filtered)
     worst = np.argsort(-tried)
 
     def height(point: FloatArray) -> float:
-        return -float(modulus(belief, inside(belief, point[None]), age, both)[0])
+        return -float(modulus(belief, inside(belief, point[None]), age, both, filtered)[0])
 
     found = differential_evolution(
         height,
@@ -241,7 +267,22 @@ def outcome(case: Search) -> Outcome:
     )
     damping = both.damping * gain
 
-    limit = flexible_boundary(*known, damping, PERIOD, age + lag, encoder=belief.encoder).stiffness
+    limit = flexible_boundary(
+        *known, damping, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
+    ).stiffness
+    if filtered is not None:
+        possible = flexible_ceiling(
+            *known, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
+        )
+        return Outcome(
+            float(tried.max()),
+            -float(found.fun),
+            math.nan,
+            both.damping * gain / float(possible) if both.damping < asked else math.nan,
+            float(both.stiffness * gain / limit),
+            math.nan,
+        )
+    one = decided(Request(1e9, asked, "above"))
     returns_no_more = one_sided_limits(
         two_masses(*known, encoder=belief.encoder)[0],
         PERIOD,
@@ -443,18 +484,21 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
             int(np.sum(rows[:, 1] > 1 + 1e-9)),
             f"{rows[:, 1].max():.6f}",
         ),
-        (
-            "worst four of each, one-sided",
-            4 * len(rows),
-            int(np.sum(rows[:, 2] > 1 + 1e-6)),
-            f"{rows[:, 2].max():.4f}",
-        ),
+        *[
+            (
+                "worst four of each, one-sided",
+                4 * len(rows),
+                int(np.sum(rows[:, 2] > 1 + 1e-6)),
+                f"{rows[:, 2].max():.4f}",
+            )
+        ]
+        * bool(np.isfinite(rows[0, 2])),
     )
     possible = table(
         ("share of what is possible", "least", "median", "most"),
         ("B, where less than asked is commanded", *spread(rows[:, 3])),
         ("K, two-sided", *spread(rows[:, 4])),
-        ("K, one-sided", *spread(rows[:, 5])),
+        *[("K, one-sided", *spread(rows[:, 5]))] * bool(np.isfinite(rows[0, 2])),
     )
     share = 3.0 / truths
     return [
@@ -465,6 +509,19 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
         "",
         *possible,
     ]
+
+
+def _filtered(kind: Kind) -> Part[Search, Outcome]:
+    return Part(
+        kind,
+        lambda given: [
+            Search(given.seed + 300, i, given.truths, given.steps, kind)
+            for i in range(given.beliefs)
+        ],
+        outcome,
+        lines,
+        case_s=4.0,
+    )
 
 
 STUDY = Study(
@@ -490,6 +547,8 @@ STUDY = Study(
             lines,
             case_s=8.0,
         ),
+        _filtered("lowpass"),
+        _filtered("notch"),
         Part(
             "contacts",
             lambda given: [(given.seed + 100, i) for i in range(given.contacts)],

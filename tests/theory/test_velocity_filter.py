@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,10 @@ from scipy.linalg import expm
 from scipy.signal import freqz
 
 from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
-from haptic_wall.controller.theory.flexible_scan import FlexibleScan
+from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.flexible import chain_boundary
+from haptic_wall.controller.theory.flexible_scan import FlexibleScan, RigidScan
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 
 PERIOD = 1e-3
@@ -23,7 +27,7 @@ def spectral_radius(
     delay: float,
     samples: int,
     encoder: str,
-    taps: tuple[float, float, float, float, float],
+    f: VelocityFilter,
 ) -> float:
     """Largest pole of the loop, each step of which is written out here for unit states."""
     m, b, load, stiff, damp = servo
@@ -40,10 +44,10 @@ def spectral_radius(
     whole, late = divmod(delay, PERIOD)
     first, then = expm(held * late), expm(held * (PERIOD - late))
     seen = 2 if encoder == "output" else 0
-    b0, b1, b2, a1, a2 = taps
+    b0, b1, b2, a1, a2 = f.taps()
     waiting = int(whole) + 1
 
-    def step(state: np.ndarray) -> np.ndarray:
+    def step(state: FloatArray) -> FloatArray:
         plant, torques = state[:4], state[4 : 4 + waiting]
         past, (v1, v2, y1, y2) = state[4 + waiting : -4], state[-4:]
         v = (plant[seen] - past[-1]) / (samples * PERIOD)
@@ -51,9 +55,7 @@ def spectral_radius(
         queue = np.concatenate([[-k * plant[seen] - big_b * y], torques])
         moved = first @ np.append(plant, queue[-1])
         moved = then @ np.append(moved[:4], queue[-2])
-        return np.concatenate(
-            [moved[:4], queue[:-1], [plant[seen]], past[:-1], [v, v1, y, y1]]
-        )
+        return np.concatenate([moved[:4], queue[:-1], [plant[seen]], past[:-1], [v, v1, y, y1]])
 
     size = 4 + waiting + samples + 4
     matrix = np.stack([step(unit) for unit in np.eye(size)], axis=1)
@@ -89,14 +91,14 @@ def test_limits_agree_with_dense_eigenvalues(kind: FilterKind) -> None:
         loop = (PERIOD, delay, samples)
         ceiling = float(flexible_ceiling(*servo, *loop, encoder=encoder, velocity_filter=filtered))
 
-        def radius(k: float, big_b: float) -> float:
-            taps = filtered.taps()
-            return spectral_radius(servo, k, big_b, delay, samples, encoder, taps)
-
+        radius = partial(
+            spectral_radius, servo, delay=delay, samples=samples, encoder=encoder, f=filtered
+        )
         b = float(random.uniform(0.05, 0.95)) * min(ceiling, 100.0 * whole)
         boundary = flexible_boundary(*servo, b, *loop, encoder=encoder, velocity_filter=filtered)
         limit = float(boundary.stiffness)
-        scan = FlexibleScan(*(np.array([x]) for x in servo), *loop, encoder, filtered)
+        m, own, j, c, d = (np.array([x]) for x in servo)
+        scan = FlexibleScan(m, own, j, c, d, PERIOD, delay, samples, encoder, filtered)
         if limit > 0.0:
             found += 1
             assert all(radius(share * limit, b) < 1.0 for share in (0.01, 0.3, 0.7, 1 - 1e-5))
@@ -111,8 +113,7 @@ def test_limits_agree_with_dense_eigenvalues(kind: FilterKind) -> None:
 
 def test_one_count_is_never_felt_more_than_the_filters_peak() -> None:
     filtered = VelocityFilter("notch", 0.3, 0.5)
-    b0, b1, b2, a1, a2 = filtered.taps()
-    assert filtered.peak(1) == pytest.approx(b0)
+    assert filtered.peak(1) == pytest.approx(filtered.taps()[0])
     assert VelocityFilter("lowpass", 0.3, 0.7).peak(1) < 0.2
     assert VelocityFilter("lowpass", 0.3, 0.7).peak(500) == pytest.approx(1.05, abs=0.02)
 
@@ -121,3 +122,17 @@ def test_one_count_is_never_felt_more_than_the_filters_peak() -> None:
 def test_a_filter_beyond_half_the_rate_is_refused(w0: float, q: float) -> None:
     with pytest.raises(ValueError, match="filter's"):
         VelocityFilter("notch", w0, q)
+
+
+def test_a_crossing_inside_a_narrow_notch_is_not_missed() -> None:
+    """There the spring's own oscillation has no virtual damping, so a soft wall grows."""
+    m, b = np.array([0.01]), np.array([0.005])
+    notch = VelocityFilter("notch", 0.0114, 6.6)
+    none = np.empty((1, 0))
+    chain = Chain(m[:, None], b[:, None], none, none)
+    scan = RigidScan(m, b, np.array([PERIOD]), np.array([2.35e-3]), 1, notch)
+    for share in (0.2, 0.5, 0.645):
+        big_b = share * float(scan.ceilings()[0])
+        exact = chain_boundary(chain, (1,), big_b, PERIOD, 2.35e-3, 1, notch)
+        assert scan.limits(np.array([big_b])) == pytest.approx(exact.stiffness, rel=0.015)
+        assert exact.frequency[0] * math.tau * PERIOD == pytest.approx(notch.w0, rel=0.05)

@@ -1,12 +1,16 @@
 """Velocity estimates: what they are, and what lost readings do to them."""
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from haptic_wall.controller.laws.velocity import (
     BackwardDifference,
+    Biquad,
     SampleDifference,
     velocity_estimator,
 )
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 T = 0.001
 
@@ -53,3 +57,11 @@ def test_one_sample_is_the_backward_difference() -> None:
     one, many = velocity_estimator(T, 1), SampleDifference(T, 1)
     for position in (0.1, 0.4, 0.3, 0.9):
         assert one.update(position, 1) == pytest.approx(many.update(position, 1))
+
+
+def test_a_biquad_is_the_filter_of_its_taps() -> None:
+    taps = VelocityFilter("notch", 0.3, 0.7).taps()
+    filtered = Biquad(taps)
+    given = np.random.default_rng(1).normal(size=50)
+    expected = lfilter(taps[:3], [1.0, *taps[3:]], given)
+    assert [filtered.update(v) for v in given.tolist()] == pytest.approx(expected)

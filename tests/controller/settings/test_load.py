@@ -283,6 +283,7 @@ def test_every_field_says_what_it_means(field: Field) -> None:
         "guard.margin",
         "guard.damping_cap",
         "guard.quantisation_share",
+        "wall.velocity_q",
         "servo.id",
         "servo.fault_seed",
         "servo.current_droop",
