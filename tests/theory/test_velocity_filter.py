@@ -126,7 +126,7 @@ def test_a_filter_beyond_half_the_rate_is_refused(w0: float, q: float) -> None:
 
 def test_a_crossing_inside_a_narrow_notch_is_not_missed() -> None:
     """There the spring's own oscillation has no virtual damping, so a soft wall grows."""
-    m, b = np.array([0.01]), np.array([0.005])
+    m, b = np.array([0.01]), np.array([0.001])
     notch = VelocityFilter("notch", 0.0114, 6.6)
     none = np.empty((1, 0))
     chain = Chain(m[:, None], b[:, None], none, none)
