@@ -49,6 +49,7 @@ EFFECTS = (
     "current loop",
     "droop",
     "dead band",
+    "backlash",
 )
 """Effects, each of which is drawn alone and together with all others"""
 STATIC, STRIBECK = (1.4, 2.5), (1.1, 2.6)
@@ -69,6 +70,8 @@ BANDWIDTH, LOOP_PERIOD = (100.0, 1000.0), 3e-4
 """Of the current loop [Hz]; its longest period [s]: not published"""
 DROOP, DEAD_BAND = 0.03, 0.03
 """Largest; an MX-106 fits 0.02. Largest dead band over the stall torque: 3 % of an XM430's"""
+BACKLASH = 0.00436
+"""Largest between shaft and encoder [rad]: 15 arcmin, in the tables of the XM540 and XH430"""
 ALL = "all together"
 IDEAL = "none"
 
@@ -125,6 +128,7 @@ def _effects(
     bandwidth = math.exp(random.uniform(*np.log(BANDWIDTH)))
     loop_period = random.uniform(0.0, LOOP_PERIOD)
     dead_band = random.uniform(0.0, DEAD_BAND * kind.torque_limit)
+    backlash = random.uniform(0.0, BACKLASH)
     drive = {"current_bandwidth": bandwidth, "current_period": loop_period, "back_emf": True}
     fields: dict[str, dict[str, Any]] = {
         "stribeck": {"static_friction": static * coulomb, "stribeck_speed": stribeck},
@@ -138,6 +142,7 @@ def _effects(
         "current loop": drive,
         "droop": {"back_emf": True, "current_droop": droop},
         "dead band": {"dead_band": dead_band},
+        "backlash": {"backlash": backlash},
     }
     if effect == ALL:
         every = {name: value for each in EFFECTS for name, value in fields[each].items()}

@@ -97,15 +97,18 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     return visible_backlash(without) or without
 
 
-def visible_backlash(without: Fit, priors: Mapping[str, Prior] | None = None) -> Fit | None:
+def visible_backlash(
+    without: Fit, priors: Mapping[str, Prior] | None = None, *, thorough: bool = True
+) -> Fit | None:
     """Return the fit with backlash; None: no backlash is visible.
 
     Args:
         without: The fit without.
         priors: As for it.
+        thorough: As for it.
     """
     begun = replace(without, backlash=max(2.0 * without.residual, _LEAST_BACKLASH))
-    found = fitted(begun, priors)
+    found = fitted(begun, priors, thorough)
     return found if found.backlash > _VISIBLE * found.stderr[4] + _LEAST_BACKLASH else None
 
 

@@ -219,7 +219,7 @@ def _judged(
             f"{'; '.join(warnings)}: no inertia can be told from the motion in {played.log}",
             advice="take off what is attached, and keep away from the shaft",
         )
-    gain = torque_gain(played.rows, fit.delay)
+    gain = torque_gain(played.rows, fit.delay, fit.effects.dead_band)
     scale = 1.0 if gain is None else gain.value
     damping, its_error = fit.weaker
     values = [scale * v for v in (fit.inertia, max(damping, 0.0), fit.coulomb)]

@@ -72,11 +72,15 @@ def fit_loaded(
     begun = replace(begun, effects=tried) if hints else _every_effect(begun)
     fit = fitted(begun, priors, thorough=False)
     if fit.residual > explained:
+        fit = visible_backlash(fit, priors, thorough=False) or fit
+    if fit.residual > explained:
         fit = _trimmed(_with_stiction(fit, priors), explained, priors)
     if fit.residual > explained and start.pieces.position.shape[0] >= _FEW:
         # What the shaft does at rest is left out.
         sticking = replace(fit.effects, errors={})
-        moving = replace(fit, pieces=start.pieces, speeds=start.speeds, effects=sticking)
+        moving = replace(
+            fit, pieces=start.pieces, speeds=start.speeds, effects=sticking, backlash=0.0
+        )
         moving = fitted(moving, priors, thorough=False)
         fit = min(fit, moving, key=lambda each: each.residual)
     for least in _DOUBTFUL:
@@ -84,7 +88,7 @@ def fit_loaded(
         if kept != fit.effects.fitted:
             fit = fitted(_only(fit, kept), priors, thorough=False)
     fit = fitted(fit, priors)
-    if fit.residual > explained:
+    if not fit.backlash:
         fit = visible_backlash(fit, priors) or fit
     return _without_doubtful_fading(fit, priors)
 

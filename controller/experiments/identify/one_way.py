@@ -235,11 +235,12 @@ class _Regression:
             shown, _ = self._without_own(columns)
             left, slopes = self._without_own(self._position - moved)
             flat = shown.reshape(shown.shape[0], -1)
-            scale = np.sqrt(np.sum(flat**2, axis=1))
-            scale[scale == 0.0] = 1.0
-            unit = flat / scale[:, None]
             every = ["inertia", *fitted, "delay"]
             precision, away = self._known(every, values)
+            # With the prior, or one of a value known exactly would hide all other values.
+            scale = np.sqrt(np.sum(flat**2, axis=1) + precision)
+            scale[scale == 0.0] = 1.0
+            unit = flat / scale[:, None]
             normal = unit @ unit.T + np.diag(precision / scale**2)
             right = unit @ left.ravel() - precision * away / scale
             step = np.linalg.lstsq(normal, right, rcond=1e-13)[0] / scale

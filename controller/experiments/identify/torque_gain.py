@@ -22,12 +22,13 @@ class TorqueGain(NamedTuple):
     stderr: float
 
 
-def torque_gain(rows: NDArray[np.void], delay: float) -> TorqueGain | None:
+def torque_gain(rows: NDArray[np.void], delay: float, dead_band: float = 0.0) -> TorqueGain | None:
     """Return the slope of the measured over the commanded torque.
 
     Args:
         rows: Of a log, dtype ``telemetry.ROW``.
         delay: From sending a torque until it acts [s].
+        dead_band: Torque that is missing of what is commanded [N·m].
 
     Returns:
         None where the servo measures no current, or one that does not follow the torque (that of
@@ -40,6 +41,7 @@ def torque_gain(rows: NDArray[np.void], delay: float) -> TorqueGain | None:
     # Where it changes, an error of the delay would look like one of the gain.
     steady = np.ptp(around, axis=0) <= _STEADY * np.max(np.abs(around))
     commanded, measured = around[1][steady], good["measured_torque"][steady]
+    commanded = commanded - np.clip(commanded, -dead_band, dead_band)
     power = float(commanded @ commanded)
     total = float(measured @ measured)
     if power == 0.0 or total == 0.0:

@@ -22,8 +22,11 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_config,
     identified_model,
 )
+from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded
 from haptic_wall.controller.experiments.identify.motion_model import motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
+from haptic_wall.controller.experiments.identify.output_error import Prior
+from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
@@ -137,6 +140,16 @@ def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     assert found.delay.value == pytest.approx(0.001, abs=1e-4)
 
 
+def test_a_dead_band_is_no_part_of_the_gain(usual: tuple[Config, Identified]) -> None:
+    _, found = usual
+    rows, missing = found.played.rows.copy(), 0.01
+    sent = rows["sampled_ns"] + rows["age_ns"]
+    acting = rows["torque"][np.maximum(np.searchsorted(sent, rows["sampled_ns"], "right") - 1, 0)]
+    rows["measured_torque"] = 0.9 * (acting - np.clip(acting, -missing, missing))
+    gain = not_none(torque_gain(rows, 0.0, missing))
+    assert gain.value == pytest.approx(0.9, abs=0.001)
+
+
 def test_a_blocked_shaft_is_told_with_what_was_tried(tmp_path: Path) -> None:
     with pytest.raises(UnidentifiableError, match=r"does not move: pulses of .*, 0\.52 N·m"):
         identify(config_of("servo.coulomb=0.6"), tmp_path)
@@ -245,6 +258,39 @@ def test_one_direction_alone_tells_the_same(usual: tuple[Config, Identified]) ->
     values = (fit.inertia, fit.damping, fit.coulomb, fit.delay)
     assert values == pytest.approx(truth(config), rel=0.03)
     assert fit.effects.fitted == ()
+
+
+def test_a_damping_that_is_known_exactly_hides_nothing_else(
+    usual: tuple[Config, Identified],
+) -> None:
+    config, found = usual
+    known = {"damping": Prior(config.servo.damping or 0.0, 1e-12)}
+    fit = fit_one_way(motion_of(found.played.rows), config.servo.position_step, known)
+    values = (fit.inertia, fit.damping, fit.coulomb, fit.delay)
+    assert values == pytest.approx(truth(config), rel=0.03)
+
+
+def test_backlash_is_not_taken_for_delay_beside_a_dead_band(
+    usual: tuple[Config, Identified],
+) -> None:
+    """The encoder's noise hides it in the residual."""
+    config, found = usual
+    motion, play, missing = motion_of(found.played.rows), 0.003, 0.006
+    shown = motion.position.copy()
+    for k in range(1, shown.size):
+        shown[k] = np.clip(shown[k - 1], shown[k] - 0.5 * play, shown[k] + 0.5 * play)
+    step = config.servo.position_step
+    shown += np.random.default_rng(1).normal(0.0, 0.5 * step, shown.size)
+    loose = replace(
+        motion,
+        position=step * np.round(shown / step),
+        torque=motion.torque + missing * np.sign(motion.torque),
+    )
+    start = fit_one_way(loose, step, rough=True)
+    fit = fit_loaded(loose, step, start, hints=("dead_band",))
+    assert fit.effects.dead_band == pytest.approx(missing, rel=0.1)
+    assert fit.backlash == pytest.approx(play, rel=0.1)
+    assert fit.delay == pytest.approx(0.0037, abs=1e-4)
 
 
 def test_a_motion_that_is_not_explained_is_repeated(
