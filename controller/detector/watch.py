@@ -22,6 +22,8 @@ from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.laws.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
+_NOT_JUDGED = 0.0, 0.0, -math.inf
+"""Of a contact that the watch has not seen begin: the wall may give what it held before"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,7 @@ class Watch:
         self._size = math.nan
         self._stiffness = math.nan
         self._sent = 0.0
-        self._entered: tuple[float, float, float] | None = None
+        self._entered: tuple[float, float, float] | None = _NOT_JUDGED
         self.own: OwnMotion | None = None
         if settings.backstop is not None:
             self.own = OwnMotion(
@@ -240,14 +242,14 @@ class Watch:
         """Discard the detector's observations, with the energies since the entry of a contact."""
         self._detector.restart()
         if self._entered is not None:
-            self._entered = 0.0, 0.0, -math.inf  # this contact is not judged any more
+            self._entered = _NOT_JUDGED
 
     def resume(self) -> None:
         """Restart the watch after a pause without torque; reductions stay."""
         self._detector.restart()
         if self.own is not None:
             self.own.resume()
-        self._entered = None
+        self._entered = _NOT_JUDGED
         self.current = State.QUIET
         self._position = self._size = math.nan
         self._last_move = self._mean = 0.0

@@ -254,6 +254,16 @@ def test_a_contact_whose_first_half_is_forgotten_ends_no_run() -> None:
     assert not contact_with(0.2, 2.0, deepest=Watch.raise_again).failed
 
 
+def test_a_contact_that_began_without_a_wall_ends_no_run(tmp_path: Path) -> None:
+    """The wall comes on, or is changed, around the shaft, and gives what it held."""
+    assert not contact_with(0.2, 2.0, deepest=Watch.resume).failed
+    ended, rows = play(
+        tmp_path, "wall.side=above", "wall.damping=0.2", "wall.stiffness=40", duration=1.0
+    )
+    assert ended.stop_reason == "duration"
+    assert rows["position"][-1] < 0.0
+
+
 def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands() -> None:
     """A bounce of 0.02 kg·m² on 10 N·m/rad lasts 0.14 s."""
     assert not contact_with(0.0, 2.0, seconds=0.4).failed
