@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.processes.started import start
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.port import open_port
@@ -84,6 +85,7 @@ CASES: dict[str, tuple[str, ...]] = {
         *("boundary", "--inertia=1e-4", "--damping=1e-3", "--period=1e-3", "--delay=1e-3"),
         *("--virtual-damping=0.01,0.02", "--plot", "boundary.png"),
     ),
+    "set": ("set", "wall.stiffness=4", "--run", "{run}"),
     "detect": ("detect", "{log}", "--plot", "detect.png"),
     "log": ("log", "{log}", "--csv", "log.csv", "--plot", "log.png"),
     "config": ("config", "simulated"),
@@ -233,6 +235,16 @@ def bus_for(words: Sequence[str]) -> Iterator[str]:
         yield bus.port
 
 
+@contextlib.contextmanager
+def with_wall(words: Sequence[str]) -> Iterator[Sequence[str]]:
+    """The words, with the log of a running wall where the command wants one."""
+    if "{run}" not in words:
+        yield words
+        return
+    with start("simulated", ["realtime.profile=off"]) as wall:
+        yield [word.replace("{run}", str(wall.log)) for word in words]
+
+
 def duration_s(words: Sequence[str], span_s: float) -> float:
     """How long a command takes that nobody interrupts, up to a span [s]."""
     with tempfile.TemporaryDirectory() as folder, bus_for(words) as port:
@@ -266,8 +278,11 @@ class Batch(NamedTuple):
 @cache
 def span_of(name: str, span_s: float) -> float:
     """How long a command takes, at most the first seconds that are looked at [s]."""
-    with tempfile.TemporaryDirectory() as folder:
-        return duration_s(words_of(name, Path(folder)), span_s)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        with_wall(words_of(name, Path(folder))) as words,
+    ):
+        return duration_s(words, span_s)
 
 
 def words_of(name: str, folder: Path) -> list[str]:
@@ -280,8 +295,11 @@ def words_of(name: str, folder: Path) -> list[str]:
 def measure(batch: Batch) -> list[Try]:
     """Try one command, some at once; of tries that ended as wanted the words are not kept."""
     span_s = span_of(batch.name, batch.span_s)
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(JOBS) as threads:
-        words = words_of(batch.name, Path(folder))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ThreadPoolExecutor(JOBS) as threads,
+        with_wall(words_of(batch.name, Path(folder))) as words,
+    ):
 
         def work(tries: int) -> list[Try]:
             with bus_for(words) as port:
