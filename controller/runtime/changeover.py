@@ -1,6 +1,6 @@
 """The rule for changes of a running wall: in one tick, where the shaft gets no energy by it.
 
-Before and behind that tick law, stiffness, damping and delay are as the guard has decided them
+Before and after that tick law, stiffness, damping and delay are as the guard has decided them
 together, so that no pair of an old and a new value ever acts. The tick is one in which the new law
 holds no more energy than the old one, and in which the torque hardly jumps. Only one thing is done
 before: a stiffness that is to fall falls along a ramp, which always takes energy. So K goes down
@@ -49,7 +49,7 @@ class Obstacle(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChangeLimits:
-    """What a change may do at most."""
+    """Limits of a change."""
 
     torque: float
     """Jump of the torque [N·m]: ``safety.engage_torque``"""
@@ -61,7 +61,7 @@ class ChangeLimits:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is commanded behind a change."""
+    """The commanded values after a change."""
 
     law: Law
     """In force now, or another one, which has rested so far"""
@@ -79,7 +79,7 @@ class Changeover:
     """Finds the tick for a change.
 
     Args:
-        limits: What the change may do at most.
+        limits: Of each change.
 
     Attributes:
         size: Of the obstacle found last, in its unit.
@@ -120,7 +120,7 @@ class Changeover:
         Args:
             old: The law in force.
             ring: The inserted delay in force.
-            target: What is commanded behind the change.
+            target: The commanded values after the change.
             position: Of the shaft [rad].
             velocity: As the law gets it [rad/s].
         """

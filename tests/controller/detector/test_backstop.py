@@ -872,20 +872,25 @@ def test_a_reduced_wall_that_gives_way_is_judged_after_two_cycles_on_it() -> Non
     assert stop.failed
 
 
+def pushed(times: list[float], pushes: list[float], duration_s: float) -> Trial:
+    """A wall whose lag is not believed swings, and is pushed, linearly between times [s], [N·m]."""
+    push = np.interp(np.arange(round(times[-1] * 1e3)) * 1e-3, times, pushes)
+    return run(
+        replace(VALUE, delay=0.005),
+        0.02,
+        operator=operator_of(0.0, 0.0, np.zeros(push.size), push=push),
+        stiffness=11.5,
+        kick=0.2,
+        duration_s=duration_s,
+    )
+
+
 def test_a_push_on_a_wall_that_an_alarm_has_reduced_is_held() -> None:
     """A small turn on the way counted as a motion that goes on, and the torque before it as mean.
 
     The wall went down to a 64th, and the push went through it by more than a turn.
     """
-    pushes = 1.23 * np.interp(np.arange(9000) * 1e-3, [3.0, 4.0, 5.0, 5.5], [0.0, 1.0, 1.0, 0.8])
-    trial = run(
-        replace(VALUE, delay=0.005),
-        0.02,
-        operator=operator_of(0.0, 0.0, np.zeros(9000), push=pushes),
-        stiffness=11.5,
-        kick=0.2,
-        duration_s=8.5,
-    )
+    trial = pushed([3.0, 4.0, 5.0, 5.5, 9.0], [0.0, 1.23, 1.23, 0.984, 0.984], 8.5)
     assert trial.counts[2] == 1
     assert trial.stiffness[2900] == trial.stiffness[-1] == pytest.approx(11.5 / 4)
     assert np.abs(trial.output[3000:]).max() < 0.5
@@ -893,16 +898,8 @@ def test_a_push_on_a_wall_that_an_alarm_has_reduced_is_held() -> None:
 
 
 def test_whoever_lets_go_on_a_wall_that_an_alarm_has_reduced_is_not_thrown() -> None:
-    """What was held reached as far past the surface as the old swing: 7.8 rad/s, 139 degrees."""
-    pushes = 1.23 * np.interp(np.arange(6000) * 1e-3, [2.0, 3.0], [0.0, 1.0])
-    trial = run(
-        replace(VALUE, delay=0.005),
-        0.02,
-        operator=operator_of(0.0, 0.0, np.zeros(6000), push=pushes),
-        stiffness=11.5,
-        kick=0.2,
-        duration_s=7.0,
-    )
+    """The held torque reached as far past the surface as the old swing: 7.8 rad/s, 139 degrees."""
+    trial = pushed([2.0, 3.0, 6.0], [0.0, 1.23, 1.23], 7.0)
     assert trial.counts[2] == 1
     let_go = trial.output[6000:]
     assert trial.held[5999] < -0.5, "most of the push is held"
