@@ -292,7 +292,7 @@ class Tick:
             steps=change.steps,
         )
         obstacle = changeover.obstacle(
-            parts.law, parts.ring, target, sampler.position, sampler.velocity
+            parts.law, parts.ring, target, sampler.position, sampler.damped
         )
         falls = decision.stiffness < gains.stiffness
         if obstacle is not Obstacle.NONE and falls and not change.moved:

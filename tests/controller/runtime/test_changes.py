@@ -11,7 +11,7 @@ import pytest
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.runtime.change import KnownServo
-from haptic_wall.controller.runtime.changeover import Obstacle
+from haptic_wall.controller.runtime.changeover import Changeover, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import FLOATS, pieces_of
 from haptic_wall.controller.runtime.safety import Trip
@@ -70,6 +70,23 @@ def test_more_stiffness_waits_until_its_spring_would_be_unloaded() -> None:
     assert set(rows["stiffness"][600 : asked.row]) == {8.0}
     assert set(rows["stiffness"][asked.row :]) == {16.0}
     assert max(0.0, rows["position"][asked.row]) ** 2 * 0.5 * 8.0 <= 1e-4
+
+
+def test_the_jump_of_the_torque_is_judged_with_the_filtered_velocity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: list[float] = []
+    obstacle = Changeover.obstacle
+
+    def hears(self: Changeover, *given: Any) -> Obstacle:
+        heard.append(given[-1])
+        return obstacle(self, *given)
+
+    monkeypatch.setattr(Changeover, "obstacle", hears)
+    low_pass = "wall.velocity_filter=lowpass", "wall.velocity_hz=20"
+    _, rows, _ = run_with(("wall.damping=0.03",), sets=("wall.side=both", *low_pass), seconds=3.0)
+    assert heard
+    assert not set(heard) & set(rows["velocity"][rows["velocity"] != 0.0])
 
 
 def test_what_finds_no_moment_is_not_made_and_the_stiffness_stays() -> None:
