@@ -1,4 +1,4 @@
-"""The controller's errors as one tree; messages say what was found, what is wanted, what to do.
+"""Defines the controller's errors as one tree.
 
 ::
 
@@ -56,7 +56,7 @@ class ConfigError(UserError):
 
 
 class SeveralError(UserError):
-    """Several things are wrong, each told in a line; the first stands for the error.
+    """Several problems, one in each line; the attributes are those of the first.
 
     Args:
         problems: All of them.

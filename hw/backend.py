@@ -1,4 +1,4 @@
-"""A servo backend: the program's knowledge about a make of servo, as a record.
+"""Defines the record of a servo backend: the properties of a make of servo.
 
 A backend is registered by name under the entry point group ``haptic_wall.servos``;
 ``servo.backend`` of the configuration names it. It is a record, not a class to inherit from: only

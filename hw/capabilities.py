@@ -1,10 +1,11 @@
-"""Optional abilities of a servo beyond the interface: a caller asks once, and does without."""
+"""Defines optional abilities of a servo; a caller must work without them."""
 
 from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
 from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.servo import Servo
 
 
@@ -15,8 +16,8 @@ class HasStandIn(Protocol):
     def stand_in(self, clock: Clock) -> Servo:
         """Return a started servo of the same make that moves nothing and needs no other end.
 
-        It has nothing in common with this servo and its bus: what is done to it has no effect. It
-        answers at once, with positions that it makes up.
+        It shares nothing with this servo and its bus, so that calls to it have no effect. It
+        answers at once, with invented positions.
 
         Args:
             clock: Its time.
@@ -30,6 +31,15 @@ class HasIdleWork(Protocol):
 
     def idle(self) -> None:
         """Do that work while the loop waits for a deadline; send nothing, read nothing."""
+        ...
+
+
+@runtime_checkable
+class TakesHand(Protocol):
+    """A simulated servo whose shaft a person can hold."""
+
+    def take_hand(self, hand: SharedHand) -> None:
+        """Let the hand hold the shaft whenever it holds on."""
         ...
 
 

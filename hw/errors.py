@@ -25,18 +25,18 @@ from dataclasses import KW_ONLY, dataclass, replace
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What is wrong, in parts. Its text is ``FIELD GIVEN: WHAT, wanted WANTED; ADVICE``.
+    """A fault as the parts of a sentence. Its text is ``FIELD GIVEN: WHAT, wanted WANTED; ADVICE``.
 
-    Any part may be missing. A sentence that begins with its field has the rest in ``given``.
+    Any part may be missing.
     """
 
     what: str = ""
     """Usually what was found"""
     _: KW_ONLY
     wanted: str = ""
-    """What would be right; empty: ``what`` or ``advice`` says it"""
+    """The values that would be right; empty: ``what`` or ``advice`` says it"""
     advice: str = ""
-    """What to do; empty: ``wanted`` says it, or nothing can be done"""
+    """The remedy; empty: ``wanted`` says it, or nothing can be done"""
     field: str | None = None
     """The option, argument or configuration path that is at fault"""
     given: str = ""
@@ -61,7 +61,7 @@ class Problem:
 
     @property
     def remedy(self) -> str | None:
-        """What to do, or at least what was wanted; None: neither is known."""
+        """Return the advice, or else the wanted values; None if neither is known."""
         return self.advice or (f"wanted {self.wanted}" if self.wanted else None)
 
 
@@ -70,8 +70,8 @@ class ExplainedError(Exception):
 
     Args:
         what: See ``Problem``, as for the others; or a whole problem, and nothing else.
-        wanted: What would be right.
-        advice: What to do.
+        wanted: The values that would be right.
+        advice: The remedy.
         field: The option, argument or configuration path that is at fault.
         given: Stands after the field, such as its value.
 

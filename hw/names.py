@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def did_you_mean(found: str, known: Iterable[str], prefix: str = "", likeness: float = 0.6) -> str:
-    """A question that suggests the nearest known name for an unknown one.
+    """Return a question that suggests the nearest known name for an unknown one.
 
     Args:
         found: The unknown name.

@@ -1,4 +1,4 @@
-"""The registry of servo backends: from a name to a backend, from settings to a servo.
+"""The registry of servo backends: finds a backend by its name, and opens a servo.
 
 A real servo is never replaced by a simulated one: a port that cannot be opened is an error.
 """
@@ -128,7 +128,7 @@ def port_users(descriptor: int) -> PortUsers | None:
     """Reserve an open port, and return the search for other programs that use it.
 
     Args:
-        descriptor: From ``open_port``; stays open.
+        descriptor: Descriptor from ``open_port``; stays open.
 
     Returns:
         The search, to be closed before the port; None where it is no serial port.

@@ -46,8 +46,8 @@ class TrueServo:
     """Between the shaft and the encoder [rad], full width, >= 0; with a transmission: between the
     masses"""
     load_inertia: float = 0.0
-    """Of the output, behind a flexible transmission [kg·m²], >= 0; 0: the servo is rigid.
-    ``inertia`` and friction are then those of the motor's side"""
+    """Inertia of the output, behind a flexible transmission [kg·m²], >= 0; 0: the servo is
+    rigid. ``inertia`` and friction are then those of the motor's side"""
     transmission_stiffness: float = 0.0
     """[N·m/rad], > 0 with a ``load_inertia``, else 0"""
     transmission_damping: float = 0.0
@@ -69,8 +69,7 @@ class TrueServo:
     load_friction_external: float | None = None
     """The external torque has this share instead; None: ``load_friction`` of both"""
     load_friction_at_rest: float = 0.0
-    """What a shaft at rest has more of ``load_friction``; falls with the speed as
-    ``static_friction`` does"""
+    """Increase of ``load_friction`` at rest; it falls with the speed as ``static_friction`` does"""
     load_friction_at_rest_external: float | None = None
     """The external torque has this instead; None: ``load_friction_at_rest`` of both"""
     load_friction_square: float = 0.0
@@ -106,8 +105,8 @@ class TrueServo:
     torque_constant: float = 0.0
     """[N·m/A] of an emulated servo; 0: the model's stall ratio"""
     current_bandwidth: float = 0.0
-    """Of the loop that controls the motor's current [Hz], first order; 0: the torque follows at
-    once"""
+    """Bandwidth of the loop that controls the motor's current [Hz], first order; 0: the
+    torque follows at once"""
     current_period: float = 0.0
     """Goals are taken over at multiples of it [s]; 0: at once"""
     dead_band: float = 0.0
@@ -119,10 +118,10 @@ class TrueServo:
     """Fraction of the back-EMF that the current loop leaves at the no-load speed, and less in
     proportion below; with ``back_emf``"""
     no_load_speed: float = 4.82
-    """Of a simulated servo with back-EMF [rad/s]; its stall torque is ``torque_limit``. An emulated
-    one has its model's"""
+    """No-load speed of a simulated servo with back-EMF [rad/s]; its stall torque is
+    ``torque_limit``. An emulated one has its model's"""
     current_filter: float = 0.0
-    """Of the measured current [Hz], first order; 0: none"""
+    """Filter of the measured current [Hz], first order; 0: none"""
     current_offset: float = 0.0
     """Added to the measured current of an emulated servo [A]"""
     supply: float | None = None
@@ -150,7 +149,7 @@ class DriverSettings:
     port: str = ""
     """Device path; empty: none, which for an emulated servo means a bus in memory"""
     baud: int = 0
-    """Of the bus [bit/s]; 0: not given"""
+    """Baud rate of the bus [bit/s]; 0: not given"""
     id: int = 1
     """On the bus"""
     model: str = ""
@@ -166,7 +165,7 @@ class DriverSettings:
     probe_direction: int = -1
     """Direction of the probe: away from the wall"""
     period_s: float = 1e-3
-    """Of the loop that will drive it [s]: limits the additional bytes beside a sample"""
+    """Period of the loop that will drive it [s]: limits the additional bytes beside a sample"""
     max_speed: float | None = 0.0
     """Positions that imply a higher speed are refused [rad/s]; 0: none are; None: faster than
     ``Facts.fastest``"""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import TrueServo
@@ -26,6 +27,7 @@ class SimulatedServo:
 
     __slots__ = (
         "_grain_ns",
+        "_hand",
         "_mechanism",
         "_now_ns",
         "_reading",
@@ -53,6 +55,7 @@ class SimulatedServo:
         self._written_ns = 0
         self._grain_ns = 1 if isinstance(clock, SimulatedClock) else GRAIN_NS
         self._mechanism = Mechanism(true, self._instant())
+        self._hand: SharedHand | None = None
         self._reading: Reading | None = None
         self._running = False
         self.bus = None
@@ -77,11 +80,13 @@ class SimulatedServo:
         """Sample the position now."""
         now_ns = self._now_ns()
         self._pass_until(now_ns - now_ns % self._grain_ns)
+        if self._hand is not None:
+            self._mechanism.grasp(self._hand.look(now_ns))
         position, counts = self._mechanism.measured()
         self._reading = Reading(Outcome.OK, position, counts, now_ns, math.nan, False)
 
     def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
-        """The sample of the last ``request``, at once.
+        """Return the sample of the last ``request``, without waiting.
 
         Raises:
             RuntimeError: There was no request.
@@ -126,6 +131,10 @@ class SimulatedServo:
     def close(self) -> None:
         """Stop it if it runs."""
         self.stop()
+
+    def take_hand(self, hand: SharedHand) -> None:
+        """Let a person hold the shaft from now on, whenever the hand holds on."""
+        self._hand = hand
 
     def stand_in(self, clock: Clock) -> SimulatedServo:
         """Return another simulated servo, on a clock of its own."""

@@ -25,14 +25,14 @@ PART = re.compile(r"(<!-- bench: (\S+) -->\n)(.*?)(<!-- end -->)", re.S)
 
 
 def renewed(text: str, report: Mapping[str, Any]) -> str:
-    """The page with the parts of what was measured made anew; the others stay.
+    """Return the page with the measured parts renewed; the other parts stay.
 
-    What the machine did meanwhile stands at the head of the page for a whole run, else beside each
-    part.
+    A note on other load of the machine stands at the head of the page for a whole run, else beside
+    each part.
 
     Args:
         text: The page.
-        report: What ``haptic-wall bench --json`` printed.
+        report: Output of ``haptic-wall bench --json``.
     """
     whole = set(SECTIONS) <= report["sections"].keys()
     apart = "" if whole else f"Measured apart from the rest: {words.meanwhile(report)}. "

@@ -72,7 +72,7 @@ class ChangedRun:
     """A run and its changes, one after the other.
 
     Args:
-        config: At the start; its servo is simulated, on the simulated clock.
+        config: Configuration at the start; its servo is simulated, on the simulated clock.
         ask: Called in each tick in which no change waits.
         wait: Longest wait of a change [ticks].
     """
@@ -147,8 +147,8 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
     energies in both springs at the true position there.
 
     Args:
-        run: With the true motion.
-        rows: Of the run.
+        run: Run with the true motion.
+        rows: Rows of the run.
         asked: A change that was made.
         since: First row of the law before it: one with memory is fed from there on.
     """

@@ -37,7 +37,7 @@ class Loop:
         inertia: m [kg·m²].
         damping: b [N·m·s/rad].
         virtual: B [N·m·s/rad].
-        age: Of a sample when its torque acts [quarters of a period].
+        age: Age of a sample when its torque acts [quarters of a period].
     """
 
     inertia: float
@@ -55,7 +55,7 @@ def interval_matrix(
         loop: Servo and damping.
         stiffness: K [N·m/rad].
         interval: D, from sample to sample [quarters of a period].
-        measured: What the difference of the positions is divided by [s].
+        measured: Divisor of the velocity difference [s].
         lost: The last part of the interval, in which readings were lost: x is held, and v is 0
             [quarters of a period].
     """

@@ -54,7 +54,7 @@ class Mutant:
     role: str
     kind: str
     path: str
-    """Of the module, from the folder of the project"""
+    """Path of the module, from the folder of the project"""
     line: int
     statement: int
     """Place of its statement in the module; -1: it is outside of functions"""
@@ -217,7 +217,7 @@ def mutants_of(role: str, path: str, source: str) -> list[Mutant]:
     """All mutants of a module.
 
     Args:
-        role: Of the module.
+        role: Role of the module.
         path: From the folder of the project.
         source: Text of the module.
     """

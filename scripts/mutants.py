@@ -219,7 +219,7 @@ def reached(
     Tests that fail without any mutant are left out, and told.
 
     Args:
-        workers: Who runs them.
+        workers: The processes that run the tests.
         root: The folder of the project.
         roles: The roles.
         known: A file with what was noted before; files of tests that are there, and have not

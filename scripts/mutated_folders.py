@@ -20,10 +20,10 @@ _TEXTS = ("", "[", "[" * 100_000, "null", '{"step": 1e999}', "\0", "{}", "x" * 1
 
 
 def edited(random: Random, base: Path, folder: Path) -> str:
-    """Make a folder of a finished commissioning, and change something in it; what.
+    """Copy the folder of a finished commissioning, and change something in it; return the changes.
 
     Args:
-        random: Draws what.
+        random: Draws the changes.
         base: The finished one.
         folder: Where the changed one is made.
     """

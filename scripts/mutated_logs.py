@@ -191,7 +191,7 @@ BLOCKS: Sequence[Callable[[Random, list[bytes], list[bytes]], None]] = (
 
 
 def mutated(random: Random) -> tuple[str, Log]:
-    """A log of the current format, changed at random; what was done to it, and it."""
+    """Return the names of random changes, and a log of the current format with these changes."""
     made, other = rows(random.choice((150, 400, 900))), rows(400, hand=0.7)
     parts = blocks_of(made, metadata())
     others = blocks_of(other, metadata("emulated-ideal"))

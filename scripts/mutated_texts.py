@@ -151,7 +151,7 @@ class Table:
     rows: int
     """That have a time and a position, each with a time of its own"""
     periods: tuple[float, ...]
-    """Of the recordings in it [s]"""
+    """Periods of the recordings in it [s]"""
 
 
 def _recordings(random: Random) -> tuple[list[list[str]], Table]:

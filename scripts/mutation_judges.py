@@ -21,16 +21,16 @@ _STEP_S = 1e-3
 def of_log(
     log: Log, summary: dict[str, Any], csv: Path, detected: dict[str, Any] | None
 ) -> tuple[str, str]:
-    """Whether all rows that were read were written, and what is missing was told.
+    """Judge whether all rows that were read were written, and missing ones were reported.
 
     Args:
-        log: What was read.
-        summary: What ``log --json`` has answered.
-        csv: What it has exported.
-        detected: What ``detect --json`` has answered; None: it has refused the log.
+        log: The log that was read.
+        summary: Answer of ``log --json``.
+        csv: The exported file.
+        detected: Answer of ``detect --json``; None: it has refused the log.
 
     Returns:
-        ``read`` or ``told``, and what was wrong without a word; empty: nothing.
+        ``read`` or ``told``, and the faults that were not reported; empty: none.
     """
     lines = csv.read_text("utf-8").splitlines()[1:]
     cells = [line.split(",") for line in lines]

@@ -71,8 +71,8 @@ def tried(kind: str, number: int, seed: int, folder: Path, base: Path, *, limite
 
     Args:
         kind: A key of ``KINDS``.
-        number: Of the file; with the seed it says all that is drawn.
-        seed: Of the whole series.
+        number: Number of the file; with the seed it says all that is drawn.
+        seed: Seed of the whole series.
         folder: Where files are made; empty, and empty afterwards.
         base: A commissioning that is finished.
         limited: Whether a command is ended after ``LONGEST_S``.

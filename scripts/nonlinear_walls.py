@@ -54,8 +54,8 @@ class Motion:
 
         Args:
             walls: Shape (n,).
-            amplitude: Of the past oscillation of each [rad].
-            frequency: Of the same [Hz].
+            amplitude: Amplitude of the past oscillation of each [rad].
+            frequency: Frequency of the same [Hz].
         """
         self._walls = walls
         late = walls.delay / PERIOD

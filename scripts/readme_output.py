@@ -42,10 +42,12 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, restitution
+from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables.models import MODELS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.open import open_servo
+from scripts.studies.flexible_figure import DELAY, LOADS, PERIOD
 from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -341,6 +343,25 @@ def returns() -> tuple[list[str], list[list[object]]]:
     return ["delay [periods]", "K = 0.8 exact", "0.65 exact", "0.5 exact"], rows
 
 
+def filters() -> tuple[list[str], list[list[object]]]:
+    """Return the table of gains and costs of a notch, on the servo of the flexible figure."""
+    dampings = (0.08, 0.16, 0.2, 0.5)
+    loop: dict[str, Any] = {"period": PERIOD, "delay": DELAY}
+    columns = []
+    for load, q in ((LOADS[0], 0.0), (LOADS[1], 0.0), (LOADS[1], 0.7), (LOADS[1], 2.0)):
+        each = load._replace(notch_q=q)
+        loop["velocity_filter"] = each.velocity_filter
+        limits = flexible_boundary(*each.servo, dampings, **loop).stiffness
+        columns.append((limits.tolist(), float(flexible_ceiling(*each.servo, **loop))))
+    rows: list[list[object]] = [
+        [b, *(f"{stiffness[i]:.4g}" if stiffness[i] else "none" for stiffness, _ in columns)]
+        for i, b in enumerate(dampings)
+    ]
+    rows.append(["ceiling of B", *(f"{ceiling:.2g}" for _, ceiling in columns)])
+    head = ["bare horn", "link, no filter", "link, notch at 46 Hz, q 0.7", "q 2"]
+    return ["B [N·m·s/rad]", *head], rows
+
+
 def safety() -> tuple[list[str], list[list[object]]]:
     """Table of the presets' settings that end a run."""
     names = ("simulated", "emulated-xm430", "xm430-w350")
@@ -379,6 +400,7 @@ TABLES = {
     "rebounds": rebounds,
     "back_emf": back_emf,
     "returns": returns,
+    "filters": filters,
     "safety": safety,
     "checks": checks,
 }

@@ -61,7 +61,8 @@ EXPONENT = (0.76, 3.0)
 LOAD = (0.05, 0.15)
 """Share of the load: 0.076 to 0.122 in bam's fits"""
 LOAD_AT_REST, RIPPLE = (0.0, 0.234), 0.05
-"""What is added to it at rest: bam's fits M4; largest ripple of the torque: not published"""
+"""Increase of the load friction at rest: bam's fits M4; largest ripple of the torque: not
+published"""
 GRAVITY, COGGING, PERIODS = 1.1, 0.33, (4, 96)
 """Largest torques over the Coulomb friction; periods of the cogging in a turn: not published"""
 ECCENTRICITY, NOISE = 0.005, 0.3

@@ -31,7 +31,7 @@ class Soaked:
     struck: Counter[str]
     """How often each fault struck"""
     rate_hz: float
-    """Of its reads, by the median of their intervals"""
+    """Rate of its reads, by the median of their intervals"""
     furthest: float
     """Largest distance of a position from the truth at its instant [rad]"""
 

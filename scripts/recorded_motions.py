@@ -62,7 +62,7 @@ def made(seed: int, *, torque: bool, stribeck: bool = False) -> Made:
     """Return a recording of a servo that is drawn.
 
     Args:
-        seed: Of the draw.
+        seed: Seed of the draw.
         torque: A known torque drives it; else it swings free.
         stribeck: Half of the friction at rest fades at 0.3 rad/s.
     """

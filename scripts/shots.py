@@ -6,6 +6,7 @@ import pty
 import resource
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -14,7 +15,11 @@ from pathlib import Path
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from scripts.whole_program import PROGRAM, Bus, child_of
 
-CHILDREN = {"loop": "loop_process", "recorder": "recorder"}
+CHILDREN = {
+    "loop": "processes.loop_process",
+    "recorder": "processes.recorder",
+    "dial": "processes.dial",
+}
 TELEMETRY = "haptic-wall-telemetry"
 HANGS = """
 import os, signal, sys
@@ -59,7 +64,11 @@ class Target:
             for link in Path(f"/proc/{self.run.pid}/fd").iterdir():
                 if self.words is None and TELEMETRY in str(link.readlink()):
                     self.words = Telemetry(os.open(link, os.O_RDWR)).words
-        return self.run.poll() is None and len(self.pids) == 3 and self.words is not None
+        return (
+            self.run.poll() is None
+            and len(self.pids) == 1 + len(CHILDREN)
+            and self.words is not None
+        )
 
     def ready(self, rows: int) -> bool:
         """Whether so many rows are recorded."""
@@ -101,7 +110,7 @@ def target(bus: Bus, folder: Path, arguments: list[str]) -> Iterator[Target]:
     Args:
         bus: The emulated bus it drives.
         folder: For its files: log, ``output`` and ``said``.
-        arguments: Of ``haptic-wall run``.
+        arguments: Arguments of ``haptic-wall run``.
     """
     (folder / "sitecustomize.py").write_text(HANGS)
     log = folder / "run.hwlog"
@@ -150,7 +159,7 @@ class Shot:
     def strikes_the_torque(self) -> bool:
         """Whether nobody renders the wall any more: a time for the torque to be gone counts."""
         return not self.goes_on and (
-            "loop" in self.name or not self.name.startswith(("supervisor", "recorder"))
+            "loop" in self.name or not self.name.startswith(("supervisor", "recorder", "dial"))
         )
 
 
@@ -193,6 +202,12 @@ def full_disk(target: Target) -> None:
     resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (size, -1))
 
 
+def hostile_clients(target: Target) -> None:
+    """Clients that do the running wall no good, for a second."""
+    loads = [sys.executable, "-m", "scripts.chaos.loads", "clients", str(target.log), "1"]
+    subprocess.run(loads, check=True)
+
+
 def room_again(target: Target) -> None:
     """The log may become longer again."""
     resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (-1, -1))
@@ -225,6 +240,9 @@ SHOTS = (
     Shot("recorder: SIGSTOP for 1 s", sent(STOP, "recorder"), sent(CONT, "recorder"), goes_on=True),
     Shot("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
     Shot("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
+    Shot("dial: SIGKILL", sent(KILL, "dial"), goes_on=True),
+    Shot("dial: SIGSTOP until the end", sent(STOP, "dial"), goes_on=True),
+    Shot("dial: a thousand hostile clients for 1 s", hostile_clients, goes_on=True),
     Shot("adapter: unplugged", lambda target: target.fault("unplug-adapter")),
     Shot("cable: no byte arrives any more", lambda target: target.fault("drop")),
 )

@@ -33,6 +33,8 @@ from typing import Any, Generic, TypeVar, get_type_hints
 from pydantic import TypeAdapter
 
 from haptic_wall.controller.bench.machine import machine, versions
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.experiments.cluster import cluster
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -71,9 +73,9 @@ class Part(Generic[Case, Row]):
     """A part of a page, made of one kind of cases."""
 
     name: str
-    """Of the mark on the page, and for ``--only``"""
+    """Name of the mark on the page, and for ``--only``"""
     cases: Callable[[Given], Iterable[Case]]
-    """From the options; what is drawn depends on them alone. A case is told from others by its
+    """From the options; the draws depend on them alone. A case is told from others by its
     ``repr``"""
     row: Callable[[Case], Row]
     """A function of its module, whose annotation says how a row is kept in a file"""
@@ -138,7 +140,7 @@ def _kind(part: Part[Any, Row]) -> TypeAdapter[Row]:
 def begun(
     part: Part[Case, Row], given: Given, kept: Kept, pool: Executor | None
 ) -> Callable[[], list[tuple[Case, Row]]]:
-    """Give a part's cases to a pool; what is returned waits for every row.
+    """Give a part's cases to a pool; return a function that waits for every row.
 
     With ``--known`` no case is run: those without a row are left out.
     """
@@ -276,6 +278,9 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--workers", type=int, default=cores(), help="parallel processes (default: one per core)"
     )
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="compute on the cluster of this Dask scheduler"
+    )
     if any(part.examples for part in study.parts):
         parser.add_argument(
             "--examples", type=Path, metavar="FILE", help="where counter-examples are written"
@@ -307,7 +312,9 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
         pool: Executor | None = None
         if any(not part.in_turn for part in parts):
             with not_from_the_terminal():
-                pool = stack.enter_context(processes(options.workers))
+                dask: str | None = options.dask
+                many = processes(options.workers) if dask is None else cluster(dask)
+                pool = stack.enter_context(many)
         # What is measured in real time comes last, when nothing else computes.
         waits = [(part, begun(part, given, kept, pool)) for part in parts if not part.in_turn]
         turns = ((part, begun(part, given, kept, None)) for part in parts if part.in_turn)
@@ -366,6 +373,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except NoPlaceError as error:
             _say(f"scripts/study {name}: {error}")
             return 2
+        except HapticWallError as error:
+            _say(f"scripts/study {name}: {error}")
+            return error.exit_status
     sys.argv = [f"scripts/study {name}", *rest]
     return module.main() or 0
 

@@ -60,10 +60,7 @@ def child_of(pid: int, module: str) -> int | None:
     with contextlib.suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):
-                if (
-                    f"haptic_wall.controller.processes.{module}"
-                    in Path(f"/proc/{child}/cmdline").read_text()
-                ):
+                if module in Path(f"/proc/{child}/cmdline").read_text():
                     return int(child)
     return None
 
@@ -73,7 +70,7 @@ def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict[s
 
     Args:
         folder: For its files.
-        options: Of the command.
+        options: Options of the command.
         may_oscillate: The wall is unstable on purpose: ended by that trip it has shown enough.
     """
     done = _run(folder, *options, "--plot", folder / "run.png")
@@ -89,7 +86,7 @@ def run_report(folder: Path, *options: str | Path) -> dict[str, Any]:
 
     Args:
         folder: For its log; there is no picture.
-        options: Of the command.
+        options: Options of the command.
 
     Raises:
         RuntimeError: The run did not start.

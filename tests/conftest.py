@@ -3,30 +3,75 @@
 import gc
 import os
 import signal
+import subprocess
+import sys
+import time
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import hypothesis
 import pytest
 
 # What is said is as wide on every terminal.
 os.environ["COLUMNS"] = "98"
+
+# Ends what the tests have started, when they have ended: a test that is killed cannot. A run that a
+# user starts outlives its terminal where nohup asks for it, so the program itself cannot know.
+AFTERWARDS = """
+import os, select, signal, sys
+mark = sys.argv[1].encode()
+try:
+    select.select([os.pidfd_open(int(sys.argv[2]))], [], [])
+except ProcessLookupError:
+    pass
+for pid in filter(str.isdigit, os.listdir("/proc")):
+    try:
+        with open(f"/proc/{pid}/environ", "rb") as file:
+            if mark in file.read().split(b"\\0") and int(pid) != os.getpid():
+                os.kill(int(pid), signal.SIGKILL)
+    except OSError:
+        pass  # of another user, or gone
+"""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
     )
+    parser.addoption(
+        "--browser", action="store_true", help="also look at the live page in a headless Chromium"
+    )
 
 
-def pytest_configure() -> None:
-    """Thousands of tests are made and kept: looking for garbage among them takes a fifth of it."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Prepare what all tests share."""
+    # A property has no stopwatch, and tries the same examples each time unless many are wanted.
+    hypothesis.settings.register_profile(
+        "suite", deadline=None, derandomize=not config.getoption("thorough")
+    )
+    hypothesis.settings.load_profile("suite")
+    # Thousands of tests are made and kept: looking for garbage among them takes a fifth of it.
     gc.disable()
+    begin_to_watch()
     # Begun by nohup, or behind a script, the program and those that tests start would leave the
     # terminal's end and Ctrl-C unheeded.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def begin_to_watch() -> None:
+    """Start the process that ends what is left when this one has ended, however it ends."""
+    me = str(os.getpid())
+    os.environ["TESTS_OF"] = mark = f"{me} {time.monotonic_ns()}"
+    subprocess.Popen(
+        [sys.executable, "-ISc", AFTERWARDS, f"TESTS_OF={mark}", me],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ).returncode = 0  # nobody waits for it
 
 
 def pytest_collection_finish() -> None:

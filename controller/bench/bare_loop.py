@@ -1,4 +1,4 @@
-"""The reference for comparison: a bare, hand-written loop on a Dynamixel bus, without this project.
+"""Runs a bare, hand-written loop on a Dynamixel bus, without this project: the reference.
 
 It reads the 16 bytes from Realtime Tick to Present Position, writes a goal current of zero, and
 counts what it missed. As such loops do, it takes each reply for the answer to its last request; it

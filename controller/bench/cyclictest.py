@@ -43,7 +43,7 @@ def lateness_us(path: str, core: int, ticks: int) -> IntArray:
     """Run it; return the lateness of each wake-up [µs, rounded down], rising.
 
     Args:
-        path: Of the program.
+        path: Path of the program.
         core: Core of its thread.
         ticks: Number of wake-ups.
 
@@ -95,7 +95,7 @@ def version(path: str) -> str | None:
     """Return the version that the tool reports.
 
     Args:
-        path: Of the program.
+        path: Path of the program.
     """
     try:
         said = subprocess.run(

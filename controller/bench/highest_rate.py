@@ -98,7 +98,7 @@ def holds(loop: Loop, path: str, rate_hz: float) -> bool:
 
     Args:
         loop: The loop.
-        path: Of the bus.
+        path: Path of the bus.
         rate_hz: The rate.
     """
     for _ in range(_TRIES):

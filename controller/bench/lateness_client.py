@@ -1,4 +1,4 @@
-"""A process with one loop that only wakes up every millisecond.
+"""Runs one loop, in a process of its own, that only wakes up every millisecond.
 
 It reads its orders on standard input and prints the lateness of each wake-up on one line. It
 imports little, so that a round starts quickly.

@@ -71,7 +71,7 @@ def emulated_bus(
 
     Args:
         options: Further options of ``haptic-wall emulate``.
-        ids: Of its servos.
+        ids: Ids of its servos.
         cores: Cores on which it runs; None: those that a loop does not use.
 
     Raises:

@@ -77,7 +77,7 @@ def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
     """Return the durations of each client's failed reads [ns], in short turns.
 
     Args:
-        clients: By name.
+        clients: Clients by name.
         rounds: Number of turns of each.
     """
     waits: dict[str, list[int]] = {name: [] for name in clients}

@@ -1,4 +1,4 @@
-"""Makes one HTML page of the bench's results."""
+"""Makes an HTML page of the bench's results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def page(report: Mapping[str, Any]) -> str:
     """Return the page's text.
 
     Args:
-        report: From ``report.measured``, or read from the output of ``--json``.
+        report: Report from ``report.measured``, or read from the output of ``--json``.
     """
     pictures = {
         name: [

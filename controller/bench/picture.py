@@ -1,4 +1,4 @@
-"""Draws a histogram: a strip for each series on one axis, with medians and tails marked."""
+"""Draws histograms as strips, one for each series, on a shared axis; marks median and 99 %."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _STRIP, _AXIS = 0.62, 0.55
-"""Heights of a strip, and of the space below all of them [inch]"""
+"""Heights of a strip, and of the space for the axis below [inch]"""
 
 
 def png(histogram: Mapping[str, Any]) -> bytes:
-    """Return the picture as PNG.
+    """Return the picture of a histogram as PNG.
 
     Args:
-        histogram: From ``bins.binned``, with at least one series.
+        histogram: Histogram from ``bins.binned``, with at least one series.
     """
     from matplotlib.ticker import FuncFormatter, LogFormatter
 

@@ -1,8 +1,8 @@
-"""Measures the servo alone under given torques: arrays beside mujoco.rollout and scipy.signal.
+"""Measures how fast servos are simulated without a wall, beside mujoco.rollout and scipy.signal.
 
-These peers can compute only a part of the problem, the linear servo without the wall: they take
-every torque before the first step, whereas a wall's torque depends on the motion. The arrays of
-walls run their whole loop here too, with a wall of zero stiffness and the torques of an operator.
+These peers take every torque before the first step, whereas a wall's torque depends on the motion.
+So they can compute only the linear servo without a wall. The program's array simulation runs its
+whole loop here too, with a wall of zero stiffness; the given torques are those of an operator.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MANY, _SOME, _FEW = BLOCK, 128, 8
 _TORQUE: Final = 0.1
 _PERIOD_NS: Final = 1_000_000
 _SWING: Final = 0.5
-"""Torque that moves one servo to and fro [N·m]"""
+"""Amplitude of the torque that moves one servo to and fro [N·m]"""
 _IDEAL: Final = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
 _REAL: Final = replace(
     _IDEAL,
@@ -56,14 +56,14 @@ _NOTES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """A program that moves servos."""
+    """A simulator of servos, as measured here."""
 
     positions: Callable[[FloatArray], FloatArray]
     """Computes the positions [rad] at the ends of the periods from torques [N·m], both (servo,
     period)"""
     servos: int
     exact: bool = True
-    """It claims the exact answer for torques held over each period"""
+    """Whether its answer is exact for torques that are held over each period"""
 
 
 def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float) -> Walls:
@@ -96,7 +96,7 @@ def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float
 
 
 def beside_peers() -> tuple[list[Measurement], list[str]]:
-    """Return the rates of all, the differences of their answers, and what is not compared."""
+    """Measure all simulators; return rates, differences of their answers, and notes."""
     notes = list(_NOTES)
     peers = {**_scipy(), **_mujoco(notes)}
     clients = {"haptic-wall": Client(_arrays, _MANY), **peers}
@@ -145,7 +145,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
 
 
 def one_tick() -> list[Measurement]:
-    """Return how long one simulated servo takes for a period, ideal and with every effect."""
+    """Measure the time of one servo's simulation for a period, ideal and with every effect."""
 
     def run(servo: TrueServo) -> None:
         mechanism = Mechanism(servo, 0)
@@ -207,7 +207,7 @@ def _scipy() -> dict[str, Client]:
 
 
 def _mujoco(notes: list[str]) -> dict[str, Client]:
-    """Return clients of both relevant integrators: the usual one, and an accurate one."""
+    """Return a client for each of two integrators: the usual one, and an accurate one."""
     try:
         mujoco = importlib.import_module("mujoco")
         rollout = importlib.import_module("mujoco.rollout").rollout

@@ -1,4 +1,4 @@
-"""The result of a benchmark section as plain data, and functions that take its times."""
+"""Defines the result of a benchmark section as plain data, and measures times."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -
     Args:
         name: The measured quantity.
         values: One for each round, at least one.
-        unit: Of the values; ``1``: a ratio.
+        unit: Unit of the values; ``1``: a ratio.
         shows_not: A conclusion that it does not support.
     """
     if len(values) == 1:

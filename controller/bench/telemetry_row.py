@@ -88,7 +88,7 @@ def once_a_while(ways: Mapping[str, Write], turns: int) -> dict[str, float]:
     """Return the median time of each way once a millisecond [µs], in turns.
 
     Args:
-        ways: By name.
+        ways: Ways by name.
         turns: Number of turns of each.
     """
     taken: dict[str, list[int]] = {name: [] for name in ways}

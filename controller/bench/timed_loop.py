@@ -1,4 +1,4 @@
-"""A loop's process whose tick is timed stage by stage; ``stages`` starts it and reads its result.
+"""Runs a loop's process that times each stage of the tick; ``stages`` starts it.
 
 It reads one JSON object of orders on standard input and writes one of figures on standard output.
 """

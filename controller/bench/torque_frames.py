@@ -1,4 +1,4 @@
-"""Measures how regularly torque frames come, at the other end of the line, beside a bare loop.
+"""Measures how regular torque frames arrive at the bus, and compares with a bare loop.
 
 The record of the emulated bus is the reference, not the loops' own statistics.
 """
@@ -27,7 +27,7 @@ _START_S, _END_S = 0.2, 0.05
 """Ignored time at the beginning and the end of a loop"""
 _CYCLE_BYTES: Final = len(READ_16_AT_120) + REPLY_BYTES + len(GOAL_CURRENT_0)
 _BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
-"""Torque frames that come no further apart have waited in a delayed bus: no loop makes up for
+"""Torque frames closer than this have waited for a delayed bus, because no loop makes up for
 skipped periods"""
 _SHOWS_NOT: Final = (
     "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
@@ -37,7 +37,7 @@ _SHOWS_NOT: Final = (
 
 
 def measure() -> Section:
-    """Measure the deviation of the intervals from the period, of each loop, and their ratio.
+    """Measure by how much the intervals of each loop deviate from the period; return the ratio too.
 
     Raises:
         ServoError: The servo could not be started.
@@ -83,13 +83,13 @@ def intervals_us(
         began_s: When the loop's process was started [s].
         ended_s: When it had ended [s].
         seconds: How long it sent torques [s]; the time before was its start.
-        rate_hz: Of the loop.
+        rate_hz: Rate of the loop.
 
     Returns:
-        In the order of time; shape (m,).
+        Intervals in the order of time, shape (m,).
 
     Raises:
-        PlatformError: It sent fewer than half of the expected frames.
+        PlatformError: The loop sent fewer than half of the expected frames.
     """
     own = sent_s[(sent_s >= began_s) & (sent_s <= ended_s)]
     if own.size:
@@ -107,13 +107,13 @@ def intervals_us(
 
 
 def held_up(intervals_us: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each interval is invalid because the loop's frames had to wait for the bus.
+    """Return which intervals are invalid because frames had to wait for the bus.
 
-    These are the intervals between frames that waited together, the one before them, in which the
-    bus stood still, and the remainder of a period after them.
+    Invalid are: the interval in which the bus stood still, the intervals between the frames that
+    waited meanwhile, and the interval after them.
 
     Args:
-        intervals_us: Between the torque frames of a loop [µs], shape (n,).
+        intervals_us: Intervals between the torque frames of a loop [µs], shape (n,).
 
     Returns:
         Shape (n,).

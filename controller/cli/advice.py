@@ -1,4 +1,4 @@
-"""Suggests what a person meant by an unknown option."""
+"""Suggests an option or a setting in place of an unknown option."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import click
 
 
 def for_option(error: click.NoSuchOption, arguments: Sequence[str]) -> str:
-    """Return the similar option or configuration value; empty: there is none.
+    """Return a suggestion: a similar option, or ``--set`` with a similar path; empty if none.
 
     Args:
         error: The unknown option, its command, and similar names.
-        arguments: Of the command line, with the option's value.
+        arguments: Arguments of the command line, with the option's value.
     """
     name = error.option_name
     paths = _paths(error.ctx, name.lstrip("-").replace("-", "_")) if name.startswith("--") else []

@@ -1,4 +1,4 @@
-"""``haptic-wall bench``: speed on this machine, beside that of peers where they are installed."""
+"""``haptic-wall bench``: measures speed on this machine, beside peers that are installed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ ABOUT_S = {
     "telemetry_row": 3,
     "detector": 1,
 }
-"""Duration of each with its peers [s]; up to half as long again on a busy machine"""
+"""Duration of each section with its peers [s]; up to 1.5 times as long on a busy machine"""
 _PAGE = Kind(
     "a report of haptic-wall bench",
     re.compile(rb"<!DOCTYPE html>.{0,400}<title>haptic-wall ", re.DOTALL),

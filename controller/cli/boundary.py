@@ -35,10 +35,12 @@ from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
+from haptic_wall.controller.settings.rules import MOST_LOWPASS_Q, MOST_OF_RATE
 from haptic_wall.controller.system.file_kinds import PICTURE
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.controller.theory.flexible import MOST_PERIODS
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.names import did_you_mean
 
@@ -46,6 +48,8 @@ _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Larger values are probably milliseconds in place of seconds."""
 _MOST_PERIODS = 500
 """Longest delay in periods: beyond it each answer takes many seconds."""
+_LEAST_Q, _MOST_Q = 0.1, 20.0
+"""Qualities of a filter that a configuration may have"""
 _WIDEST = 10_000
 """Largest ratio of a range's ends: with more nothing is guaranteed, and finding that takes long."""
 
@@ -83,6 +87,11 @@ _WIDEST = 10_000
 )
 @click.option("--velocity-samples", type=click.IntRange(1, 64), metavar="N",
               help="Samples over which the velocity is the difference; default: 1.")  # fmt: skip
+@click.option("--velocity-filter", type=click.Choice(["none", "lowpass", "notch"]),
+              help="Filter of the velocity that damps; wall two-sided. Default: none.")  # fmt: skip
+@click.option("--velocity-hz", type=float, metavar="HZ",
+              help="Corner of the low-pass, or middle of the notch.")  # fmt: skip
+@click.option("--velocity-q", type=float, metavar="Q", help="Quality of the filter; default: 0.7.")
 @click.option("--side", type=click.Choice(["one", "both"]),
               help="A one-sided wall never pulls. Default: CONFIG's, or one.")  # fmt: skip
 @click.option("--load-inertia", type=float, metavar="J",
@@ -161,13 +170,6 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
                 advice="leave it out, or change CONFIG by --set",
             )
     config = load_config(name, sets).config
-    if config.wall.velocity_filter != "none":
-        raise UserError(
-            f"found {config.wall.velocity_filter}",
-            field="wall.velocity_filter",
-            wanted="none: the boundary is drawn without a filter",
-            advice="haptic-wall run reports the limits with it",
-        )
     belief, period = config.belief(), config.period_ns * 1e-9
     delay: Bounded | None = given["delay"]
     if delay is None:
@@ -177,6 +179,9 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
     _check_delay(delay, period)
     limit = config.servo.torque_limit
     side: WallSide = given["side"] or ("both" if config.wall.side == "both" else "one")
+    filtered = config.velocity_filter()
+    if filtered is not None and side == "one":
+        raise _one_sided(config.wall.velocity_filter)
     return Question(
         situation=Situation(
             replace(belief, delay=delay),
@@ -187,6 +192,7 @@ def _of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Quest
         delay_parts=_delay_parts(delay.high, period, None, None),
         side=side,
         velocity_samples=config.wall.velocity_samples,
+        velocity_filter=filtered,
     )
 
 
@@ -212,13 +218,58 @@ def _question(given: dict[str, Any]) -> Question:
             "--torque-gain", given["torque_gain"] or Bounded.exactly(1.0), zero=False
         ),
     )
-    side: WallSide = given["side"] or "one"
+    filtered = _filter(given, period)
+    side: WallSide = given["side"] or ("one" if filtered is None else "both")
+    if filtered is not None:
+        _check_exact(given, belief, delay.high / period, "a filter")
     return Question(
         situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
         delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
         side=side,
         velocity_samples=given["velocity_samples"] or 1,
         load=_load(given, belief, delay.high / period),
+        velocity_filter=filtered,
+    )
+
+
+def _filter(given: dict[str, Any], period: float) -> VelocityFilter | None:
+    """Return the filter of the velocity that the options describe; None: there is none."""
+    kind, hertz, q = (given[f"velocity_{name}"] for name in ("filter", "hz", "q"))
+    if kind in (None, "none"):
+        for name, value in (("hz", hertz), ("q", q)):
+            if value is not None:
+                raise UserError(
+                    "there is no filter",
+                    field=f"--velocity-{name}",
+                    advice="give --velocity-filter too",
+                )
+        return None
+    if given["side"] == "one":
+        raise _one_sided(kind)
+    if hertz is None:
+        raise UserError("missing", field="--velocity-hz", advice="a filter has a frequency")
+    most = MOST_OF_RATE / period
+    if not 0.0 < hertz < most:
+        raise UserError(
+            f"wanted more than 0 and less than {most:g} Hz, which is {MOST_OF_RATE:g} of the rate",
+            field="--velocity-hz",
+            given=f"{hertz:g}",
+        )
+    q = 0.7 if q is None else q
+    top = MOST_LOWPASS_Q if kind == "lowpass" else _MOST_Q
+    if not _LEAST_Q <= q <= top:
+        raise UserError(
+            f"wanted {_LEAST_Q:g} to {top:g} for a {kind}", field="--velocity-q", given=f"{q:g}"
+        )
+    return VelocityFilter(kind, math.tau * hertz * period, q)
+
+
+def _one_sided(kind: str) -> UserError:
+    return UserError(
+        "with a filter of the velocity its limit is not known",
+        field="--side",
+        given=f"one, {kind}",
+        wanted="both",
     )
 
 
@@ -276,15 +327,7 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
             given=f"{damping:g}",
             advice="give a number in SI units",
         )
-    for name in ("inertia", "damping", "delay", "torque_gain"):
-        bounds: Bounded = getattr(belief, name)
-        if bounds.low < bounds.high:
-            raise UserError(
-                "with a load no corner of a range is the least safe",
-                field=f"--{name.replace('_', '-')}",
-                given=_span(bounds),
-                advice="give one number, and the command once for each end",
-            )
+    _check_exact(given, belief, periods, "a load")
     if not (belief.damping.low > 0 or damping > 0):
         raise UserError(
             "nothing damps servo and load",
@@ -292,15 +335,28 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
             given="0",
             advice="give --damping or --transmission-damping",
         )
+    return Load(inertia, stiffness, damping, encoder or "output")
+
+
+def _check_exact(given: dict[str, Any], belief: Belief, periods: float, what: str) -> None:
+    """Refuse ranges and long delays, for which no limits are known with a load or a filter."""
+    for name in ("inertia", "damping", "delay", "torque_gain"):
+        bounds: Bounded = getattr(belief, name)
+        if bounds.low < bounds.high:
+            raise UserError(
+                f"with {what} no corner of a range is the least safe",
+                field=f"--{name.replace('_', '-')}",
+                given=_span(bounds),
+                advice="give one number, and the command once for each end",
+            )
     if max(periods, given["velocity_samples"] or 1) > MOST_PERIODS:
         raise UserError(
-            f"with a load at most {MOST_PERIODS} periods of delay and velocity "
+            f"with {what} at most {MOST_PERIODS} periods of delay and velocity "
             "samples are computed, found "
             f"{max(periods, given['velocity_samples'] or 1):.4g}",
             field="--delay",
             advice="give less",
         )
-    return Load(inertia, stiffness, damping, encoder or "output")
 
 
 def _facts(name: str | None) -> ServoFacts | None:

@@ -1,4 +1,4 @@
-"""Formats the report of a run in eight lines; ``haptic_wall.controller.cli.text`` has all of it."""
+"""Formats the report of a run in eight lines; ``haptic_wall.controller.cli.text``: in full."""
 
 from __future__ import annotations
 

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.ceiling import CeilingResult
 
 _SECONDS = 40.0
-"""Of one delay, in real time"""
+"""Duration of the measurement at one delay, in real time [s]"""
 
 
 def measure_ceiling(asked: Asked, steps: Sequence[int], dampings: Sequence[float] | None) -> None:
-    """Measure the ceiling at each inserted delay, and answer.
+    """Measure the ceiling at each inserted delay, and print the result.
 
     Args:
         asked: The options of the command.

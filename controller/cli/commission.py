@@ -1,4 +1,4 @@
-"""``haptic-wall commission``: how stiff this servo can be and why, measured from end to end."""
+"""``haptic-wall commission``: measures from end to end how stiff a wall a servo can render."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _store(
 
 
 def _answer_plan(announcement: Announcement, kept: list[Step], asked: Asked) -> None:
-    """Say what would be done; ``kept``: steps that are not taken again."""
+    """Print the plan of the steps; ``kept`` are steps that are not repeated."""
     plan = {"name": asked.name, "seconds": announcement.seconds, "steps": announcement.lines}
     lines = [*_plan_lines(asked.loaded, announcement)]
     if kept:
@@ -164,7 +164,7 @@ def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
 
 
 def _announce(asked: Asked, announcement: Announcement) -> None:
-    """Say what will move; before a real servo does, wait for a yes."""
+    """Announce the motions; before a real servo moves, wait for a yes."""
     for line in _plan_lines(asked.loaded, announcement):
         say(line)
     servo = asked.config.servo

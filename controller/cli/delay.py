@@ -73,26 +73,15 @@ def command(
 def _text(found: LoopDelay, period: float, files: list[Path]) -> str:
     """Format a table of the parts, one of the recovered delays, and the files."""
     lines = [
-        f"delay from sample to motion  {_with_error(found.total.value, found.total.stderr)}",
+        f"delay from sample to motion  {found.total.in_ms()}",
         f"  inserted                   {ms(found.configured * period)}",
         f"  age of the sample          {ms(found.age_median)} (median; the guard counts"
         f" {ms(found.age_high)})",
-        f"  device, sending to motion  {_with_error(found.device.value, found.device.stderr)}",
+        f"  device, sending to motion  {found.device.in_ms()}",
         "",
         f"{'inserted':>10}  {'measured':>20}  {'recovered':>20}",
     ]
     for point in found.points:
-        recovered = point.recovered
-        lines.append(
-            f"{ms(point.inserted):>10}  {_with_error(point.total.value, point.total.stderr):>20}  "
-            + (
-                f"{_with_error(recovered.value, recovered.stderr):>20}"
-                if recovered
-                else f"{'(reference)':>20}"
-            )
-        )
+        recovered = point.recovered.in_ms() if point.recovered else "(reference)"
+        lines.append(f"{ms(point.inserted):>10}  {point.total.in_ms():>20}  {recovered:>20}")
     return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])
-
-
-def _with_error(value: float, stderr: float) -> str:
-    return f"{1e3 * value:.3f} ± {1e3 * stderr:.3f} ms"

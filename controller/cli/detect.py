@@ -13,6 +13,7 @@ from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     json_option,
+    reading,
     refuse_other_pictures,
     refuse_same_file,
     writing,
@@ -91,7 +92,7 @@ def command(
     if plot is not None:
         refuse_other_pictures("--plot", plot)
         take_file("--plot", plot, PICTURE, force=force)
-    try:
+    with reading("LOG", log, "a log of run, or a CSV"):
         of_ours = is_log(log)
         pace = _LOG_BYTES_S if of_ours else _CSV_BYTES_S
         with working("looking at the motion", log.stat().st_size / pace):
@@ -100,13 +101,6 @@ def command(
                 detected = replayed(log, given)
             if detected is None:
                 detected = detect_all(read_recordings(log), given, wall)
-    except OSError as error:
-        raise UserError(
-            f"cannot be read: {error.strerror}",
-            field="LOG",
-            given=log,
-            advice="wanted a log of run, or a CSV",
-        ) from None
     if not detected.drawn:
         raise UserError(
             f"no stretch of it is long enough: {'; '.join(detected.notes)}", field="LOG", given=log

@@ -1,4 +1,4 @@
-"""``haptic-wall doctor``: finds the faults of a testbed, names the remedies, and applies them."""
+"""``haptic-wall doctor``: finds the faults of a testbed, names and applies remedies."""
 
 from __future__ import annotations
 

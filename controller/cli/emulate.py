@@ -1,4 +1,4 @@
-"""``haptic-wall emulate``: a Dynamixel bus with moving servos, on a pseudo-terminal."""
+"""``haptic-wall emulate``: emulates a Dynamixel bus with moving servos, on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.values import whole
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import Problem, SpecError
+from haptic_wall.hw.hand import SharedHand
 
 DEFAULT_BAUD = 4_000_000
 PRIORITY = 70
@@ -111,6 +112,7 @@ _MS_NS = 1_000_000
 @force_option
 @click.option("--die-with-parent", is_flag=True, hidden=True)
 @click.option("--owner", type=int, hidden=True)  # its parent, who alone reads the record
+@click.option("--hand", type=int, hidden=True)  # inherited memory of a person's hand
 def command(
     servos: tuple[str, ...],
     baud: str,
@@ -124,6 +126,7 @@ def command(
     force: bool,
     die_with_parent: bool,
     owner: int | None,
+    hand: int | None,
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
@@ -170,6 +173,8 @@ def command(
                 )
                 for model, id_, firmware in plan
             ]
+        if hand is not None:
+            emulated[0].take_hand(SharedHand(hand))
         with _as_user_error("--fault"):
             bus = EmulatedBus(
                 emulated,

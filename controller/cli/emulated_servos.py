@@ -87,10 +87,10 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
 
 
 def truth_of(model: Model, given: Mapping[str, Any]) -> TrueServo:
-    """Return true parameters of a servo of this model, with given ones in place of the defaults.
+    """Return the true parameters of an emulated servo: the given ones, and defaults of its model.
 
     Args:
-        model: Its stall torque limits the torque unless that is given.
+        model: The model; its stall torque is the default torque limit.
         given: Values by name, as ``--set servo.NAME`` takes them.
     """
     values = dict(given)

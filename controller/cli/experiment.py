@@ -1,4 +1,4 @@
-"""The frame of the commands that experiment: options, leave to move, files, answer, endings.
+"""Shared frame of the experiments' commands: options, consent to move, files, answer, endings.
 
 A command is a function of ``Asked`` and of its own options, under ``experiment``. One that writes a
 report and a picture to a folder hands the rest to ``carry_out``.
@@ -60,12 +60,12 @@ class Asked:
 
     @property
     def config(self) -> Config:
-        """The effective configuration."""
+        """Return the effective configuration."""
         return self.loaded.config
 
     @property
     def name(self) -> str:
-        """The configuration's name, for people."""
+        """Return the configuration's name, for messages."""
         return self.loaded.name
 
     def answer(self, report: Mapping[str, Any], text: Callable[[], str]) -> None:
@@ -89,6 +89,7 @@ def experiment(
     moves: bool = True,
     force: bool = True,
     of_walls: bool = False,
+    filters: bool = False,
     without: tuple[str, Callable[..., None]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command CONFIG and the options of all experiments, as ``Asked``.
@@ -99,6 +100,7 @@ def experiment(
         moves: The command has ``--yes``.
         force: The command has ``--force``.
         of_walls: It measures a wall, and refuses any other law.
+        filters: It counts ``wall.velocity_filter``; others refuse it.
         without: An option that makes CONFIG needless, and the function that is called then with all
             that was given.
     """
@@ -131,11 +133,11 @@ def experiment(
                     advice="haptic-wall run renders any law",
                 )
             filtered = loaded.config.wall.velocity_filter
-            if filtered != "none":
+            if filtered != "none" and not filters:
                 raise UserError(
                     f"found {filtered}",
                     field="wall.velocity_filter",
-                    wanted="none: experiments count no filter",
+                    wanted="none: of the experiments only sweep counts a filter",
                     advice="haptic-wall run renders it",
                 )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
@@ -153,9 +155,18 @@ def folder_option(text: str) -> Callable[[Any], Any]:
     """``--out DIR``.
 
     Args:
-        text: Of the help.
+        text: Text of the help.
     """
     return click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=text)
+
+
+def dask_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add ``--dask``, passed to the command as ``dask``."""
+    return click.option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Compute on the cluster of this Dask scheduler, such as tcp://127.0.0.1:8786.",
+    )(command)
 
 
 def carry_out(
@@ -208,7 +219,7 @@ def ask_to_move(servo: Servo, yes: bool) -> None:
     """Wait for a person's consent before a real servo moves by itself.
 
     Args:
-        servo: Of the configuration.
+        servo: Servo of the configuration.
         yes: Consent is already given.
 
     Raises:
@@ -224,7 +235,7 @@ def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
     """Show that a servo is being moved.
 
     Args:
-        config: Of the servo.
+        config: Configuration of the servo.
         seconds: Approximate duration in real time [s].
     """
     simulated = config.loop.clock == "simulated"
@@ -233,11 +244,11 @@ def moving(config: Config, seconds: float) -> AbstractContextManager[Work]:
 
 @contextmanager
 def endings(interrupted: str = "", tripped: str = "") -> Iterator[None]:
-    """Give an experiment that a person or a trip has ended its exit status.
+    """Raise with the right exit status if a person or a trip ends the experiment in this block.
 
     Args:
-        interrupted: What to say besides where a person ended it.
-        tripped: What to say besides where a trip ended it.
+        interrupted: Text to add if a person ended it.
+        tripped: Text to add if a trip ended it.
     """
     from haptic_wall.controller.experiments.testbed import (
         ExperimentInterruptedError,

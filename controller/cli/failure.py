@@ -27,8 +27,8 @@ class EndedEarlyError(HapticWallError):
     """A person or a trip has ended a command before it had an answer.
 
     Args:
-        problem: What ended it.
-        exit_status: Of the command.
+        problem: The reason of the early end.
+        exit_status: Exit status of the command.
     """
 
     def __init__(self, problem: Problem | str, exit_status: int) -> None:
@@ -48,7 +48,7 @@ def tell(error: BaseException, status: int, *, json: bool, arguments: Sequence[s
         error: The error; without a text it is Ctrl-C, which needs no explanation.
         status: Exit status.
         json: Also print the object for programs, unless the answer is already printed.
-        arguments: Of the command line.
+        arguments: Arguments of the command line.
     """
     problem = _problem(error, arguments)
     text = str(problem if isinstance(error, click.ClickException) else error) or "interrupted"

@@ -1,4 +1,4 @@
-"""``haptic-wall identify``: inertia, friction and delay of a servo, from motions of its own."""
+"""``haptic-wall identify``: moves a servo, and estimates inertia, friction and delay."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def command(
 
 
 def _text(result: dict[str, Any], found: Identified | None, logs: Path | None) -> str:
-    """The figures, and where the files are."""
+    """Return the results and the paths of the files as text."""
     from haptic_wall.controller.experiments.identify.text import text
 
     lines = [text(result, found)]
@@ -240,8 +240,8 @@ def _from_sweep(
     found: Identified | None,
 ) -> dict[str, Any]:
     """Return the boundary's results beside those of the motion or the belief."""
+    from haptic_wall.controller.experiments.estimated import Estimated
     from haptic_wall.controller.experiments.identify.boundary_fit import KnownLoop, fit_boundary
-    from haptic_wall.controller.experiments.identify.identification import Estimated
     from haptic_wall.controller.experiments.identify.text import (
         believed,
         boundary_report,

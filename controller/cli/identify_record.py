@@ -1,4 +1,4 @@
-"""``haptic-wall identify --record``: servo, friction and load from a recorded motion."""
+"""``haptic-wall identify --record``: fits servo, friction and load to a recorded motion."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from haptic_wall.controller.cli.experiment import REACH
 from haptic_wall.controller.cli.options import (
     answer,
     as_json,
+    reading,
     refuse_other_pictures,
     refuse_same_file,
     writing,
@@ -38,16 +39,16 @@ def identify_record(
     as_json_wanted: bool,
     **needless: object,
 ) -> None:
-    """Fit a recorded motion, and answer.
+    """Fit a recorded motion, and print the result.
 
     Args:
         record: The CSV.
         plot_path: Path of the picture; None: none is drawn.
         pendulum_mass: [kg]; None: nothing known hangs on the shaft.
         pendulum_length: [m]
-        force: Replace a file that is no picture of ours.
+        force: Replace even a file that is no picture of this program.
         as_json_wanted: Answer as JSON.
-        **needless: What was given of the options that only a motion needs.
+        **needless: Options that need a moving servo, as given; refused.
 
     Raises:
         UserError: An option or the file is not usable.
@@ -63,15 +64,8 @@ def identify_record(
     from haptic_wall.controller.experiments.recorded.text import report, text
 
     with working("fitting the motion", _ABOUT_S):
-        try:
+        with reading("--record", record, "a CSV"):
             motion = read_record(record)
-        except OSError as error:
-            raise UserError(
-                f"cannot be read: {error.strerror}",
-                field="--record",
-                given=record,
-                advice="wanted a CSV",
-            ) from None
         found = estimate.identify_record(motion, pendulum)
     result = {"name": record.name, **report(found), "plot": None}
     if plot_path is not None and found.shot is not None:
@@ -86,11 +80,11 @@ def identify_record(
 
 
 def refuse_pendulum(mass: float | None, length: float | None) -> None:
-    """Refuse a pendulum without a record.
+    """Raise if a pendulum is given without a record.
 
     Args:
-        mass: As given; None: it was not.
-        length: Likewise.
+        mass: Mass as given [kg]; None: not given.
+        length: Length as given [m]; None: not given.
 
     Raises:
         UserError: One was given.
@@ -105,7 +99,7 @@ def refuse_pendulum(mass: float | None, length: float | None) -> None:
 
 
 def _refuse(given: dict[str, object]) -> None:
-    """Refuse what only a motion needs."""
+    """Raise if an option is given that needs a moving servo."""
     names = {
         "config": "CONFIG",
         "sets": "--set",
@@ -128,7 +122,7 @@ def _refuse(given: dict[str, object]) -> None:
 
 
 def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
-    """Return the pendulum; None: none is given."""
+    """Return the pendulum of the options; None if no pendulum is given."""
     if mass is None and length is None:
         return None
     if mass is None or length is None:

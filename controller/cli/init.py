@@ -1,4 +1,4 @@
-"""``haptic-wall init``: a commented configuration of one's own, to be edited."""
+"""``haptic-wall init``: writes a commented configuration file for the user to edit."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def _presets(
 def command(file: Path, preset: str, force: bool) -> None:
     """Write a commented configuration to FILE, which every command takes as CONFIG.
 
-    It holds what the preset sets, with the preset's comments, and as comments whatever else can be
-    set: default, unit, range and meaning. A file that is there is kept unless --force is given.
+    The file contains the preset's settings with their comments. It lists all other settings as
+    comments: default, unit, range and meaning. An existing file is kept unless --force is given.
     """
     if preset not in preset_names():
         raise UserError(
@@ -120,7 +120,7 @@ def _with_others(lines: list[str], others: dict[str, list[str]]) -> Iterator[str
 
 
 def _shown(field: Field, key: str, default: Any) -> list[str]:  # noqa: ANN401 - values are what they are
-    """A field that is not set, as comments."""
+    """Return the comment lines of a field that is not set."""
     value = default if isinstance(default, str) else json.dumps(default)
     unit = f"[{field.unit}] " if field.unit else ""
     return [f"  # {key}: {value}  # {unit}{field.meaning} ({field.wanted})"]

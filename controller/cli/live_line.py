@@ -48,7 +48,7 @@ class Shown:
     position: float
     """[rad]"""
     depth: float
-    """In the wall [rad]; from its surface, where the wall is two-sided"""
+    """Penetration [rad]; for a two-sided wall the distance from its surface"""
     torque: float
     """[N·m]"""
     largest: float
@@ -60,7 +60,7 @@ class Shown:
 
 
 def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
-    """Format the line, at most ``columns`` - 1 wide; the end is omitted if necessary."""
+    """Format the line; cut its end if it is wider than ``columns`` - 1."""
     parts = [
         f"{shown.state:9} {bar_of(shown.torque, shown.largest)}",
         f" {shown.torque:+7.3f} N·m",
@@ -79,7 +79,7 @@ def line_of(shown: Shown, columns: int, *, colour: bool) -> str:
 
 
 def bar_of(torque: float, largest: float) -> str:
-    """Draw a bar from the middle to the side of the torque."""
+    """Return a bar that grows with the torque, from the middle to the left or right."""
     half = BAR // 2
     share = abs(torque) / largest if largest > 0.0 and math.isfinite(torque) else 0.0
     filled = "#" * min(half, round(share * half))
@@ -100,7 +100,7 @@ class RunView:
         self._surface = math.nan
 
     def look(self) -> Shown | None:
-        """Return the values to show; None: there is no row yet."""
+        """Return the values to show; None if there is no row yet."""
         rows, self._tail = self._telemetry.read(self._tail)
         if not len(rows):
             return None
@@ -150,17 +150,17 @@ def _state(row: Any, *, lost: bool) -> tuple[str, int]:  # noqa: ANN401 - a reco
 def live_line(
     config: Config, telemetry: Telemetry, tell: Callable[[str], None]
 ) -> Iterator[Callable[[str], None]]:
-    """Show the run's line until the block ends; space or ``q`` ends the run, torque off.
+    """Show the run's line until the block ends; space or ``q`` ends the run with torque off.
 
     The terminal is left as it was found, however the block ends.
 
     Args:
-        config: Of the run.
+        config: Configuration of the run.
         telemetry: Its rows.
         tell: Passes a message to a person.
 
     Yields:
-        ``tell`` that does not run into the line.
+        A variant of ``tell`` that does not overwrite the line.
     """
     done = threading.Event()
     writing = threading.Lock()
@@ -220,7 +220,7 @@ def _pressed(keyboard: int | None, done: threading.Event) -> bool:
 
 @contextlib.contextmanager
 def _keys() -> Iterator[int | None]:
-    """Yield a terminal that gives single keys; None: there is none in the foreground."""
+    """Yield a terminal in single-key mode; None if no terminal is in the foreground."""
     try:
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)

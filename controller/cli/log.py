@@ -1,8 +1,7 @@
-"""``haptic-wall log``: what a log holds; export as CSV, MCAP or picture; cut a stretch out."""
+"""``haptic-wall log``: summarises a log; exports it as CSV, MCAP or picture; cuts an excerpt."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,16 +16,18 @@ from haptic_wall.controller.cli.options import (
     answer,
     as_json,
     json_option,
+    reading,
     refuse_other_pictures,
     refuse_same_file,
     writing,
 )
 from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.rows import WHOLE, LogRows, TimeSpan
+from haptic_wall.controller.logs.rows import WHOLE, LogRows
 from haptic_wall.controller.logs.summary import summarised
 from haptic_wall.controller.system.file_kinds import LOG, PICTURE, Kind, table
 from haptic_wall.controller.system.whole_file import whole
@@ -71,7 +72,7 @@ def command(
     """Summarise LOG, a file written by run; on request export it, draw it, or cut a stretch out.
 
     --from and --to choose the stretch, in seconds since the log's first row, for the summary and
-    for all that is written. Whatever is damaged is left out, and told.
+    for all that is written. Damaged parts are left out and reported.
     """
     wanted: dict[str, Path | None] = {
         "--csv": csv_path,
@@ -94,22 +95,17 @@ def command(
     for option, path in wanted.items():
         if path is not None:
             take_file(option, path, _KINDS[option], force=force)
-    stretch = _stretch(start_s, end_s)
+    stretch = stretch_between(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError(
             "found neither --from nor --to", field="--cut", advice="say which stretch, in seconds"
         )
-    try:
-        with working("reading the log", log.stat().st_size / _READ_BYTES_S):
-            rows = LogRows.of(LogReader(log), stretch)
-            summary = summarised(rows)
-    except OSError as error:
-        raise UserError(
-            f"cannot be read: {error.strerror}",
-            field="LOG",
-            given=log,
-            advice="wanted a log of run",
-        ) from None
+    with (
+        reading("LOG", log, "a log of run"),
+        working("reading the log", log.stat().st_size / _READ_BYTES_S),
+    ):
+        rows = LogRows.of(LogReader(log), stretch)
+        summary = summarised(rows)
     report = summary.report(rows.origin_ns)
     if not summary.rows:
         _refuse_nothing(log, rows, any(wanted.values()))
@@ -123,21 +119,6 @@ def command(
         answer(as_json({**full, "cut": metadata.get("cut"), "metadata": metadata}))
     else:
         answer(summary_text(full, metadata.get("cut"), log.name))
-
-
-def _stretch(start_s: float | None, end_s: float | None) -> TimeSpan:
-    for option, value in (("--from", start_s), ("--to", end_s)):
-        if value is not None and not 0.0 <= value < math.inf:
-            raise UserError(
-                f"found {value:g}",
-                field=option,
-                wanted="seconds since the log's first row, from 0 up",
-            )
-    if start_s is not None and end_s is not None and start_s >= end_s:
-        raise UserError(
-            f"found {end_s:g}", field="--to", wanted=f"more than --from, which is {start_s:g}"
-        )
-    return TimeSpan(-math.inf if start_s is None else start_s, math.inf if end_s is None else end_s)
 
 
 def _refuse_nothing(log: Path, rows: LogRows, export: bool) -> None:

@@ -130,6 +130,7 @@ def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
         between = f", off for {off}" if off else ""
         ticks = f"{on} ticks{before}{between}"
         yield f"wall        on for {ticks}; in contact for {contact:.3g} % of them"
+    yield from _changes(summary["changes"])
     if summary["phases"] > 1:
         yield f"phases      {summary['phases']} of an experiment's program"
     yield f"position    {_span(summary['position_rad'])} rad"
@@ -147,6 +148,20 @@ def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
             f"largest {late['max']:.4g} µs"
             f" at {late['max_at_s']:.6g} s"
         )
+
+
+def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
+    """Describe the changes of the running wall, the last one with who asked."""
+    if not changes["count"]:
+        return
+    last = changes["last"][-1]
+    by, sets = last.get("by"), last.get("set")
+    user = by.get("user") if isinstance(by, dict) else None
+    asked = " ".join(map(str, sets)) if isinstance(sets, list) else "unknown"
+    yield (
+        f"changes     {changes['count']} asked for; the last: {in_line(asked, 80)}, by "
+        f"{in_line(str(user), 40)}: {in_line(str(last.get('outcome')), 40)}"
+    )
 
 
 def _ended(summary: Mapping[str, Any], log: str) -> str:

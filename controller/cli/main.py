@@ -1,12 +1,12 @@
-"""The command ``haptic-wall``: runs the requested command, and gives errors their exit status.
+"""The entry point ``haptic-wall``: runs a command, and maps errors to exit statuses.
 
-A command's module is imported only when it is called, so that help is quick and a command loads
-only its own modules.
+A command's module is imported only when the command is called, so that help is quick.
 """
 
 from __future__ import annotations
 
 import errno
+import gc
 import importlib
 import io
 import logging
@@ -28,6 +28,7 @@ from haptic_wall.hw.names import did_you_mean
 COMMANDS = {
     "run": "Run the wall; write report, log and picture at the end.",
     "set": "Change the wall that runs in another terminal.",
+    "live": "Show a recorded run in a browser.",
     "emulate": "Emulate a Dynamixel bus on a pseudo-terminal.",
     "scan": "List the servos on a bus: ids, baud rates, models.",
     "doctor": "Find the faults of a testbed, and the remedy of each.",
@@ -47,8 +48,7 @@ COMMANDS = {
     "help": "Show the help of a command.",
     "paper": "Reproduce the table and figures of Gil et al. (ICRA 2007).",
 }
-"""Each command, and its line in the help; the module beside this one that has its name exports
-``command``"""
+"""The commands and their lines in the help; the module of the same name exports ``command``"""
 NEEDS_LINUX = frozenset(
     {
         "run",
@@ -69,10 +69,12 @@ USER = 2
 _OF_OUTPUT = (errno.EFBIG, errno.EDQUOT)
 _LIMITS = (*_OF_OUTPUT, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
 """Errors by which the system says that a limit is reached"""
+_COLLECTIONS = (50_000, 20, 50)
+"""Allocations between two searches for garbage: Python's own 700 take an eighth of a start"""
 
 
 class _Commands(click.Group):
-    """The commands of the table, imported when they are called."""
+    """Imports a command of ``COMMANDS`` when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         return list(COMMANDS)
@@ -111,14 +113,17 @@ def haptic_wall() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; messages go to standard error, never a traceback for what is foreseen.
+    """Run a command; report an expected error as one message on standard error, not as a traceback.
 
     Args:
-        arguments: Of the command line; None: those of this process.
+        arguments: Command-line arguments; None: those of this process.
 
     Returns:
         The exit status.
     """
+    gc.set_threshold(*_COLLECTIONS)
+    # pydantic would read the metadata of all that is installed: 15 ms in each process of a run.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     _fill_missing_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a terminal without µ gets a question mark
         sys.stdout.reconfigure(errors="replace")
@@ -149,10 +154,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _tell_of_system(error: OSError, *, json: bool) -> int:
-    """Report the system's refusal; return the exit status.
+    """Report an error of the operating system; return the exit status.
 
     Raises:
-        OSError: It is a defect of the program.
+        OSError: The error is unexpected: a defect of the program.
     """
     if error.errno == errno.ENOSPC:
         forget_output()
@@ -172,10 +177,10 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
 
 
 def _fill_missing_streams() -> None:
-    """Open closed standard streams.
+    """Open standard streams that are closed on ``/dev/null``.
 
-    Otherwise the next opened files, the shared memory or the port, would get their numbers, and a
-    child that inherits them would take them for its streams.
+    Otherwise the shared memory or the port would get the number of a standard stream, and a child
+    process would read from it or write to it.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -187,7 +192,7 @@ def _fill_missing_streams() -> None:
 
 
 class _Said(logging.Handler):
-    """Passes the program's log messages to a person."""
+    """Prints the program's log messages on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(record.getMessage())

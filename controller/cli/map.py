@@ -6,14 +6,16 @@ import csv
 import math
 import sys
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.experiment import Asked, experiment, folder_option
+from haptic_wall.controller.cli.experiment import Asked, dask_option, experiment, folder_option
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import (
     as_json,
@@ -27,7 +29,8 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MAR
 from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapSettings
+    from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapQuestion, MapSettings
+    from haptic_wall.controller.experiments.maps.store import MapStore
 
 _POINT_S = 0.05
 """Approximate duration of a point on one core [s]"""
@@ -40,7 +43,15 @@ _COLUMNS = (
     *("virtual_damping", "delay_steps", "delay_s", "kick_rad"),
     *("simulated", "outcome", "exact", "linear", "one_sided"),
 )
+_NOT_MAPPED = (
+    *("load_inertia", "transmission_stiffness", "transmission_damping", "encoder"),
+    *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
+    *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
+    *("position", "hand", "hand_origin", "hand_direction"),
+)
+"""Truths of a servo that a map does not name: it refuses them, or has no use for them"""
 _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png": PICTURE}
+_KINDS = {**_FILES, "map.rows": RESULT}
 
 
 @click.command()
@@ -72,6 +83,10 @@ _FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png
     metavar="N",
     help="Parallel processes; default: one per core.",
 )
+@dask_option
+@click.option(
+    "--resume", is_flag=True, help="Go on with the unfinished map that an earlier call left in DIR."
+)
 @experiment(
     folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
     "simulated",
@@ -84,19 +99,17 @@ def command(
     steps: list[float] | None,
     kicks: list[float] | None,
     workers: int | None,
+    dask: str | None,
+    resume: bool,
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
     The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, own
-    delay);
-    guard, safety and the believed model are not used. In a two-sided wall the shaft is kicked; a
-    one-sided wall is hit, and returns the shaft.
+    delay); guard, safety and the believed model are not used. In a two-sided wall the shaft is
+    kicked; a one-sided wall is hit, and returns the shaft.
     """
-    from haptic_wall.controller.experiments.maps.maps import (
-        MapInterruptedError,
-        MapSettings,
-        critical_map,
-    )
+    from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
+    from haptic_wall.controller.experiments.maps.store import MapStore
 
     setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
@@ -105,43 +118,71 @@ def command(
         raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
+        if resume:
+            raise UserError("found no folder", field="--resume", wanted="the map's, as --out DIR")
         folder = new_stem("--out", "map")
         folder.mkdir()
     else:
         folder = asked.out
-        take_folder("--out", folder, _FILES, force=asked.force)
-    total = len(chosen_dampings) * len(chosen_steps) * len(chosen_kicks)
-    interrupted = False
-    label = f"{asked.name}: {total} points"
-    say(label)
-    done = 0
-
-    def progress(count: int, _all: int) -> None:
-        nonlocal done
-        done = count
-
-    with working("computing", _POINT_S * total, lambda: done / total):
-        try:
-            found = critical_map(
-                setting,
-                chosen_dampings,
-                chosen_steps,
-                chosen_kicks,
-                workers=workers,
-                progress=progress,
-            )
-        except MapInterruptedError as stopped:
-            found, interrupted = stopped.partial, True
+        take_folder("--out", folder, _KINDS, force=asked.force)
+    wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
+    say(f"{asked.name}: {wanted.points} points")
+    with MapStore(folder, wanted, resume=resume, force=asked.force) as store:
+        found, interrupted = _computed(wanted, store, folder, workers, dask)
     if interrupted and not found.begun:
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
     report = _report(found, asked.name)
     files = _write(found, report, folder, force=asked.force)
+    if not interrupted:
+        store.remove()
     report["files"] = files
     asked.answer(report, lambda: _text(found, files))
     if interrupted:
-        say("interrupted: what was done until then is kept, the rest is empty")
+        say(
+            "interrupted: what was done until then is kept, the rest is empty; the same command"
+            f" with --out {folder} --resume goes on"
+        )
         sys.exit(INTERRUPTED)
+
+
+def _computed(
+    wanted: MapQuestion, store: MapStore, folder: Path, workers: int | None, dask: str | None
+) -> tuple[CriticalMap, bool]:
+    """Compute the map; return it, and whether Ctrl-C has interrupted it."""
+    from haptic_wall.controller.experiments.cluster import cluster
+    from haptic_wall.controller.experiments.maps.maps import MapInterruptedError, critical_map
+    from haptic_wall.controller.experiments.processes import cores
+
+    share = 0.0
+
+    def progress(done: int, total: int) -> None:
+        nonlocal share
+        share = done / total
+
+    with ExitStack() as during:
+        pool = None if dask is None else during.enter_context(cluster(dask))
+        if wanted.points >= LARGE:
+            many = workers or cores() if pool is None else pool.size
+            with working("planning"):
+                plan = planned(wanted, store, many, lambda part: as_json(_report(part, "")))
+            check_room(folder, plan)
+        during.enter_context(working("computing", _POINT_S * wanted.points, lambda: share))
+        try:
+            found = critical_map(
+                wanted.setting,
+                wanted.dampings,
+                wanted.delay_steps,
+                wanted.kicks,
+                executor=pool,
+                workers=workers,
+                progress=progress,
+                done=store.done,
+                finished=store.add,
+            )
+        except MapInterruptedError as stopped:
+            return stopped.partial, True
+    return found, False
 
 
 def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
@@ -191,45 +232,13 @@ def _outcome(simulated: float) -> str:
 
 
 def _report(found: CriticalMap, name: str) -> dict[str, Any]:
-    servo = found.setting.servo
     return {
         **RESULT_MARK,
         "name": name,
         "side": "one" if found.setting.one_sided else "both",
         "period_s": found.setting.period,
         "velocity_samples": found.setting.velocity_samples,
-        "servo": {
-            "inertia": servo.inertia,
-            "damping": servo.damping,
-            "coulomb": servo.coulomb,
-            "counts_per_rev": servo.counts_per_rev,
-            "delay": servo.delay,
-            "torque_limit": servo.torque_limit,
-            "torque_step": servo.torque_step,
-            "backlash": servo.backlash,
-            "static_friction": servo.static_friction,
-            "stribeck_speed": servo.stribeck_speed,
-            "stribeck_exponent": servo.stribeck_exponent,
-            "damping_back": servo.damping_back,
-            "load_friction": servo.load_friction,
-            "load_friction_external": servo.load_friction_external,
-            "load_friction_at_rest": servo.load_friction_at_rest,
-            "load_friction_at_rest_external": servo.load_friction_at_rest_external,
-            "load_friction_square": servo.load_friction_square,
-            "load_friction_square_external": servo.load_friction_square_external,
-            "gravity": servo.gravity,
-            "gravity_angle": servo.gravity_angle,
-            "cogging": servo.cogging,
-            "cogging_periods": servo.cogging_periods,
-            "cogging_phase": servo.cogging_phase,
-            "torque_ripple": servo.torque_ripple,
-            "torque_ripple_periods": servo.torque_ripple_periods,
-            "torque_ripple_phase": servo.torque_ripple_phase,
-            "encoder_eccentricity": servo.encoder_eccentricity,
-            "encoder_phase": servo.encoder_phase,
-            "encoder_noise": servo.encoder_noise,
-            "noise_seed": servo.noise_seed,
-        },
+        "servo": {k: v for k, v in asdict(found.setting.servo).items() if k not in _NOT_MAPPED},
         "complete": found.complete,
         "points": _points(found),
     }

@@ -52,7 +52,7 @@ def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> l
 
 
 def whole_periods(values: Collection[float], most: int) -> list[int]:
-    """The values of ``--delay-steps`` as whole numbers.
+    """Return the values of ``--delay-steps`` as whole numbers.
 
     Args:
         values: As given [periods].

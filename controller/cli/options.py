@@ -236,6 +236,26 @@ def refuse_other_pictures(option: str, path: Path) -> None:
 
 
 @contextmanager
+def reading(name: str, path: PurePath, wanted: str) -> Iterator[None]:
+    """Turn a file that cannot be read into the user's error, naming the option or argument.
+
+    Args:
+        name: Name of the option or argument.
+        path: Path of the file.
+        wanted: What the file should be.
+
+    Raises:
+        UserError: In place of any OSError inside.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"cannot be read: {error.strerror}", field=name, given=path, advice=f"wanted {wanted}"
+        ) from None
+
+
+@contextmanager
 def writing(option: str, path: PurePath) -> Iterator[None]:
     """Turn a file that cannot be written into the user's error, naming the option.
 

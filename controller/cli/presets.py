@@ -1,4 +1,4 @@
-"""``haptic-wall presets``: the configurations that come with the program."""
+"""``haptic-wall presets``: lists the configurations that come with the program."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ class WrongValueError(click.BadParameter):
     """A parameter's value cannot be read.
 
     Args:
-        problem: What was found and wanted.
+        problem: The found and the wanted value.
         parameter: The parameter.
     """
 
@@ -25,7 +25,7 @@ class NoSuchCommandError(click.UsageError):
 
     Args:
         problem: The name, and a similar one.
-        context: Of the group of commands.
+        context: Context of the group of commands.
     """
 
     def __init__(self, problem: Problem, context: click.Context) -> None:

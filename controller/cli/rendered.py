@@ -47,7 +47,7 @@ def command(asked: Asked, seed: int) -> None:
 
 
 def _text(found: Rendering, files: list[Path]) -> str:
-    """The comparison as a table, and where the rest is."""
+    """Return the comparison as a table, and the paths of the files."""
     lines = [
         f"{'':<32}{'commanded':>12}{'rendered':>12}{'± stderr':>12}{'ratio':>8}",
     ]

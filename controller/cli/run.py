@@ -1,4 +1,4 @@
-"""``haptic-wall run``: render the wall, then report, log and picture."""
+"""``haptic-wall run``: renders the wall, then prints a report and draws the picture."""
 
 from __future__ import annotations
 
@@ -39,10 +39,11 @@ from haptic_wall.controller.system.signals import STOPPING, interrupting, on_sig
 
 if TYPE_CHECKING:
     from haptic_wall.controller.processes.hold import Hold
+    from haptic_wall.controller.processes.live_place import Live
     from haptic_wall.controller.processes.stream import Stream
 
 MUCH = 1e8
-"""Size of a log that is announced before the run [bytes]"""
+"""Size of a log from which it is announced before the run [bytes]"""
 SIMULATED_S = 5.0
 """Default duration [s]; hardware runs until Ctrl-C."""
 
@@ -77,11 +78,20 @@ SIMULATED_S = 5.0
 @click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
 @click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
 @click.option(
+    "--live",
+    metavar="[HOST:PORT]",
+    is_flag=False,
+    flag_value="localhost:0",
+    help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
+)
+@click.option("--live-control", is_flag=True, help="Whoever has that address may change the wall.")
+@click.option(
     "--hold",
     metavar="SOURCE",
     multiple=True,
     help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
-    " pedal; any key, unless KEY names one), or a file that something renews every 150 ms.",
+    " pedal; any key, unless KEY names one), a file that something renews every 150 ms, or page:"
+    " a button on the page of --live-control.",
 )
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
@@ -99,6 +109,8 @@ def command(
     stream: str | None,
     stream_rate: float | None,
     stream_anywhere: bool,
+    live: str | None,
+    live_control: bool,
     hold: tuple[str, ...],
     verbose: bool,
     force: bool,
@@ -127,7 +139,8 @@ def command(
             advice="run emulated-xm430 on the monotonic clock, or leave the option out",
         )
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
-    held = _hold(effective, hold)
+    shown_live = _live(effective, live, control=live_control)
+    held = _hold(effective, hold, page=shown_live is not None and bool(shown_live.token))
     if held is not None:  # what the run itself writes would hold the wall on
         own = {"--log": log_path, "--plot": plot_path, "--witness": witness}
         refuse_same_file({**own, "--hold": Path(held.path)})
@@ -143,11 +156,14 @@ def command(
         },
         witness=witness,
         stream=streamed,
+        live=shown_live,
         hold=held,
         changeable=True,
         force=force,
     )
     say(f"{loaded.name}: {_length(effective, seconds)}")
+    if shown_live is not None:
+        say(f"live: {shown_live.address}")
     if not as_json_wanted and is_shown(sys.stdout) and not _in_memory(effective):
         shown = partial(live_line, effective)
     else:
@@ -173,7 +189,7 @@ def command(
 def _stream(
     config: Config, place: str | None, rate_hz: float | None, anywhere: bool
 ) -> Stream | None:
-    """Return the live stream's destination."""
+    """Return the destination of the live stream; None if there is none."""
     if place is None:
         for option, given in (("rate", rate_hz is not None), ("anywhere", anywhere)):
             if given:
@@ -194,11 +210,36 @@ def _stream(
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
 
-def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
-    """Return the dead man.
+def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
+    """Return the live page's place; it listens already."""
+    if place is None:
+        if control:
+            raise UserError(
+                "found without --live", field="--live-control", advice="add --live, or leave it out"
+            )
+        return None
+    if _in_memory(config):
+        raise UserError(
+            "on the simulated clock a run is over before it can be watched",
+            field="--live",
+            advice="run with --set loop.clock=monotonic, or look at the log with "
+            "`haptic-wall live LOG`",
+        )
+    from haptic_wall.controller.processes.live_place import live_at
+
+    return live_at(place, control=control)
+
+
+def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | None:
+    """Return the dead man's source; None if there is none.
+
+    Args:
+        config: Of the run.
+        sources: As given.
+        page: Whether there is a page that may change the wall.
 
     Raises:
-        UserError: There is more than one, or it cannot serve as a dead man.
+        UserError: There is more than one source, or it cannot serve as a dead man.
     """
     if not sources:
         return None
@@ -215,9 +256,17 @@ def _hold(config: Config, sources: tuple[str, ...]) -> Hold | None:
             field="--hold",
             advice="leave it out, or run with --set loop.clock=monotonic",
         )
-    from haptic_wall.controller.processes.hold import hold_by
+    from haptic_wall.controller.processes.hold import PAGE, Hold, hold_by
 
-    return hold_by(sources[0])
+    if sources[0] != PAGE:
+        return hold_by(sources[0])
+    if not page:
+        raise UserError(
+            f"a {PAGE} can hold the dead man only if it may change the wall",
+            field="--hold",
+            advice=f"add --live --live-control; a file with that name is ./{PAGE}",
+        )
+    return Hold(PAGE, "page")
 
 
 def _in_memory(config: Config) -> bool:
@@ -272,7 +321,7 @@ def _places(
     draws: bool,
     force: bool,
 ) -> tuple[Path, Path | None]:
-    """Return the places of log and picture: by default in ./runs/, the picture beside the log."""
+    """Return the paths of log and picture; by default in ./runs/, the picture beside the log."""
     if draws and plot is None and log is not None:
         plot = _beside(log)
     if plot is not None:
@@ -298,7 +347,7 @@ def _places(
 
 
 def _beside(log: Path) -> Path | None:
-    """Return the path of a log's picture; None: the log is no file."""
+    """Return the path of the picture beside a log; None if the log is no file."""
     try:
         usable = log.is_file() or not log.exists()
     except OSError:
@@ -309,7 +358,7 @@ def _beside(log: Path) -> Path | None:
 
 
 def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
-    """Draw the picture from the log; return the error, or nothing."""
+    """Draw the picture from the log; return the error, or an empty text."""
     try:
         # The drawing can be interrupted.
         with working("drawing the picture", DRAWING_S), interrupting(STOPPING):

@@ -1,4 +1,4 @@
-"""``haptic-wall set``: change a running wall from another terminal."""
+"""``haptic-wall set``: changes a running wall from another terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from haptic_wall.controller.cli.text import number
 from haptic_wall.controller.errors import UserError
 
 WAIT_S = 10.0
-"""Default wait for a moment that suits [s]"""
+"""Default of the longest wait for a suitable moment [s]"""
 MOST_WAIT_S = 3600.0
 
 

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from haptic_wall.controller.cli.ceiling import measure_ceiling
-from haptic_wall.controller.cli.experiment import Asked, experiment, folder_option, moving
+from haptic_wall.controller.cli.experiment import (
+    Asked,
+    dask_option,
+    experiment,
+    folder_option,
+    moving,
+)
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import (
@@ -81,12 +87,14 @@ _MOST_STEPS = 1000
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
               help="Parallel processes on the simulated clock; default: one per core.")  # fmt: skip
+@dask_option
 @experiment(
     folder_option(
         "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
         " was interrupted there goes on. Default: a new folder in ./runs/."
     ),
     of_walls=True,
+    filters=True,
 )
 def command(
     asked: Asked,
@@ -98,6 +106,7 @@ def command(
     repeats: int,
     tolerance: float,
     workers: int | None,
+    dask: str | None,
 ) -> None:
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
@@ -107,6 +116,7 @@ def command(
     With --over damping it travels to and fro at constant speed under more and more damping, until a
     vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
+    _check_delays(asked.config, steps)
     if over == "damping":
         measure_ceiling(asked, whole_periods(steps, _MOST_STEPS), dampings)
         return
@@ -117,6 +127,7 @@ def command(
             wanted="the dampings at which the critical stiffness is measured",
             advice="give it, or --over damping",
         )
+    from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
     from haptic_wall.controller.experiments.sweep.store import PNG, SweepStore
@@ -128,6 +139,14 @@ def command(
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"found {kick:g}", field="--kick", wanted="above 0 and up to 3 rad")
     effective = experiment_config(asked.config)
+    if dask is not None and effective.loop.clock != "simulated":
+        raise UserError(
+            "found a servo in real time",
+            field="--dask",
+            given=dask,
+            wanted="a simulated one",
+            advice="add --set loop.clock=simulated, or leave --dask out",
+        )
     settings = _settings(dampings, steps)
     options = Options(kick, repeats, tolerance)
     device = Device.of(effective)
@@ -149,6 +168,7 @@ def command(
                 tell=say,
                 progress=progress.point,
                 workers=workers,
+                pool=None if dask is None else cluster(dask),
             )
     except ExperimentTrippedError as error:
         finished, tripped = False, error
@@ -218,6 +238,23 @@ def _announce(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
             f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
             f" to {config.servo.torque_limit:g} N·m, at more and more stiffness; Ctrl-C ends it"
+        )
+
+
+def _check_delays(config: Config, steps: list[float]) -> None:
+    """Refuse delays for which the limits are not known with a filter.
+
+    Raises:
+        UserError: The longest is too long.
+    """
+    from haptic_wall.controller.theory.flexible import MOST_PERIODS
+
+    longest = max(steps) + config.belief().delay.high / config.period_s
+    if config.wall.velocity_filter != "none" and longest + 2.0 > MOST_PERIODS:
+        raise UserError(
+            f"found {max(steps):g}, in all {longest:.3g} periods",
+            field="--delay-steps",
+            wanted=f"at most {MOST_PERIODS - 2} in all with wall.velocity_filter",
         )
 
 

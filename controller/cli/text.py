@@ -154,6 +154,8 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         same = asked[key] == commanded[key]
         note = "as requested" if same else f"requested {number(asked[key])}"
         yield from entry(key, f"{number(commanded[key])} {unit}, {note}")
+    if filtered := guard.get("velocity_filter"):
+        yield from entry("filter", f"{filter_text(filtered)}, of the velocity that damps")
     limits = [
         f"{name} {number(guard['limit'][name])}"
         + ("*" if name == guard["binding"] and guard["binding"] else "")
@@ -174,6 +176,12 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         yield from entry("why", str(reason))
     if assumed := guard.get("assumed"):
         yield from entry("assumed", assumed)
+
+
+def filter_text(filtered: Mapping[str, Any]) -> str:
+    """Describe a filter of the velocity, as a report has it."""
+    kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
+    return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
 
 
 def _rebound(low: float | None, high: float) -> str:

@@ -23,7 +23,7 @@ class ActingTorque:
     It counts periods, not calls: over skipped ones the last torque was held.
 
     Args:
-        lag_periods: From a sample until its torque acts, >= 0 [periods].
+        lag_periods: Delay from a sample until its torque acts, >= 0 [periods].
 
     Raises:
         ValueError: The lag is negative or not finite.
@@ -39,7 +39,7 @@ class ActingTorque:
 
     @property
     def lag(self) -> float:
-        """From a sample to its torque acting [periods]; may be changed at any time."""
+        """Delay from a sample until its torque acts [periods]; may be changed at any time."""
         return self._whole + self._fraction
 
     @lag.setter
@@ -61,7 +61,7 @@ class ActingTorque:
 
         Args:
             sent: Torque sent with the present sample [N·m].
-            periods: From the last sample to this one, >= 1.
+            periods: Number of periods from the last sample to this one, >= 1.
         """
         acted = self.acted(periods)
         self.send(sent)

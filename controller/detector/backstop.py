@@ -203,7 +203,7 @@ class Backstop:
 
         Args:
             span: Time since the last sample [s].
-            elongation: Of the wall's spring, signed [rad].
+            elongation: Elongation of the wall's spring, signed [rad].
             stiffness: K without this object's scale [N·m/rad].
             ended: A half-cycle, or a contact, has ended.
         """
@@ -238,7 +238,7 @@ class Backstop:
         """Return the torque by which the whole spring's differs from the present one's [N·m].
 
         Args:
-            elongation: Of the spring [rad].
+            elongation: Elongation of the spring [rad].
         """
         missing = (1.0 - self.stiffness_scale) * self._stiffness * elongation
         hold = self._hold
@@ -250,7 +250,7 @@ class Backstop:
         """Restore the gains where that does not change the torque: the spring is at rest there.
 
         Args:
-            elongation: Of the spring [rad].
+            elongation: Elongation of the spring [rad].
             last: At the last sample; a fast motion is at rest between two samples [rad].
         """
         missing = self._missing(elongation)

@@ -19,10 +19,12 @@ class Contacts:
 
     Attributes:
         known: Contacts since the start.
-        duration: Of the last one [s]; ``duration_2`` to ``duration_4``: of those before it.
-        amplitude: Greatest depth in it [rad]; likewise.
+        duration: Duration of the last one [s]; ``duration_2`` to ``duration_4``: of those before
+            it.
+        amplitude: Greatest depth in it [rad]; ``amplitude_2`` and so on, as for ``duration``.
         inertia: Apparent inertia in it [kg·m²]; ``inertia_2``: in the one before.
-        pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; likewise.
+        pull: Mean outward torque, weighted by the depth over the greatest depth [N·m]; ``pull_2``
+            and so on.
         elapsed: Since the last contact ended [s].
         interval: Between the ends of the last two contacts [s].
         load: Mean torque over that time [N·m]: the load that the wall holds.
@@ -128,6 +130,12 @@ class Contacts:
             return False
         self._keep()
         return True
+
+    def shift(self, way: float) -> None:
+        """Go on at a surface that is deeper by ``way`` [rad]; the present contact has no gain."""
+        self._last -= way
+        self._deepest -= way
+        self._way_in = self._way_out = self._took = math.nan
 
     def _pass(self, before: float, depth: float, slowness: float) -> None:
         """Compute when gate and surface were passed, between the samples.

@@ -54,8 +54,8 @@ class DetectionRecord:
         """Return the record, with the worst state and the first alarm found in the samples.
 
         Args:
-            times: Of the samples [s], shape (n,).
-            state: As the field of this name, shape (n,); likewise the others.
+            times: Times of the samples [s], shape (n,).
+            state: As the field of this name, shape (n,).
             frequency_hz: [Hz]
             amplitude: [rad]
             growth: [1/s]
@@ -96,13 +96,13 @@ def detect(
     """Run the detector over a record.
 
     Args:
-        times: Of the samples, increasing, shape (n,) [s]. Missing samples count as skipped periods;
-            after a gap of more than 50 ms the detector restarts.
+        times: Times of the samples, increasing, shape (n,) [s]. Missing samples count as skipped
+            periods; after a gap of more than 50 ms the detector restarts.
         positions: Shape (n,) [rad]; samples with NaN are skipped.
         torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: at none.
         settings: Known values of the servo; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
-        lag: From a sample until its torque acts, >= 0 [s].
+        lag: Delay from a sample until its torque acts, >= 0 [s].
         stiffness: As in ``wall``, where nothing else is known.
         wall: Known parameters of the wall.
 

@@ -1,12 +1,11 @@
-"""Judges from energy whether the wall feeds a motion, with tolerance for beliefs wrong by a fifth.
+"""Judges from energy whether the wall feeds a motion; tolerates an error of the belief of 20 %.
 
-The wall's energy depends on the motion and the wall only, not on the source of the motion: on the
-way from one point to another a spring returns what it took, a damper takes more, and delay gives
-energy. So a wall that gives more than friction dissipates is too stiff, with or without a hand on
-it.
+The energy that a wall gives depends only on the wall and the motion, not on the source of the
+motion: a spring returns the energy that it took, a damper takes energy, and delay adds energy. So a
+wall that gives more than friction dissipates is too stiff, with or without a hand on the shaft.
 
-A hand shows in the remainder: over a half-cycle the torque's work equals the friction's, and its
-moment that of the inertia, unless a hand acts too.
+A hand is detected by a remainder: over a half-cycle the work of the torque equals that of friction,
+and the moment of the torque equals that of the inertia, unless a hand acts too.
 
 Source: condition on work after Hannaford and Ryu, IEEE T-RA 18(1), 2002, with the acting torque.
 """
@@ -26,16 +25,18 @@ class EnergyBalance:
     Attributes:
         surface: Position of the wall [rad]; NaN: not known.
         side: 0: two-sided; +1 or -1: it fills the positions above or below, and never pulls.
-        elongation: Of a linear spring with the same energy, over position [rad]; None: the law is
-            linear, and its zero is the surface.
+        elongation: Elongation of a linear spring with the same energy, over position [rad]; None:
+            the law is linear, and its zero is the surface.
         virtual_damping: Commanded B [N·m·s/rad]; 0 where it is not known.
         held: Constant torque that holds a load beside the spring [N·m].
         lag: Believed delay from a sample until its torque acts [s].
-        moves: The torque's moment was that of this servo's inertia, in the last half-cycle.
-        pays: Its work was that of friction: there was no other source or sink.
+        moves: Whether the torque's moment was that of this servo's inertia in the last half-cycle.
+        pays: Whether the torque's work was that of friction, so that there was no other source or
+            sink.
         share: Apparent over believed inertia.
-        left: Its work beyond friction's, as a damping over ``m ω``; 0 without the inertia.
-        growth: Of the oscillation, from the last excess energy of the wall [1/s]; NaN: none.
+        left: The torque's work beyond that of friction, as a damping over ``m ω``; 0 without the
+            inertia.
+        growth: Growth of the oscillation, from the last excess energy of the wall [1/s]; NaN: none.
     """
 
     __slots__ = (
@@ -72,7 +73,7 @@ class EnergyBalance:
         limit: float,
         tuning: EnergyTuning,
     ) -> None:
-        """Take the believed values of the servo; see ``DetectorSettings``."""
+        """Store the believed values of the servo; see ``DetectorSettings``."""
         self._tuning = tuning
         self._period = period
         self._fewest = tuning.fewest_periods * period
@@ -107,7 +108,7 @@ class EnergyBalance:
         return self._natural
 
     def potential(self, position: float) -> float:
-        """Return the energy in the wall's spring, its torque limited [J]; NaN: not known."""
+        """Return the energy in the wall's spring with limited torque [J]; NaN: not known."""
         if self.elongation is not None:
             depth = self.elongation(position)
             return 0.5 * self._stiffness * depth * depth
@@ -130,7 +131,7 @@ class EnergyBalance:
             now: The sums to the present.
             since: Those to an earlier turning point; with a one-sided wall, the one before the
                 last: it returns on the way out what it has taken on the way in.
-            way: From there to here [rad].
+            way: Distance from that turning point [rad].
             speed: Present velocity [rad/s].
         """
         step = self._step
@@ -166,7 +167,7 @@ class EnergyBalance:
         return work + end - start > lost
 
     def judge(self, half_cycle: HalfCycle, before: HalfCycle | None) -> None:
-        """Judge what moves the servo over this half-cycle, and the source of its energy.
+        """Judge which torque moved the servo over this half-cycle, and the source of its energy.
 
         Both are computed for this half-cycle and the one before together where that is known: a
         steady push then does nearly no work, and equals the mean torque, since the velocity starts

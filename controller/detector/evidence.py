@@ -66,7 +66,7 @@ def saturates(motion: Repeated, limit: float, tuning: EvidenceTuning) -> bool:
 
     Args:
         motion: Half-cycles.
-        limit: Of the torque [N·m].
+        limit: Limit of the torque [N·m].
         tuning: Numbers for evidence.
     """
     return (
@@ -82,7 +82,7 @@ def is_limit_cycle(motion: Repeated, limit: float, tuning: EvidenceTuning) -> bo
 
     Args:
         motion: Half-cycles.
-        limit: Of the torque [N·m].
+        limit: Limit of the torque [N·m].
         tuning: Numbers for evidence.
     """
     return (
@@ -138,7 +138,7 @@ def took_longer(answer: Answer, tuning: ProbeTuning, *, contacts: bool) -> bool:
     """Whether a probe shows that the wall moves the shaft.
 
     Args:
-        answer: Of the probe.
+        answer: Answer to the probe.
         tuning: Numbers for probes.
         contacts: It was of contacts with a one-sided wall.
     """
@@ -162,8 +162,8 @@ def is_clear(answer: Answer, tuning: ProbeTuning, *, contacts: bool) -> bool:
     """Whether a longer answer is as even as a wall makes it; else a second one must confirm it.
 
     Args:
-        answer: Of the probe.
-        tuning: What the answers of walls and hands are.
+        answer: Answer to the probe.
+        tuning: Bounds that tell answers of walls from those of hands.
         contacts: It was of contacts with a one-sided wall.
     """
     first, second, inertia, amplitude = answer
@@ -211,9 +211,7 @@ def alike(one: Sighting, other: Sighting, tuning: ProbeTuning) -> bool:
     Args:
         one: A motion.
         other: Another one.
-        period: Largest logarithm of the ratio of their periods.
-        amplitude: Largest logarithm of the ratio of their amplitudes, either way.
-        tuning: Numbers for probes.
+        tuning: Largest logarithms of the ratios of their periods and amplitudes.
     """
     return (
         abs(math.log(one.cycle / other.cycle)) < tuning.same_period

@@ -35,7 +35,7 @@ class HalfCycle(NamedTuple):
     amplitude: float
     """Half the distance between them, corrected for the filter [rad]"""
     work: float
-    """Of the acting torque [J]"""
+    """Work of the acting torque [J]"""
     square: float
     """Integral of the velocity's square [rad²/s], > 0"""
     area: float
@@ -68,7 +68,7 @@ class HalfCycleSums:
         before: At the one before.
         speed: Filtered velocity [rad/s].
         time: Since the start [s].
-        work: Of the acting torque [J].
+        work: Work of the acting torque [J].
         square: Integral of the velocity's square [rad²/s].
         area: Integral of the position [rad·s].
         moment: Integral of torque times position [J·s].
@@ -130,7 +130,7 @@ class HalfCycleSums:
         Args:
             position: Measured [rad].
             torque: Mean one since the last sample [N·m].
-            periods: From the last sample, >= 1.
+            periods: Number of periods from the last sample, >= 1.
         """
         gain = self._gain if periods == 1 else 1.0 - (1.0 - self._gain) ** periods
         span = periods * self._period

@@ -45,15 +45,18 @@ class HalfCycles:
 
     Attributes:
         known: Half-cycles since the start.
-        duration: Of the last one [s]; ``duration_2`` to ``duration_4``: of those before it.
-        amplitude: Half the distance between its turning points [rad]; likewise.
+        duration: Duration of the last one [s]; ``duration_2`` to ``duration_4``: of those before
+            it.
+        amplitude: Half the distance between its turning points [rad]; ``amplitude_2`` and so on, as
+            for ``duration``.
         inertia: Apparent inertia in the last one [kg·m²]; ``inertia_2``: in the one before.
         pull: Mean torque toward the middle, weighted by the distance from it in amplitudes
-            [N·m]; ``pull_2`` and ``pull_3`` likewise. It is half of the largest torque for a
-            linear spring, and above 0.55 of the limit where the torque saturates most of the time.
+            [N·m]; ``pull_2`` and ``pull_3``: of those before it. It is half of the largest torque
+            for a linear spring, and above 0.55 of the limit where the torque saturates most of the
+            time.
         elapsed: Since the last turning point [s].
         interval: Between the last two turning points [s].
-        gain: 0; only contacts have one. ``gaining``: likewise.
+        gain: 0, like ``gaining``: only contacts have a gain.
         load: Mean torque over the last four half-cycles [N·m]: the load that the wall holds.
         turned: Last turning point [rad]; ``turned_2`` and ``turned_3``: those before it.
     """
@@ -156,6 +159,14 @@ class HalfCycles:
         self.known = 0
         self._direction = 0
         self._hysteresis = self._least
+
+    def shift(self, way: float) -> None:
+        """Count positions from a place that is further by ``way`` [rad]; the motion goes on."""
+        self._last -= way
+        self._start -= way
+        self._extreme -= way
+        self.turned, self.turned_2 = self.turned - way, self.turned_2 - way
+        self.turned_3 -= way
 
     @property
     def settled(self) -> float:

@@ -54,7 +54,7 @@ class LoadHold:
 
         Args:
             motion: The observed motion.
-            torque_limit: Of the servo [N·m].
+            torque_limit: Torque limit of the servo [N·m].
             tuning: Numbers for the hold.
             one_sided: The wall has an outside, where nothing is held.
         """
@@ -105,7 +105,8 @@ class LoadHold:
 
         Args:
             away: Position from the surface [rad].
-            torque: Of the wall now [N·m]: that of the load where no turning point comes any more.
+            torque: Torque of the wall now [N·m]: that of the load where no turning point comes any
+                more.
             span: Time since the last sample [s].
             stiffness: K of the whole spring [N·m/rad].
             scale: Of the present one [1].

@@ -55,8 +55,8 @@ class Detector:
     """Judges position and acting torque, sample by sample.
 
     Attributes:
-        state: Of the motion now.
-        frequency_hz: Of the oscillation [Hz]; NaN while there is none.
+        state: State of the motion now.
+        frequency_hz: Frequency of the oscillation [Hz]; NaN while there is none.
         amplitude: Half its width [rad]; 0 while there is none.
         growth: Rate at which the amplitude's logarithm grows [1/s]; NaN while there is none.
         alarm: It is sustained or grows, and the wall feeds it.
@@ -139,7 +139,7 @@ class Detector:
             position: Measured [rad].
             torque: Mean torque that acted since the last sample [N·m]; NaN: not known, and its
                 relation to the motion is not judged.
-            periods: From the last sample to this one, >= 1.
+            periods: Number of periods from the last sample to this one, >= 1.
         """
         motion = self._motion
         if math.isnan(torque):

@@ -49,7 +49,7 @@ class OwnMotion:
         """Start to watch.
 
         Args:
-            settings: For half-cycles.
+            settings: Settings for half-cycles.
             bounces: For contacts; None: the wall is two-sided.
             side: 0: two-sided; +1 or -1: it fills the positions above or below.
             elongation: As of ``WatchSettings``.
@@ -166,6 +166,15 @@ class OwnMotion:
         self._backstop.resume()
         if self._bounces is not None:
             self._bounces.resume()
+
+    def shift(self, way: float) -> None:
+        """Go on at a law that has moved: positions count from its new one.
+
+        Args:
+            way: Of the law [rad].
+        """
+        self._half_cycles.shift(way)
+        self._contacts.shift(way * self._side)
 
     @property
     def alarm(self) -> bool:

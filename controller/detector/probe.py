@@ -1,4 +1,4 @@
-"""A probe of the wall: compares a motion on a softer wall with the same motion before it."""
+"""Probes the wall: compares a motion on a softer wall with the same motion before."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Probe:
     )
 
     def __init__(self, threshold: float, tuning: Tuning, *, contacts: bool) -> None:
-        """No probe has begun.
+        """Start without a probe.
 
         Args:
             threshold: Amplitude from which a regular motion is probed [rad].
@@ -91,7 +91,7 @@ class Probe:
         """Judge the end of a half-cycle.
 
         Args:
-            motion: With that half-cycle.
+            motion: Motion that contains that half-cycle.
             now: The present motion.
         """
         self._count += 1
@@ -141,7 +141,7 @@ class Probe:
 
         Args:
             answer: Of this probe.
-            doubtful: It would be doubtful by itself.
+            doubtful: Whether this answer alone would be doubtful.
         """
         if self._doubted is None:
             return False

@@ -48,7 +48,7 @@ def grows_evenly(
         sizes: Amplitudes.
         rules: Numbers of half-cycles, ascending, and the growth over so many that is enough.
         streak: HalfCycleSums that may be looked at.
-        least: Smallest amplitude from which growth is told.
+        least: Smallest amplitude at which growth is judged.
         allowed: Largest scatter.
     """
     for count, growth in rules:

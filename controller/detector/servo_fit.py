@@ -24,7 +24,7 @@ class FittedServo:
     inertia: float
     """J [kg·m²]"""
     speed: float
-    """Of the oscillation [rad/s]"""
+    """Speed of the oscillation [rad/s]"""
     balance: float
     """b - J w sin(w t_d): the motion decays above 0, and is fed below [N·m·s/rad]"""
 

@@ -1,4 +1,4 @@
-"""Counts half-cycles that repeat more regularly than a hand can make them."""
+"""Counts consecutive half-cycles that are more regular than a hand can make."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from haptic_wall.controller.detector.tuning import SteadinessTuning
 
 
 class Steadiness:
-    """Counts the repetitions of one motion, each compared to the first one of its direction.
+    """Counts repeated half-cycles: each is compared to the first half-cycle in the same direction.
 
     Attributes:
-        count: Consecutive repetitions.
+        count: Number of consecutive half-cycles of equal amplitude and duration.
     """
 
     __slots__ = ("_amplitude", "_counts", "_duration", "_periods", "_tuning", "count")
 
     def __init__(self, period: float, position_step: float, tuning: SteadinessTuning) -> None:
-        """Start with none.
+        """Start with a count of zero.
 
         Args:
             period: T [s].
@@ -31,7 +31,7 @@ class Steadiness:
         self.count = 0
 
     def take(self, motion: Repeated) -> None:
-        """Count the half-cycle that has just ended, or restart with it."""
+        """Count the half-cycle that has just ended; restart the count if it differs."""
         way = motion.known & 1
         if self.count > 1:
             first, lasted = self._amplitude[way], self._duration[way]

@@ -16,8 +16,8 @@ class Streaks:
 
     Attributes:
         moved: Half-cycles in which the torque moved the believed inertia.
-        explained: Of the last ones, those in which it also supplied friction, with a constant
-            remainder.
+        explained: Of the last ones, those in which it also supplied friction, with a
+            constant remainder.
         even: Half-cycles with a constant remainder, explained or not.
         outward: Of the last explained ones, those that led farther away from the wall.
         grown: By how much, as a logarithm.

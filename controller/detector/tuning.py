@@ -1,4 +1,4 @@
-"""All numbers that the detector was tuned with: value, unit, meaning, and where each comes from.
+"""Lists all tuned numbers of the detector: value, unit, meaning and source.
 
 A run uses ``TUNING``. A study runs a variant of it: the settings of the detector carry the tuning.
 `docs/leave-out.md` says what becomes of fixed cases without each of them.
@@ -44,7 +44,7 @@ RECORDINGS = "measured: detector-table, Recordings made elsewhere"
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a tuned number is; the metadata of its field."""
+    """Unit, meaning and source of a tuned number; the metadata of its field."""
 
     unit: str
     """1 for a ratio or a number of things"""
@@ -193,7 +193,7 @@ class SteadinessTuning:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceTuning:
-    """What a motion shows by itself, without a probe."""
+    """Evidence that a motion shows without a probe."""
 
     kept: float = tuned(
         0.98,
@@ -1126,7 +1126,7 @@ class WatchTuning:
 
 @dataclass(frozen=True, slots=True)
 class RecordingTuning:
-    """A recording that somebody else made: gaps, counts, its servo and its wall."""
+    """Numbers for recordings made by other programs: gaps, counts, servo and wall."""
 
     gap_s: float = tuned(
         0.05,
@@ -1206,4 +1206,4 @@ class Tuning:
 
 
 TUNING: Final = Tuning()
-"""What runs are watched with"""
+"""The tuning of the oscillation watch in every run"""

@@ -49,8 +49,8 @@ class WatchSettings:
     heavy: float = 0.0
     """Largest believed inertia, in commanded torque [kg·m²]"""
     elongation: Callable[[float], float] | None = None
-    """Of a law that is not linear: that of a linear spring with the same energy, over position
-    [rad]. Such a law holds no load while it is softened."""
+    """Elongation of a law that is not linear: that of a linear spring with the same energy, over
+    position [rad]. Such a law holds no load while it is softened."""
 
 
 class Watch:
@@ -60,8 +60,8 @@ class Watch:
         taken_back: Number of alarms taken back because a hand was found to move the shaft.
         failed: The run must end: the answer is ``trip``, or reducing has not helped.
         state: The worst state so far.
-        frequency_hz: Of the largest oscillation in that state, before the wall was reduced [Hz];
-            NaN: none.
+        frequency_hz: Frequency of the largest oscillation in that state, before the wall was
+            reduced [Hz]; NaN: none.
         amplitude: Of it [rad].
         first_alarm_s: Time of the first alarm's sample, from the first with the wall on [s]; NaN:
             none.
@@ -85,7 +85,6 @@ class Watch:
         "_position",
         "_sent",
         "_settings",
-        "_since_turn",
         "_size",
         "_stiffness",
         "_ticks",
@@ -118,7 +117,6 @@ class Watch:
         self._damping = 0.0
         self._position = math.nan
         self._last_move = 0.0
-        self._since_turn = 0
         self._turned_at = 0.0
         self._size = math.nan
         self._stiffness = math.nan
@@ -170,11 +168,13 @@ class Watch:
         self._mean = 0.0
         self._periods = 0
         detector = self._detector
-        stiffness = law.stiffness * law.scale
+        derating = law.derating
+        stiffness = law.stiffness * derating.scale
         if stiffness != self._stiffness:
             self._stiffness = detector.stiffness = stiffness
         balance = detector.balance
-        balance.virtual_damping = self._damping = (law.damping + law.injected) * law.damping_scale
+        damping = (law.damping + law.injected) * derating.damping_scale
+        balance.virtual_damping = self._damping = damping
         balance.surface = law.position
         balance.held = law.held
         self.current = state = detector.update(position, torque, periods)
@@ -184,7 +184,7 @@ class Watch:
             self._note(state, detector.amplitude, detector.frequency_hz)
         if self.own is not None:
             self._backstop(self.own, position - law.position, law)
-        self._follow(position, law.position, periods)
+        self._follow(position, law.position)
         if detector.alarm:
             if isnan(self.first_alarm_s):
                 self.first_alarm_s = (self._ticks - 1) * self._period
@@ -255,13 +255,17 @@ class Watch:
         self._last_move = self._mean = 0.0
         self._periods = 0
 
-    def change(self, settings: WatchSettings, own: OwnMotion | None) -> None:
-        """Watch another law from now on; what was reported stays.
+    def change(
+        self, settings: WatchSettings, own: OwnMotion | None, moved_by: float | None
+    ) -> None:
+        """Watch another law from now on; earlier reports stay.
 
         Args:
-            settings: Of the law.
-            own: The backstop for it; None: the law is the same but for its gains, and so the
-                present one goes on.
+            settings: Settings of the law.
+            own: The backstop for it; None: the law is the same but for its gains and position, and
+                so the present one goes on. Else a law that is moved again and again would never be
+                found to oscillate.
+            moved_by: Way of the same law to its new position [rad]; None: another law.
         """
         self._settings = settings
         balance = self._detector.balance
@@ -269,8 +273,13 @@ class Watch:
         if own is not None:
             self.own = own
             self.resume()
-        elif self.own is not None:
+            return
+        if self.own is not None:
             self.own.elongation = settings.elongation
+            if moved_by:
+                self.own.shift(moved_by)
+        if moved_by != 0.0:
+            self._restart()
 
     def _take_back(self) -> None:
         """Take an alarm of the detector back: a probe has found that a hand moves the shaft."""
@@ -325,18 +334,16 @@ class Watch:
             self.amplitude = amplitude
             self.frequency_hz = frequency_hz
 
-    def _follow(self, position: float, surface: float, periods: int) -> None:
+    def _follow(self, position: float, surface: float) -> None:
         """Record when, and how far from the wall, the motion last reversed."""
         moved = position - self._position
         if isnan(moved):
             self._turned_at = abs(position - surface)
         elif moved:
             if moved * self._last_move < 0.0:
-                self._since_turn = 0
                 self._turned_at = abs(self._position - surface)
             self._last_move = moved
         self._position = position
-        self._since_turn += periods
 
     def _outgrown(self, away: float) -> bool:
         """Whether the motion goes clearly further than before the alarm."""

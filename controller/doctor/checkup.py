@@ -1,8 +1,8 @@
-"""Runs the checks in order, from the port to the processor, as far as earlier ones allow.
+"""Runs the doctor's checks in order, from the port to the processor.
 
-No check enables torque. Without consent nothing is written to the servo: registers are read and the
-shaft does not move. A servo whose torque is on is not read in a loop either, because reading may
-keep its Bus Watchdog from tripping, and so the torque on.
+Checks that depend on a failed one are left out. No check enables torque. Without consent the checks
+only read registers. They do not read in a loop from a servo whose torque is on, because this may
+keep its Bus Watchdog from tripping.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     """Examine the testbed that a configuration describes.
 
     Args:
-        config: The configuration; an emulated bus of its own is started, and ended afterwards.
+        config: The configuration. If its port is an emulated bus, the bus is started and ended
+            here.
         tell: Called with the current step.
         consent: Asked before each change; None: nothing is changed.
         change_baud: Whether the servo's baud rate may be changed too.
@@ -88,7 +89,7 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
 
 @contextlib.contextmanager
 def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
-    """Yield the configured port, or that of an emulated bus started for the examination."""
+    """Yield the configured port, or that of an emulated bus that runs meanwhile."""
     if config.servo.kind != "emulated":
         yield settings.port
         return
@@ -164,7 +165,7 @@ class _Checkup:
     # The servo
 
     def _set_up(self, settings: DriverSettings, found: FoundServo) -> bool:
-        """Check model, firmware and registers; return whether torque is off, for the timing."""
+        """Check model, firmware and registers; return whether torque is off."""
         model = self._model(settings, found)
         if model is None:
             self.report.leave_out("firmware", "registers")
@@ -185,7 +186,7 @@ class _Checkup:
         return next(j.finding.ok for j in judged if j.finding.name == "torque")
 
     def _model(self, settings: DriverSettings, found: FoundServo) -> Model | None:
-        """Return the found model, judged against the configured one; None: unknown."""
+        """Return the found model, judged against the configured one; None if it is unknown."""
         model = model_by_number(found.model_number)
         number = found.model_number
         text = f"{model.name} ({number})" if model else f"unknown model ({number})"
@@ -242,7 +243,7 @@ class _Checkup:
         return judge(examined, settings.torque_limit, constant)
 
     def _mend(self, servo: ServoAccess, judged: list[Judgement]) -> bool:
-        """Make the possible and permitted repairs; return whether any was tried."""
+        """Repair the registers for which there is consent; return whether any repair was tried."""
         tried = False
         for finding, repair in in_order_of_repair(judged):
             if repair is None or not self._may(question(finding, repair)):

@@ -1,4 +1,4 @@
-"""Judges the rights that this machine grants a loop, its wake-ups, and its settings."""
+"""Judges whether this machine is fit for a real-time loop: its rights, wake-ups and settings."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _LATE_SHARE = 4
 
 
 def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]:
-    """Judge the granted rights; a missing one is a fault only if ``strict`` requires it.
+    """Judge the granted real-time rights; only ``strict`` counts a missing one as a fault.
 
     Args:
-        settings: From ``realtime.apply``.
+        settings: Settings from ``realtime.apply``.
         profile: The configured one.
     """
     if profile == "off":
@@ -36,11 +36,11 @@ def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]
 
 
 def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
-    """Judge how punctual wake-ups on the grid are, without a bus.
+    """Judge the lateness of wake-ups that were measured without a bus.
 
     Args:
-        lateness_ns: Behind their deadlines [ns], in order of size.
-        period_ns: Of the grid [ns].
+        lateness_ns: Lateness of each wake-up [ns], in increasing order.
+        period_ns: Period of the grid [ns].
     """
     p50, p99 = percentile(lateness_ns, 0.5), percentile(lateness_ns, 0.99)
     limit_ns = period_ns // _LATE_SHARE
@@ -56,9 +56,9 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
 
 
 def judge_setup(setup: Sequence[SettingState]) -> list[Finding]:
-    """Judge whether kernel, core and processor are set up for a loop; advice only.
+    """Describe how kernel, core and processor are set up; the findings are advice, never faults.
 
     Args:
-        setup: From ``machine_setup``.
+        setup: Settings of the machine from ``machine_setup``.
     """
     return [Finding(row.name, True, row.found, row.better, row.remedy) for row in setup]

@@ -42,7 +42,7 @@ def told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
 
 
 def question(finding: Finding, repair: Repair) -> str:
-    """Word the question that is asked before a repair."""
+    """Return the question to ask before a repair."""
     if not repair.register:
         return f"{finding.name}: {finding.found} -> reboot"
     if repair.register == "torque_enable":

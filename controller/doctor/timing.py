@@ -43,7 +43,7 @@ class Wanted:
     baud: int
     most_missed: float = MOST_MISSED
     return_delay_ns: int = 0
-    """Of the servo; a run sets it to 0"""
+    """Return delay of the servo; a run sets it to 0"""
     stalls: bool = False
     """This machine wakes up late even without a bus"""
 
@@ -87,7 +87,7 @@ def sustainable_hz(
     Args:
         replies: Single replies, at least one.
         schedule: Decides the time allowed for a reply.
-        baud: Of the wire [bit/s].
+        baud: Baud rate of the wire [bit/s].
         most_missed: Fraction of replies.
     """
     in_time = _PERIODS[schedule] * 1e9 / percentile(replies.took_ns, 0.99)
@@ -97,7 +97,7 @@ def sustainable_hz(
 
 
 def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
-    """Return what to do where replies are late, about the first cause found."""
+    """Return advice against late replies, about the first cause found."""
     if not replies.took_ns:
         return "check the cable: it answers single registers but not the block of its sample"
     if replies.share_failed > wanted.most_missed:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.holding import torque_limit_of, without_hand
 from haptic_wall.controller.experiments.steps.shaken import Shaken, Shaking, plan_shaking, shake
 from haptic_wall.controller.experiments.steps.step_fit import StepFit, from_command
@@ -30,31 +31,19 @@ GUARD_SHARE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A value and its standard error."""
-
-    value: float
-    stderr: float
-
-    def report(self) -> dict[str, float]:
-        """Return both for JSON."""
-        return {"value": self.value, "stderr": self.stderr}
-
-
-@dataclass(frozen=True, slots=True)
 class DelayPoint:
     """The delay with one number of inserted periods."""
 
     steps: int
     inserted: float
     """Set [s]"""
-    total: Measured
+    total: Estimated
     """From the sample to the motion [s]: t_d of the theory"""
-    device: Measured
+    device: Estimated
     """From sending to motion [s]"""
-    age: Measured
-    """Of a sample when a torque is sent in the same period, mean over the steps [s]"""
-    recovered: Measured | None
+    age: Estimated
+    """Age of a sample when a torque is sent in the same period, mean over the steps [s]"""
+    recovered: Estimated | None
     """Measured inserted delay, relative to the run with the fewest periods [s]; None: this is that
     run"""
     shaken: Shaken
@@ -66,9 +55,9 @@ class DelayPoint:
 class LoopDelay:
     """The delay of the loop, and its parts."""
 
-    total: Measured
+    total: Estimated
     """At the configured inserted delay [s]"""
-    device: Measured
+    device: Estimated
     """From all runs [s]"""
     age_median: float
     age_high: float
@@ -116,10 +105,10 @@ def measure_delay(
 
     Args:
         config: The servo and its settings; a scripted operator is switched off.
-        folder: For the logs.
+        folder: Folder for the logs.
         delay_steps: Periods to be inserted and recovered, in addition to the configured ones.
-        bursts: Of torque steps, for each run.
-        seed: Of the random lengths and amplitudes of the steps.
+        bursts: Bursts of torque steps, for each run.
+        seed: Seed of the random lengths and amplitudes of the steps.
         tell: Called with messages for a person.
 
     Raises:
@@ -193,24 +182,24 @@ def _point(
     fit = shaken.fit
     commanded = from_command(fit, period)
     ages = np.array([step.age for step in commanded.steps])
-    age = Measured(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
-    total = Measured(commanded.lag, commanded.stderr)
+    age = Estimated(float(np.mean(ages)), float(np.std(ages) / np.sqrt(ages.size)))
+    total = Estimated(commanded.lag, commanded.stderr)
     recovered = None
     if reference:
         first = reference[0]
-        recovered = Measured(
+        recovered = Estimated(
             first.inserted + (total.value - age.value) - (first.total.value - first.age.value),
             float(np.hypot(total.stderr, first.total.stderr)),
         )
-    device = Measured(fit.lag, fit.stderr)
+    device = Estimated(fit.lag, fit.stderr)
     return DelayPoint(steps, steps * period, total, device, age, recovered, shaken, commanded)
 
 
-def _together(fits: Sequence[StepFit]) -> Measured:
+def _together(fits: Sequence[StepFit]) -> Estimated:
     """Return the mean lag weighted by information; common errors stay."""
     weights = np.array([fit.stderr**-2 for fit in fits])
     values = np.array([fit.lag for fit in fits])
     common = max(fit.systematic for fit in fits)
-    return Measured(
+    return Estimated(
         float(weights @ values / weights.sum()), max(float(weights.sum() ** -0.5), common)
     )

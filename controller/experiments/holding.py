@@ -53,7 +53,7 @@ class Hold:
         Args:
             seconds: Longest duration [s].
             center: Goal [rad].
-            speed: Of the centre [rad/s].
+            speed: Speed of the centre [rad/s].
             still_s: The phase ends when the shaft has rested for this time [s].
         """
         return Phase(

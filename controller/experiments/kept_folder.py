@@ -31,6 +31,18 @@ def fingerprint(described: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def refused(folder: Path, found: str, advice: str, wanted: str = "") -> UserError:
+    """Return the error about a folder that cannot be used.
+
+    Args:
+        folder: The folder.
+        found: What was found in it.
+        advice: Remedy.
+        wanted: In place of what was found.
+    """
+    return UserError(found, field="--out", given=folder, wanted=wanted, advice=advice)
+
+
 def made(folder: Path, logs: str) -> None:
     """Make the folder, and the one for logs in it.
 
@@ -40,19 +52,10 @@ def made(folder: Path, logs: str) -> None:
     try:
         (folder / logs).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(
-            f"the folder cannot be made ({error.strerror})",
-            field="--out",
-            given=folder,
-            advice="name another place",
-        ) from error
+        what = f"the folder cannot be made ({error.strerror})"
+        raise refused(folder, what, "name another place") from error
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UserError(
-            "found a folder without leave to write",
-            field="--out",
-            given=folder,
-            advice="name another place",
-        )
+        raise refused(folder, "found a folder without leave to write", "name another place")
 
 
 def kept_bytes(path: Path, again: str) -> bytes:
@@ -62,40 +65,35 @@ def kept_bytes(path: Path, again: str) -> bytes:
     ends.
 
     Args:
-        path: Of the file; links are not followed.
+        path: Path of the file; links are not followed.
         again: Advice for an unusable file, for the message.
 
     Raises:
         UserError: It is no plain file of up to ``MOST_BYTES``, or cannot be read.
     """
 
-    def refused(found: str) -> UserError:
-        return UserError(
-            f"{path.name}: found {found}",
-            field="--out",
-            given=path.parent,
-            wanted=f"a plain file of up to {MOST_BYTES >> 20} MB",
-            advice=again,
-        )
+    def unusable(found: str) -> UserError:
+        wanted = f"a plain file of up to {MOST_BYTES >> 20} MB"
+        return refused(path.parent, f"{path.name}: found {found}", again, wanted)
 
     try:
-        with open(path, "rb", opener=_plainly) as file:
+        with open(path, "rb", opener=plainly) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise refused("a device or a pipe")
+                raise unusable("a device or a pipe")
             content = file.read(MOST_BYTES + 1)
     except OSError as error:
         if isinstance(error, IsADirectoryError):
-            raise refused("a folder") from None
+            raise unusable("a folder") from None
         link = error.errno == errno.ELOOP
-        raise refused("a link" if link else str(error.strerror or error)) from None
+        raise unusable("a link" if link else str(error.strerror or error)) from None
     if len(content) > MOST_BYTES:
-        raise refused("a longer one")
+        raise unusable("a longer one")
     return content
 
 
-def _plainly(path: str, flags: int) -> int:
+def plainly(path: str, flags: int) -> int:
     """Open a file without following links or waiting for a pipe."""
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
 
 
 def first_wrong(error: ValidationError) -> str:
@@ -106,7 +104,7 @@ def first_wrong(error: ValidationError) -> str:
 
 
 def without_link(path: Path) -> Path:
-    """Return the same path after removing a link there, whose target is not ours.
+    """Remove a symbolic link at a path, whose target may be foreign; return the path.
 
     Raises:
         OSError: It cannot be removed.

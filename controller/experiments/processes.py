@@ -1,4 +1,4 @@
-"""A pool of worker processes that end with their parent, and at once when it gives up."""
+"""Processes of this machine that compute; they end with their parent, and when it gives up."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from typing import TypeVar
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.system.signals import held_back, interrupting
 from haptic_wall.hw.errors import Problem
+
+Key = TypeVar("Key")
+Result = TypeVar("Result")
 
 
 def cores() -> int:
@@ -57,6 +61,33 @@ def processes(count: int) -> Iterator[Executor]:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def results(
+    pool: Executor, tasks: Iterable[tuple[Key, Callable[[], Result]]]
+) -> Iterator[Iterator[tuple[Key, Result]]]:
+    """Submit tasks; yield their keys and results as they are done.
+
+    Tasks that have not begun when the block is left are cancelled.
+
+    Args:
+        pool: Any executor; it stays open.
+        tasks: Each with its key; picklable where the executor wants that.
+
+    Raises:
+        KeyboardInterrupt: After the tasks are submitted.
+        Exception: An error of a task, when its result is taken, or of the executor.
+    """
+    keys: dict[Future[Result], Key] = {}
+    try:
+        with not_from_the_terminal():
+            for key, task in tasks:
+                keys[pool.submit(task)] = key
+        yield ((keys[done], done.result()) for done in as_completed(keys))
+    finally:
+        for future in keys:
+            future.cancel()
 
 
 def _end_with_parent(stopped: Connection) -> None:

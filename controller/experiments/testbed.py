@@ -1,4 +1,4 @@
-"""A servo for experiments, of any backend: runs a program as a run of its own, returns its rows.
+"""Runs an experiment's program on a servo of any backend, as a run of its own; returns its rows.
 
 Simulated, emulated and real servos run as the wall itself does: the same start-up, safety checks,
 supervisor and log. Every run's log is kept.
@@ -104,13 +104,13 @@ class Testbed:
 
     Args:
         config: The servo and its settings.
-        folder: For the logs; made if necessary.
+        folder: Folder for the logs; made if necessary.
         tell: Called with messages for a person.
         witness: The emulated bus keeps its record of each run beside the log.
         option: Command-line option of the folder, for error messages.
 
     Attributes:
-        config: As it is run.
+        config: Configuration of the runs.
         folder: See above.
         tell: See above.
 
@@ -152,8 +152,8 @@ class Testbed:
         A run that lost readings or missed periods have ended is repeated once.
 
         Args:
-            name: Of its log; an existing one is replaced as soon as there are rows.
-            phases: At least one.
+            name: Name of its log; an existing one is replaced as soon as there are rows.
+            phases: At least one phase.
             delay_steps: Periods inserted in place of the configuration's.
 
         Raises:

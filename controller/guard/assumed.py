@@ -1,4 +1,4 @@
-"""Says what is assumed of a servo's flexibility where no vibration of it is known."""
+"""Describes the flexibility that is assumed of a servo whose vibration is unknown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def assumed(belief: Belief, decision: Decision, damping_cap: float) -> str:
 
     Args:
         belief: One without a measured vibration.
-        decision: In force.
+        decision: Decision in force.
         damping_cap: Share of the ceiling that may be commanded.
     """
     if not belief.transmission_stiffness.high > 0.0:
@@ -53,8 +53,8 @@ def largest_link(belief: Belief, decision: Decision, damping_cap: float) -> floa
     is ``k (1 / motor + 1 / link)``.
 
     Args:
-        belief: With a stiffness of the transmission.
-        decision: With the damping.
+        belief: Belief with a stiffness of the transmission.
+        decision: Decision with the damping.
         damping_cap: Share of the ceiling that may be commanded.
 
     Returns:

@@ -36,7 +36,7 @@ class Belief:
     """The servo parameters as the controller believes them to be."""
 
     inertia: Bounded
-    """Of everything that the servo turns [kg·m²]"""
+    """Inertia of everything that the servo turns [kg·m²]"""
     damping: Bounded
     """Viscous friction [N·m·s/rad]"""
     coulomb: Bounded
@@ -56,7 +56,8 @@ class Belief:
     encoder: EncoderSide = "output"
     """Side of the transmission that the encoder measures"""
     transmission_stiffness: Bounded = Bounded(0.0, 0.0, 0.0)
-    """Of gear train and horn, where ``flexible_hz`` was derived from it [N·m/rad]; 0: it was not"""
+    """Transmission stiffness of gear train and horn, where ``flexible_hz`` was derived from it
+    [N·m/rad]; 0: it was not"""
 
     @property
     def is_flexible(self) -> bool:
@@ -79,9 +80,9 @@ def vibration(inertia: Bounded, load_inertia: Bounded, stiffness: Bounded) -> Bo
     """Return the frequency of the vibration of a load on a transmission, both ends free [Hz].
 
     Args:
-        inertia: Of everything that the servo turns [kg·m²].
+        inertia: Inertia of everything that the servo turns [kg·m²].
         load_inertia: The part of it that is behind the transmission [kg·m²].
-        stiffness: Of the transmission [N·m/rad].
+        stiffness: Stiffness of the transmission [N·m/rad].
     """
 
     def hz(whole: float, load: float, k: float) -> float:

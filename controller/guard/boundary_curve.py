@@ -18,36 +18,37 @@ from haptic_wall.controller.guard.limits import (
 )
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (
     CriticalPoint,
     critical_point,
-    flexible_boundary,
-    flexible_ceiling,
     linear_limit,
     peak,
 )
-from haptic_wall.controller.theory.chain import two_masses
+from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WallSide = Literal["one", "both"]
 
 EVERY_DAMPING = GuardSettings(mode="off")
-"""Guard settings that evaluate every damping as asked, without clamping it."""
+"""Guard settings that evaluate the limits at any damping, without clamping it."""
 _PEAK_POINTS, _PEAK_WIDTH = 33, 1e-6
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What the servo's motor side turns through a transmission that gives."""
+    """The load that the motor side turns through a flexible transmission."""
 
     inertia: float
     """[kg·m²]"""
     stiffness: float
-    """Of the transmission [N·m/rad]"""
+    """Stiffness of the transmission [N·m/rad]"""
     damping: float
-    """Of the transmission [N·m·s/rad]"""
+    """Damping of the transmission [N·m·s/rad]"""
     encoder: Literal["output", "motor"] = "output"
     """The side that is measured"""
 
@@ -66,11 +67,21 @@ class Question:
     load: Load | None = None
     """A load on a transmission; then nothing else may be uncertain, and the servo's inertia and
     friction are those of the motor's side"""
+    velocity_filter: VelocityFilter | None = None
+    """Of the velocity that damps; only for two-sided walls"""
 
     @property
     def request(self) -> Request:
         """Return the wall to evaluate; its stiffness has no effect on the limits."""
-        return Request(0.0, 0.0, "both" if self.side == "both" else "above", self.velocity_samples)
+        side: Side = "both" if self.side == "both" else "above"
+        return Request(0.0, 0.0, side, self.velocity_samples, velocity_filter=self.velocity_filter)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether everything is known of a servo with a load or a filter: no margin is needed."""
+        filtered = self.velocity_filter is not None
+        belief = self.situation.belief
+        return self.load is not None or (filtered and belief.is_known and not belief.is_flexible)
 
     def plants(self, count: int) -> Plants:
         """Return the least safe corner of the belief, ``count`` times."""
@@ -106,32 +117,38 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
         ValueError: A value lies outside its domain; the message names it.
     """
     damping = np.asarray(virtual_damping, dtype=np.float64)
-    if question.load is not None:
-        return _flexible_curve(question, question.load, damping)
+    if question.is_exact:
+        return _exact_curve(question, damping)
     p = question.plants(damping.size)
     n = question.velocity_samples
     request = question.request
-    if not question.situation.belief.is_flexible:  # whose limit differs between the sides
-        request = replace(request, side="above")
+    filtered = question.velocity_filter
+    if not question.situation.belief.is_flexible and filtered is None:
+        request = replace(request, side="above")  # with a load the limit differs between the sides
     found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
     acting = p.gain * damping
-    return Curve(
-        virtual_damping=damping,
-        found=found,
-        passive=passive_over_delays(request, question.situation, p, damping),
-        frequency=critical_point(p.inertia, p.damping, acting, p.period, p.delay, n).frequency,
-    )
+    if filtered is None:
+        passive = passive_over_delays(request, question.situation, p, damping)
+        at = critical_point(p.inertia, p.damping, acting, p.period, p.delay, n)
+    else:
+        passive = np.full(damping.size, np.nan)
+        at = chain_boundary(*one_mass(p.inertia, p.damping), acting, p.period, p.delay, n, filtered)
+    return Curve(damping, found, passive, at.frequency)
 
 
-def _flexible_curve(question: Question, load: Load, damping: FloatArray) -> Curve:
-    """Compute ``curve`` with a load on a transmission; it has no passive limit."""
+def _exact_curve(question: Question, damping: FloatArray) -> Curve:
+    """Compute ``curve`` with a load on a transmission or a filter; it has no passive limit."""
     p, n = question.plants(damping.size), question.velocity_samples
     acting = p.gain * damping
-    chain, _ = two_masses(*_masses(p, load), encoder=load.encoder)
-    exact = flexible_boundary(*_masses(p, load), acting, p.period, p.delay, n, encoder=load.encoder)
-    one = np.zeros(1, dtype=np.int64)
-    period, delay = float(p.period[0]), float(p.delay[0])
-    one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
+    chain, shape = _chain(question, p)
+    loop = (acting, p.period, p.delay, n, question.velocity_filter)
+    exact = chain_boundary(chain, shape, *loop)
+    one_sided = None
+    if question.velocity_filter is None:
+        one = np.zeros(1, dtype=np.int64)
+        period, delay = float(p.period[0]), float(p.delay[0])
+        one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
+        one_sided = one_sided / p.gain
     situation = question.situation
     return Curve(
         virtual_damping=damping,
@@ -140,7 +157,7 @@ def _flexible_curve(question: Question, load: Load, damping: FloatArray) -> Curv
             damping=damping,
             linear=linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
             exact=exact.stiffness / p.gain,
-            one_sided=one_sided / p.gain,
+            one_sided=one_sided,
             quantisation=quantisation_limit(
                 question.request, EVERY_DAMPING, situation, damping, p.period
             ),
@@ -151,28 +168,33 @@ def _flexible_curve(question: Question, load: Load, damping: FloatArray) -> Curv
     )
 
 
-def _masses(p: Plants, load: Load) -> tuple[FloatArray, FloatArray, float, float, float]:
-    return p.inertia, p.damping, load.inertia, load.stiffness, load.damping
+def _chain(question: Question, p: Plants) -> tuple[Chain, tuple[int, ...]]:
+    """Return the servo without a transmission or with one, as chains."""
+    load = question.load
+    if load is None:
+        return one_mass(p.inertia, p.damping)
+    rest = (load.inertia, load.stiffness, load.damping)
+    return two_masses(p.inertia, p.damping, *rest, encoder=load.encoder)
 
 
 def ceiling(question: Question) -> float:
     """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
-    p, n, load = question.plants(1), question.velocity_samples, question.load
-    if load is None:
+    p, n = question.plants(1), question.velocity_samples
+    if not question.is_exact:
         return float(damping_ceiling(question.request, question.situation, p)[0][0])
-    top = flexible_ceiling(*_masses(p, load), p.period, p.delay, n, encoder=load.encoder)
+    top = chain_ceiling(*_chain(question, p), p.period, p.delay, n, question.velocity_filter)
     return float((top / p.gain)[0])
 
 
 def highest(question: Question) -> dict[str, float]:
     """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
-    p, n, load = question.plants(1), question.velocity_samples, question.load
-    if load is None and question.situation.belief.is_flexible:
+    p, n = question.plants(1), question.velocity_samples
+    if question.is_exact:
+        top = _exact_peak(question, p)
+    elif question.situation.belief.is_flexible or question.velocity_filter is not None:
         return _believed_peak(question)
-    if load is None:
-        top = peak(p.inertia, p.damping, p.period, p.delay, n)
     else:
-        top = _flexible_peak(p, load, n)
+        top = peak(p.inertia, p.damping, p.period, p.delay, n)
     return {
         "stiffness": float((top.stiffness / p.gain)[0]),
         "virtual_damping": float((top.virtual_damping / p.gain)[0]),
@@ -181,7 +203,7 @@ def highest(question: Question) -> dict[str, float]:
 
 
 def _believed_peak(question: Question) -> dict[str, float]:
-    """Return the highest point with a believed load, of a grid of dampings."""
+    """Return the highest point of a belief with a load or a filter, of a grid of dampings."""
     two_sided = replace(question, side="both")
     found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
     stiffness = found.found.exact
@@ -195,20 +217,19 @@ def _believed_peak(question: Question) -> dict[str, float]:
     }
 
 
-def _flexible_peak(p: Plants, load: Load, n: int) -> CriticalPoint:
-    """Return the highest point of a boundary with a load, by an ever finer grid of dampings."""
-    low = np.zeros(1)
-    high = flexible_ceiling(*_masses(p, load), p.period, p.delay, n, encoder=load.encoder)
+def _exact_peak(question: Question, p: Plants) -> CriticalPoint:
+    """Return the highest point of an exact boundary, by an ever finer grid of dampings."""
+    chain, shape = _chain(question, p)
+    low, high = 0.0, p.gain[0] * ceiling(question)
+    loop = (p.period, p.delay, question.velocity_samples, question.velocity_filter)
     while True:
-        damping = np.linspace(low[0], high[0], _PEAK_POINTS)
-        found = flexible_boundary(
-            *_masses(p, load), damping, p.period, p.delay, n, encoder=load.encoder
-        )
+        damping = np.linspace(low, high, _PEAK_POINTS)
+        found = chain_boundary(chain, shape, damping, *loop)
         best = int(np.argmax(found.stiffness))
-        if high[0] - low[0] <= _PEAK_WIDTH * high[0]:
+        if high - low <= _PEAK_WIDTH * high:
             one = slice(best, best + 1)
             return CriticalPoint(found.stiffness[one], damping[one], found.frequency[one])
-        low, high = damping[max(best - 1, 0), None], damping[min(best + 1, damping.size - 1), None]
+        low, high = damping[max(best - 1, 0)], damping[min(best + 1, damping.size - 1)]
 
 
 def default_dampings(question: Question) -> tuple[float, ...]:

@@ -16,6 +16,7 @@ from haptic_wall.controller.guard.boundary_curve import (
     curve,
     highest,
 )
+from haptic_wall.controller.guard.decision_report import filter_report
 from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
 from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
 from haptic_wall.controller.guard.reasons import Change, Improvement
@@ -88,6 +89,7 @@ def _settings(question: Question) -> dict[str, Any]:
         **{name: {"low": each.low, "high": each.high} for name, each in names.items()},
         "period": situation.period,
         "velocity_samples": question.velocity_samples,
+        "velocity_filter": filter_report(question.velocity_filter, situation.period),
         **flexible,
     }
 
@@ -109,7 +111,7 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
     binding, stiffness = limits.smallest()
     parts = question.delay_parts
     better: Sequence[Improvement] = ()
-    if question.load is None:  # what a change would buy is known of a rigid servo
+    if not question.is_exact:  # what a change would buy is known of a rigid servo
         (better,) = improvements(
             request, EVERY_DAMPING, question.situation, [parts], found, _CHANGES, thorough=True
         )
@@ -147,7 +149,7 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
 
     Returns:
         None where every value is known exactly, where the servo's own damping may be zero: then no
-        stiffness can be guaranteed, and where a load may vibrate: these are limits of rigid servos.
+        stiffness can be guaranteed, and where a load may vibrate or the velocity is filtered.
     """
     belief = question.situation.belief
     known = {
@@ -158,6 +160,8 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
     }
     open_ = [name for name, each in known.items() if each.low < each.high]
     if not open_ or belief.damping.low == 0 or belief.is_flexible:
+        return None
+    if question.velocity_filter is not None:
         return None
     costs = cost_of_each_unknown(
         Ranges(**{name: (each.low, each.high) for name, each in known.items()}),

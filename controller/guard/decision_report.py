@@ -1,13 +1,16 @@
-"""The guard's decision as a report holds it."""
+"""Converts the guard's decision to plain data for a report."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
 from haptic_wall.controller.guard.reasons import Reason
 from haptic_wall.controller.guard.sentences import sentences
 from haptic_wall.controller.guard.types import Decision, Limits
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 def decision_report(
@@ -16,7 +19,7 @@ def decision_report(
     """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply.
 
     Args:
-        decision: Of the guard.
+        decision: Decision of the guard.
         further: Reasons besides the guard's, placed after them.
         asked: As for ``sentences``.
     """
@@ -33,4 +36,18 @@ def decision_report(
         "reasons": sentences([*decision.reasons, *further], asked),
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
+        "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),
     }
+
+
+def filter_report(velocity_filter: VelocityFilter | None, period: float) -> dict[str, Any] | None:
+    """Return a filter of the velocity for a report; None: there is none.
+
+    Args:
+        velocity_filter: The filter.
+        period: Period that is counted: a longer one makes the filter slower [s].
+    """
+    if velocity_filter is None:
+        return None
+    hertz = velocity_filter.w0 / (math.tau * period)
+    return {"kind": velocity_filter.kind, "frequency_hz": hertz, "q": velocity_filter.q}

@@ -31,7 +31,7 @@ from haptic_wall.hw.dynamixel.wire import cycle_s
 FAST_BAUD = 4_000_000
 FINER = 4
 _OF_THE_SERVO: tuple[Change, ...] = ("two_sided", "encoder", "motor_encoder", "stiffer")
-"""Changes that leave the corner's plants as they are"""
+"""Changes after which the plants of the corner stay the same"""
 
 
 def improvements(
@@ -207,7 +207,7 @@ def _highest_damping(
 def _promising_damping(
     request: Request, settings: GuardSettings, situation: Situation, plants: Plants
 ) -> FloatArray:
-    """Return a virtual damping that allows a high stiffness: not the best, but found at once.
+    """Return a virtual damping that allows a high stiffness, by a quick approximation.
 
     Relative to the linear limit, the exact limit falls about in proportion to the fraction of the
     ceiling, and the one-sided limit falls below the exact one by about the same. This approximation

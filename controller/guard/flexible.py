@@ -1,4 +1,4 @@
-"""The limits of a believed load behind a flexible transmission, over the belief's whole box.
+"""Computes the limits of a load behind a flexible transmission, over the belief's whole box.
 
 The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
 phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too, from the
@@ -55,12 +55,12 @@ def flexible_ceiling(
     """Return the commanded damping above which the load may vibrate without any stiffness.
 
     Args:
-        belief: With a load behind a transmission.
-        period: Of each plant [s].
+        belief: Belief with a load behind a transmission.
+        period: Period of each plant [s].
         delay: Total, of each plant, at the longest [s].
-        samples: Of the velocity difference.
+        samples: Samples of the velocity difference.
         inserted: The part of it that is neither the sample's age nor the device's own lag [s].
-        velocity_filter: Of the velocity that damps; None: none.
+        velocity_filter: Filter of the velocity that damps; None: none.
 
     Returns:
         [N·m·s/rad]
@@ -109,13 +109,13 @@ def flexible_limit(
 def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     """Return the share of the two-sided limit up to which a contact leaves little vibration.
 
-    What a one-sided wall returns of a rigid servo's energy counts apart. Beside it a contact leaves
-    energy in the vibration, the more the nearer its own frequency, sqrt(K/m), comes to the
-    vibration's. The share lies below what exact contacts of random servos gave, whatever their
+    The energy that a one-sided wall returns to a rigid servo is counted elsewhere. A contact also
+    leaves energy in the vibration, the more the nearer its own frequency, sqrt(K/m), comes to the
+    vibration's. The share lies below the results of exact contacts of random servos, for every
     damping, delay and encoder (``scripts/study flexible_guard``).
 
     Args:
-        belief: With a load behind a transmission.
+        belief: Belief with a load behind a transmission.
         stiffness: The two-sided limit of each plant, in commanded units [N·m/rad].
     """
     acting = belief.torque_gain.high * stiffness
@@ -151,7 +151,7 @@ def fast_limit(
         belief: One that ``is_fast``.
         exact: That limit of each plant [N·m/rad].
         of_ceiling: Virtual damping over ``fast_ceiling``.
-        period: Of each plant [s].
+        period: Period of each plant [s].
     """
     left = 1.0 - np.clip(of_ceiling, 0.0, 1.0)
     rate = math.tau * belief.flexible_hz.low

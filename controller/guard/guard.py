@@ -54,7 +54,7 @@ def decide(
     explained: bool = True,
     reduced: bool = False,
 ) -> list[Decision]:
-    """Decide which stiffness and damping may be commanded, for several delays at once.
+    """Decide which stiffness and damping may be commanded, for each of several delays.
 
     Args:
         request: The requested wall.
@@ -62,8 +62,9 @@ def decide(
         situation: The belief about the servo, the period, and its limits.
         delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
         inserted: The inserted part of each delay [s]: no sample comes sooner.
-        explained: Also give the reasons, which takes several times as long.
-        reduced: Something else commands less than this decision; the reasons then say "allowed".
+        explained: Whether to also give the reasons, which takes several times as long.
+        reduced: Whether something else commands less than this decision; the reasons then say
+            "allowed".
 
     Returns:
         One decision per delay, in order.

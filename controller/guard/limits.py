@@ -39,6 +39,10 @@ BACKLASH_COUNTS = 4
 """An oscillation of backlash of up to so many counts to either side is let be"""
 _UNBOUND = 1e12
 """Stands for no limit at all [N·m/rad]"""
+ON_A_LINK = 0.4
+"""Fraction of the limit of a believed vibration that a two-sided law of several slopes may use: a
+law of many ridges can turn the shaft in one direction for ever, where their frequency is near that
+of the vibration"""
 SCANNED = 0.98
 """Fraction of a rigid servo's limits with a velocity filter that is used: they are found on a grid
 of frequencies, to a hundredth"""
@@ -158,6 +162,8 @@ def evaluate(
         if one_sided is not None:
             rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
             flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
+        elif not request.linear:
+            flexible = ON_A_LINK * flexible
     return PlantLimits(
         ceiling=ceiling,
         damping=damping,
@@ -389,7 +395,7 @@ def quantisation_limit(
         settings: The fraction of the torque limit.
         situation: The torque limit and the encoder step.
         damping: Commanded virtual damping [N·m·s/rad].
-        period: Of each plant [s].
+        period: Period of each plant [s].
 
     Returns:
         [N·m/rad]; None without an encoder step.

@@ -90,7 +90,7 @@ class StiffnessBound:
     """[N·m/rad]"""
     limit: LimitName
     value: float
-    """Of the limit [N·m/rad]"""
+    """Value of the limit [N·m/rad]"""
     margin: float
     """Share of the limit that is allowed [1]"""
     commanded: bool
@@ -110,7 +110,7 @@ class CoarseCount:
     highest_damping: float | None
     """Virtual damping below which any is left to the stiffness [N·m·s/rad]; None: there is none"""
     samples: int
-    """Of the velocity difference"""
+    """Samples of the velocity difference"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ class WouldRaise:
     damping: float
     """Commanded now [N·m·s/rad]"""
     parts: DelayParts
-    """Of the delay now"""
+    """Parts of the delay now"""
     slow_replies: bool
     """A reply takes several periods"""
     belief: Belief
@@ -187,7 +187,7 @@ class GuardOff:
     """[N·m·s/rad]"""
     limit: LimitName
     value: float
-    """Of the limit, the smallest one [N·m/rad]"""
+    """Value of the limit, the smallest one [N·m/rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ class ServedSlower:
     interval: float
     """[s]"""
     period: float
-    """Of the grid [s]"""
+    """Period of the grid [s]"""
     missed: int
     """Periods"""
     failed: int
@@ -235,6 +235,19 @@ class WaitsForRest:
     """[N·m/rad]"""
 
 
+@dataclass(frozen=True, slots=True)
+class FromTank:
+    """A law that depends on time gives energy from a tank."""
+
+    law: str
+    absorbed: float
+    """[J]"""
+    given: float
+    """[J]"""
+    limited: int
+    """Ticks in which the tank limited its torque"""
+
+
 Reason = (
     StiffnessBound
     | CoarseCount
@@ -247,4 +260,5 @@ Reason = (
     | ServedSlower
     | Derated
     | WaitsForRest
+    | FromTank
 )

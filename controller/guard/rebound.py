@@ -54,7 +54,7 @@ def rebound(
     Args:
         stiffness: Commanded K [N·m/rad].
         damping: Commanded B [N·m·s/rad].
-        side: Of the wall.
+        side: Side of the wall.
         velocity_samples: N of the velocity difference.
         situation: The belief, the period, the encoder step.
         delay: Total t_d, the device's own highest lag included [s].

@@ -11,7 +11,7 @@ ticks and failed readings lengthen D. A tick in which no reply is due yet does n
 age.
 
 The same rule smooths both. A high percentile over a window picks the bin. A run of observations
-above the bin lowers the gains at once, without waiting for the window; a single hiccup has no
+above the bin lowers the gains at once, without waiting for the window; a single old sample has no
 effect. Raising the gains needs ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of
 contact or at the surface, because raising K at penetration x puts the energy ΔK x²/2 into the
 spring.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 RUN = 10
 """Smallest number of consecutive ages above the bin that lowers the gains at once."""
 RUN_S = 0.05
-"""Duration of such a run at high rates [s]. Shorter ones are hiccups: within them even a wall at
+"""Duration of such a run at high rates [s]. Shorter runs may be ignored: within them even a wall at
 twice its limit oscillates only a few per cent more."""
 SETTLE = 50
 """Number of ages that is enough to settle the schedule at the start."""
@@ -87,8 +87,8 @@ def inserted_delay(steps: int, period: float, interval: float) -> float:
 
     Args:
         steps: Length of the ring [periods].
-        period: Of the grid [s].
-        interval: From one executed tick to the next [s].
+        period: Period of the grid [s].
+        interval: Interval from one executed tick to the next [s].
     """
     return math.ceil(steps * period / interval - 1e-9) * interval
 
@@ -281,8 +281,8 @@ class GainSchedule:
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
-            interval_ns: From the last tick with a reading to this one [ns]; 0: the reading of this
-                tick failed, and the interval continues.
+            interval_ns: Interval from the last tick with a reading to this one [ns]; 0: the reading
+                of this tick failed, and the interval continues.
             may_raise: The wall's spring is unloaded, so the stiffness may be raised.
         """
         age, interval = self._age, self._interval

@@ -11,6 +11,7 @@ from haptic_wall.controller.guard.reasons import (
     DampingBound,
     DampingTooLow,
     Derated,
+    FromTank,
     GuardOff,
     LimitName,
     NothingAllowed,
@@ -39,7 +40,7 @@ MEANING: dict[LimitName, str] = {
 
 
 def sentences(reasons: Iterable[Reason], asked: bool = True) -> list[str]:
-    """The reasons as sentences for a person.
+    """Return the reasons as sentences for a person.
 
     Args:
         reasons: In order.
@@ -75,16 +76,8 @@ def _sentence(reason: Reason, asked: bool) -> str:
                 f"{reason.damping:.4g} N·m·s/rad are commanded as asked; the smallest limit at "
                 f"this damping is {reason.limit}, {reason.value:.4g} N·m/rad"
             )
-        case Unstable(only_friction=True):
-            said = (
-                "stable only because of friction, if at all: without it this wall is unstable for "
-                "the believed servo, so small motion dies and larger motion grows"
-            )
         case Unstable():
-            said = (
-                "this wall is unstable for the believed servo: any motion grows until the torque "
-                "saturates or a safety limit ends the run"
-            )
+            said = _unstable(reason)
         case ServedSlower():
             said = _slower(reason)
         case Derated():
@@ -100,7 +93,25 @@ def _sentence(reason: Reason, asked: bool) -> str:
                 f"{reason.allowed:.4g} N·m/rad are allowed, but K is raised only where that adds "
                 "no more than safety.engage_torque, and the shaft has not been there since"
             )
+        case FromTank():
+            said = (
+                f"{reason.law} depends on time, and gives only what it absorbed: it absorbed "
+                f"{reason.absorbed * 1e3:.3g} mJ and gave at most {reason.given * 1e3:.3g} mJ; its "
+                f"tank limited the torque in {reason.limited} ticks"
+            )
     return said
+
+
+def _unstable(reason: Unstable) -> str:
+    if reason.only_friction:
+        return (
+            "stable only because of friction, if at all: without it this wall is unstable for "
+            "the believed servo, so small motion dies and larger motion grows"
+        )
+    return (
+        "this wall is unstable for the believed servo: any motion grows until the torque "
+        "saturates or a safety limit ends the run"
+    )
 
 
 def _verb(commanded: bool) -> str:

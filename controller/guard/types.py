@@ -32,7 +32,8 @@ class Request:
     resolved: float = math.inf
     """K up to which the encoder resolves the law [N·m/rad]"""
     velocity_filter: VelocityFilter | None = None
-    """Of the velocity that damps; only of a two-sided wall, and not in mode ``passive``"""
+    """Filter of the velocity that damps; only of a two-sided wall, and not in mode
+    ``passive``"""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stiffness) and self.stiffness >= 0):

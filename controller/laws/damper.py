@@ -1,4 +1,4 @@
-"""A damper alone: no elastic torque, virtual damping at every position."""
+"""Renders a damper: virtual damping at every position, no elastic torque."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from haptic_wall.controller.laws.shape import Grid, Memoryless, Numbers, Shape
 
 
 class Damper(Memoryless):
-    """Elongation is zero everywhere."""
+    """A law whose elongation is zero everywhere."""
 
     __slots__ = ()
     lowest_slope, highest_slope = 0.0, 0.0

@@ -41,21 +41,26 @@ class DelayRing:
         """Return the value that ``push(value)`` would return."""
         return self._ring[(self._at + 1) % (self.steps + 1)] if self.steps else value
 
-    def resized(self, steps: int, last: float) -> DelayRing:
+    def resized(self, steps: int, last: float, coming: float) -> DelayRing:
         """Return a ring of another length with the same values under way.
 
-        In a longer ring the value that came out last is held for the added periods. In a shorter
-        one the oldest values are left out.
+        In a longer ring the lesser of two values is held for the added periods: of the one that
+        came out last and of the one that comes next; zero, where they differ in sign. An encoder
+        count makes one large value, which is not to last. In a shorter one the oldest values are
+        left out.
 
         Args:
-            steps: Of the new ring.
+            steps: Steps of the new ring.
             last: The value that came out last, of a ring without length: others know theirs.
+            coming: The value that comes out of such a ring next.
         """
         at, size = self._at, self.steps + 1
-        last = self._ring[at] if self.steps else last
         waiting = [self._ring[(at + 1 + k) % size] for k in range(self.steps)]
+        if self.steps:
+            last, coming = self._ring[at], waiting[0]
         added = steps - self.steps
-        waiting = [last] * added + waiting if added > 0 else waiting[-added:]
+        held = 0.0 if last * coming <= 0.0 else min(last, coming, key=abs)
+        waiting = [held] * added + waiting if added > 0 else waiting[-added:]
         ring = DelayRing(steps)
         ring._ring[1:] = waiting
         ring._last = self._last if self.steps else last

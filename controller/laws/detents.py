@@ -1,4 +1,4 @@
-"""Detents: positions at equal distances that hold the shaft."""
+"""Renders detents: positions at equal distances that hold the shaft."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def engage_torque(asked: float | None, stall_torque: float) -> float:
 
     Args:
         asked: ``safety.engage_torque`` [N·m]; None: derived from the servo.
-        stall_torque: Of the servo [N·m].
+        stall_torque: Stall torque of the servo [N·m].
     """
     return min(MOST_TORQUE, STALL_SHARE * stall_torque) if asked is None else asked
 
@@ -56,8 +56,8 @@ class Engagement:
 
     Args:
         limits: The criterion for an unloaded spring.
-        start_room: Penetration up to which the wall may come on at the start, whatever the load of
-            its spring [rad]; infinite: it comes on at once, wherever the shaft is.
+        start_room: Penetration up to which the wall may come on at the start even if its spring is
+            loaded [rad]; infinite: it comes on at once, at any position of the shaft.
     """
 
     __slots__ = ("_need", "_rested", "_start_room", "limits")
@@ -78,7 +78,7 @@ class Engagement:
 
         Args:
             stiffness: Stiffness that would come on [N·m/rad].
-            penetration: Of the shaft [rad], signed; 0 outside a one-sided wall.
+            penetration: Penetration of the shaft [rad], signed; 0 outside a one-sided wall.
         """
         if self.may_rise(stiffness, penetration) or abs(penetration) <= self._start_room:
             self._rested += 1
@@ -90,7 +90,8 @@ class Engagement:
 
         Args:
             rise: Increase of the stiffness [N·m/rad].
-            penetration: Of the shaft [rad], signed; 0 outside a one-sided wall. NaN: no.
+            penetration: Signed penetration of the shaft [rad]; 0 outside a one-sided wall. If it is
+                NaN, the stiffness may not rise.
         """
         limits = self.limits
         away = abs(penetration)
@@ -116,7 +117,7 @@ def start_text(law: Law, side: str, position: float) -> str:
     Args:
         law: The wall.
         side: Its side, as in the configuration.
-        position: Of the shaft [rad].
+        position: Position of the shaft [rad].
     """
     if not law.linear:
         return (
@@ -140,7 +141,7 @@ def waiting_text(
     Args:
         law: The wall.
         side: Its side, as in the configuration.
-        position: Of the shaft [rad].
+        position: Position of the shaft [rad].
         stiffness: Stiffness that would come on [N·m/rad].
         room: Largest penetration at which it comes on [rad].
         torque_limit: Largest torque of the servo [N·m].

@@ -1,4 +1,4 @@
-"""Friction: a bristle that bends up to the friction torque, and then slips."""
+"""Renders friction: a bristle that bends up to the friction torque, and then slips."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ class Friction:
     It gives back only the energy of the bent bristle, which is lost when it slips.
 
     Args:
-        torque: At which it slips [N·m].
+        torque: Torque at which it slips [N·m].
     """
 
     __slots__ = ("_anchor", "_bent", "_torque")
     lowest_slope, highest_slope = 0.0, 1.0
     damped_everywhere = True
     steepest = "its bristle"
+    lowest = 0.0, 0.0
 
     def __init__(self, torque: float) -> None:
         self._torque = torque

@@ -1,25 +1,32 @@
-"""A law of the user's own, in Python: tabulated once, and rendered from the table.
+"""Renders a user's law, a Python class: tabulates it once, and renders the table.
 
-The class gives ``torque(position)`` over the range that it declares. It is asked at every encoder
-count before the torque is switched on, and never while the loop runs. The loop thus renders
-the table: its steepest slope is measured, it depends on position alone, and it takes no time.
+The class gives ``torque(position)`` over the range that it declares. It is called for every encoder
+count before the torque is switched on, and never while the loop runs. The loop renders the table,
+so the steepest slope is known, the torque depends on the position alone, and the user's code costs
+no time in the tick.
+
+A class with ``torque(position, time)`` is tabulated at several instants, for the guard; ``active``
+renders it.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from statistics import median
+from time import perf_counter
 from typing import Any, Protocol
 
 from haptic_wall.controller.laws.profile import Profile
-from haptic_wall.controller.laws.shape import Grid, LawError
+from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless
 
 GROUP = "haptic_wall.laws"
 """Entry points of other distributions"""
@@ -27,6 +34,10 @@ USUAL_STEP = math.tau / 4096.0
 """Distance of the table's rows where the position is not quantised [rad]"""
 MOST_COUNTS = 2**17
 """Most rows of a table"""
+INSTANTS = (0.0, 0.013, 0.11, 0.37, 1.0, 2.9, 8.3, 23.0)
+"""Times at which a law that depends on time is tabulated [s]; no period fits them all"""
+CALL_SHARE = 0.1
+"""Longest call of a law that is called in every tick, as a fraction of the period"""
 SAME = 1e-9
 """Two answers for one position differ by less than this fraction of the largest torque"""
 
@@ -42,9 +53,51 @@ class OwnLaw(Protocol):
     low: float
     high: float
 
-    def torque(self, position: float) -> float:
-        """Return the torque at a position [N·m]: of the position alone, always the same."""
+    @property
+    def torque(self) -> Callable[..., float]:
+        """Return the torque at a position [rad], or at a position and a time [s], in N·m.
+
+        ``torque(position)`` depends on the position alone. ``torque(position, time)`` may depend
+        on anything.
+        """
         ...
+
+
+class Instants(Memoryless):
+    """The tables of a law that depends on time, one for each instant.
+
+    Args:
+        tables: One or more.
+
+    Attributes:
+        stiffness: Steepest slope of all [N·m/rad].
+    """
+
+    __slots__ = ("_parts", "highest_slope", "lowest_slope", "steepest", "stiffness")
+
+    def __init__(self, tables: Sequence[Profile]) -> None:
+        steepest = max(tables, key=lambda table: table.stiffness)
+        self.stiffness = stiffness = steepest.stiffness
+        self.steepest = steepest.steepest
+        self.lowest_slope, self.highest_slope = -1.0, 1.0
+        self._parts = [(table.stiffness / stiffness, table) for table in tables]
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:
+        """Return the elongation of the first table [rad]: what it is like, for pictures."""
+        share, table = self._parts[0]
+        return share * table.elongation(away, speed, stiffness)
+
+    def potential(self, away: float) -> float:
+        """Return the highest potential of all tables [rad²]."""
+        return max(share * table.potential(away) for share, table in self._parts)
+
+
+def depends_on_time(law: OwnLaw) -> bool:
+    """Whether the law is ``torque(position, time)``."""
+    try:
+        return "time" in inspect.signature(law.torque).parameters
+    except (TypeError, ValueError):  # not a function of Python's
+        return False
 
 
 def registered() -> dict[str, EntryPoint]:
@@ -105,8 +158,8 @@ class _Asked:
     options: Mapping[str, Any] = field(compare=False)
 
 
-def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
-    """Return the table of the user's law; what was tabulated once is not asked again.
+def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile | Instants:
+    """Return the table of the user's law; a law is tabulated only once.
 
     Guard, loop and picture in one process thus have the same table. Text that the law prints goes
     to the standard error.
@@ -123,9 +176,11 @@ def own_table(name: str, options: Mapping[str, Any], grid: Grid) -> Profile:
 
 
 @lru_cache(maxsize=8)
-def _table(asked: _Asked) -> Profile:
+def _table(asked: _Asked) -> Profile | Instants:
     with redirect_stdout(sys.stderr):
         first, second = (own_law(asked.name, asked.options) for _ in range(2))
+        if depends_on_time(first):
+            return tabulated_in_time(asked.name, first, asked.grid)
         return tabulated(asked.name, first, second, asked.grid)
 
 
@@ -133,16 +188,15 @@ def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
     """Ask the law for its torque at every encoder count of its range.
 
     Args:
-        name: Of the law, for messages.
-        law: To be asked.
-        second: The same law, made once more: it must answer the same.
+        name: Name of the law, for messages.
+        law: The law to tabulate.
+        second: A second instance of the law, which must give the same torques.
         grid: Gives the encoder step.
 
     Raises:
         LawError: Its range or a torque is no number, it answers differently when asked again, or
             the table makes no law.
     """
-    step = grid.step or USUAL_STEP
     low, high = float(law.low), float(law.high)
     if (low, high) != (float(second.low), float(second.high)) and math.isfinite(high - low):
         raise LawError(
@@ -151,6 +205,65 @@ def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
             f"{second.low:.4g} to {second.high:.4g} rad another time",
             "the same law whenever it is made",
         )
+    positions = _positions(name, law, grid)
+    torques = [_torque(name, law, position) for position in positions]
+    most = max(map(abs, torques))
+    for position, torque in zip(reversed(positions), reversed(torques), strict=True):
+        again = _torque(name, second, position)
+        if abs(again - torque) > SAME * most:
+            raise LawError(
+                "law",
+                f"found {name}, whose torque at {position:.4g} rad is {torque:.4g} N·m once and "
+                f"{again:.4g} N·m another time",
+                "a torque that depends on the position alone; a law that depends on time or on the "
+                "past has torque(position, time)",
+            )
+    return _profile(name, positions, torques)
+
+
+def tabulated_in_time(name: str, law: OwnLaw, grid: Grid) -> Instants:
+    """Ask a law that depends on time for its torque at every encoder count, at several instants.
+
+    Args:
+        name: Name of the law, for messages.
+        law: The law; not the instance that will be rendered, because it may have a memory.
+        grid: Gives the encoder step, and the period within which a call must be over.
+
+    Raises:
+        LawError: As for ``tabulated``, or a call takes too long.
+    """
+    positions = _positions(name, law, grid)
+    tables, took = [], []
+    for time in INSTANTS:
+        torques = []
+        for position in positions:
+            began = perf_counter()
+            torques.append(_torque(name, law, position, time))
+            took.append(perf_counter() - began)
+        if any(torques):
+            tables.append(_profile(name, positions, torques))
+    if (usual := median(took)) > CALL_SHARE * grid.period:
+        raise LawError(
+            "law",
+            f"found {name}, which takes {usual * 1e6:.0f} µs for a torque",
+            f"at most {CALL_SHARE * grid.period * 1e6:.0f} µs: it is called in every tick",
+        )
+    if not tables:
+        raise LawError("law", f"{name}: found the same torque everywhere", "torques that differ")
+    return Instants(tables)
+
+
+def _profile(name: str, positions: Sequence[float], torques: Sequence[float]) -> Profile:
+    try:
+        return Profile(positions, torques)
+    except LawError as error:
+        raise LawError("law", f"{name}: {error.found}", error.wanted) from None
+
+
+def _positions(name: str, law: OwnLaw, grid: Grid) -> list[float]:
+    """Return every encoder count of the law's range [rad]."""
+    step = grid.step or USUAL_STEP
+    low, high = float(law.low), float(law.high)
     rows = (high - low) / step if math.isfinite(low) and math.isfinite(high) else math.nan
     if not 1.0 <= rows < MOST_COUNTS:
         raise LawError(
@@ -162,27 +275,12 @@ def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
     positions = [low + i * step for i in range(count)] + [high]
     if positions[-1] - positions[-2] < 0.5 * step and count > 1:
         del positions[-2]  # a very short last interval would look steep
-    torques = [_torque(name, law, position) for position in positions]
-    most = max(map(abs, torques))
-    for position, torque in zip(reversed(positions), reversed(torques), strict=True):
-        again = _torque(name, second, position)
-        if abs(again - torque) > SAME * most:
-            raise LawError(
-                "law",
-                f"found {name}, whose torque at {position:.4g} rad is {torque:.4g} N·m once and "
-                f"{again:.4g} N·m another time",
-                "a torque that depends on the position alone: a law that depends on time or on the "
-                "past may give energy without end, and is not rendered",
-            )
-    try:
-        return Profile(positions, torques)
-    except LawError as error:
-        raise LawError("law", f"{name}: {error.found}", error.wanted) from None
+    return positions
 
 
-def _torque(name: str, law: OwnLaw, position: float) -> float:
+def _torque(name: str, law: OwnLaw, position: float, *time: float) -> float:
     try:
-        torque = float(law.torque(position))
+        torque = float(law.torque(position, *time))
     except (Exception, SystemExit) as error:
         raise LawError(
             "law",

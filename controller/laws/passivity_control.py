@@ -64,7 +64,7 @@ class PassivityControl:
             penetration: Elongation of the spring; 0 out of contact [rad].
             stiffness: Present stiffness [N·m/rad].
             torque: Mean torque that acted since the last sample [N·m].
-            periods: From the last sample to this one, >= 1.
+            periods: Number of periods from the last sample to this one, >= 1.
         """
         moved = position - self._last
         self._last = position

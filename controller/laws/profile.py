@@ -1,4 +1,4 @@
-"""A profile: torque over position from a table, straight between its rows."""
+"""Renders a profile: torque over position from a table, linear between its rows."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Profile(Memoryless):
             is driven away without end.
 
     Attributes:
-        stiffness: Of the steepest slope [N·m/rad].
+        stiffness: Stiffness of the steepest slope [N·m/rad].
 
     Raises:
         LawError: The table makes no law.
@@ -37,6 +37,7 @@ class Profile(Memoryless):
         "_positions",
         "_potentials",
         "highest_slope",
+        "lowest",
         "lowest_slope",
         "steepest",
         "stiffness",
@@ -74,6 +75,7 @@ class Profile(Memoryless):
         self.lowest_slope, self.highest_slope = min(slopes) / stiffness, max(slopes) / stiffness
         self.lowest_slope = min(self.lowest_slope, 0.0)  # the torque stays beyond the ends
         self._positions = list(positions)
+        self.lowest = positions[0], positions[-1]
         self._elongations = [-torque / stiffness for torque in torques]
         potentials = [0.0]
         least = 0.0

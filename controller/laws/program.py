@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from haptic_wall.controller.laws.wall import Side, Wall
+from haptic_wall.controller.laws.wall import Derating, Side, Wall
 
 Wave = Literal["constant", "sine"]
 
@@ -23,8 +23,8 @@ class Phase:
 
     Attributes:
         seconds: Longest duration, in executed periods [s].
-        stiffness: Of the spring about the centre [N·m/rad].
-        damping: Of the damper on the estimated velocity [N·m·s/rad].
+        stiffness: Stiffness of the spring about the centre [N·m/rad].
+        damping: Damping of the damper on the estimated velocity [N·m·s/rad].
         center: Goal of the centre [rad].
         speed: Speed at which the centre travels from the shaft to its goal [rad/s]; None: it jumps.
         integral: Gain of an integral action that overcomes friction [N·m/(rad·s)]; stable while it
@@ -61,7 +61,7 @@ class Program:
     """Renders phases one after the other; used in the tick in place of a ``Wall``.
 
     Args:
-        phases: At least one.
+        phases: At least one phase.
         period: Sampling period [s].
         torque_limit: No phase commands more than this [N·m].
 
@@ -69,8 +69,8 @@ class Program:
         guarded: Always false: the guard does not change the phases' values.
         done: All phases are over; the torque is zero from then on.
         phase: Number of the present phase, from 0.
-        stiffness: Of the present phase [N·m/rad].
-        damping: Of the present phase [N·m·s/rad].
+        stiffness: Stiffness of the present phase [N·m/rad].
+        damping: Damping of the present phase [N·m·s/rad].
         injected: Always zero.
         position: Position of the centre [rad], in the servo's own count.
 
@@ -90,25 +90,17 @@ class Program:
         "_ticks",
         "_wall",
         "_wave_phase",
-        "carried",
-        "carried_to",
         "clip",
         "damping",
-        "damping_scale",
+        "derating",
         "done",
-        "elastic_limit",
-        "guarded",
         "held",
         "injected",
-        "linear",
-        "name",
-        "one_sided",
         "phase",
         "position",
-        "scale",
-        "soft_to",
         "stiffness",
     )
+    name, linear, guarded, one_sided, fault = "program", True, False, False, ""
 
     def __init__(self, phases: Sequence[Phase], period: float, torque_limit: float) -> None:
         if not phases:
@@ -121,12 +113,9 @@ class Program:
         self._ticks = self._still = 0
         self._resting_at = self._wave_phase = self._integral = 0.0
         self.phase = -1
-        self.guarded = self.one_sided = self.done = False
-        self.name, self.linear = "program", True
-        self.stiffness = self.damping = self.injected = self.position = 0.0
-        self.scale = self.damping_scale = 1.0
-        self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.held = self.soft_to = 0.0
+        self.done = False
+        self.stiffness = self.damping = self.injected = self.position = self.held = 0.0
+        self.derating = Derating()
         self.clip = math.inf  # the phases keep to the torque limit
 
     def in_contact(self, position: float) -> bool:  # noqa: ARG002 - whatever the position

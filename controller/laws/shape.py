@@ -1,8 +1,8 @@
-"""The shape of a law: its elastic torque over position, with a steepest slope of one.
+"""Defines the shape of a law: its elastic torque over position, scaled to a steepest slope of 1.
 
 A law's elastic torque is ``-K e(x)``. The elongation ``e`` [rad] is scaled so that its slope stays
-within -1 and 1: K, which the guard commands, is the steepest slope of the torque. The guard needs
-little more: whether there is more than one slope, and where damping acts.
+within -1 and 1: K, which the guard commands, is the steepest slope of the torque. Besides K the
+guard needs only two facts: whether the slope varies, and where damping acts.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ class Shape(Protocol):
     """Elongation over position; positions count from ``wall.position`` [rad].
 
     Attributes:
-        lowest_slope: Least slope of the elongation, from -1 to 1 [1].
-        highest_slope: Highest slope, from -1 to 1 [1]; one of the two is 1 or -1, or both are 0.
+        lowest_slope: Lowest slope of the elongation, from -1 to 1 [1].
+        highest_slope: Highest slope, from -1 to 1 [1]. One of the two slopes is 1 or -1, or both
+            are 0.
         damped_everywhere: Damping acts at every position. Otherwise it acts in contact only, and
             the law never pulls.
-        steepest: Its steepest part, for people; empty: the whole law.
+        steepest: Name of the steepest part, for messages; empty: the whole law.
+        lowest: Two positions with a lowest point of the potential between them [rad].
     """
 
     @property
@@ -37,8 +39,11 @@ class Shape(Protocol):
     @property
     def steepest(self) -> str: ...  # noqa: D102
 
+    @property
+    def lowest(self) -> tuple[float, float]: ...  # noqa: D102
+
     def elongation(self, away: float, speed: float, stiffness: float) -> float:
-        """Return e [rad]; call once a tick where the shape has state.
+        """Return the elongation e [rad]; call it once a tick, because the shape may have state.
 
         Args:
             away: Position [rad].
@@ -48,7 +53,7 @@ class Shape(Protocol):
         ...
 
     def potential(self, away: float) -> float:
-        """Return the integral of e from its lowest point [rad²], >= 0: K times it is the energy."""
+        """Return the integral of e, >= 0 [rad²]; K times this is the stored energy."""
         ...
 
     def in_contact(self, away: float) -> bool:
@@ -56,17 +61,17 @@ class Shape(Protocol):
         ...
 
     def settle(self, away: float) -> None:
-        """Start at rest at this position, where the shape has state."""
+        """Reset the shape's state to rest at this position."""
         ...
 
     def resolved(self, step: float) -> float:
-        """Return the highest K [N·m/rad] at which encoder steps [rad] still resolve the shape."""
+        """Return the highest K [N·m/rad] at which this encoder step [rad] resolves the shape."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The grid of time and position on which a law is rendered."""
+    """Sampling period and encoder step with which a law is rendered."""
 
     period: float
     """Sampling period [s]"""
@@ -75,7 +80,7 @@ class Grid:
 
 
 class Numbers(Protocol):
-    """The numbers of a law: a section of the configuration, or a part of a sum."""
+    """The configured numbers of a law, or of one part of a law that is a sum."""
 
     @property
     def law(self) -> str: ...  # noqa: D102
@@ -115,14 +120,14 @@ class Numbers(Protocol):
 
 
 class Part(Numbers, Protocol):
-    """A part of a sum."""
+    """The numbers of one part of a law that is a sum."""
 
     @property
     def share(self) -> float: ...  # noqa: D102
 
 
 class LawError(ValueError):
-    """Raised for numbers that make no law.
+    """Raised if the numbers do not define a law.
 
     Args:
         field: Name of the number, without ``wall.``.
@@ -136,11 +141,12 @@ class LawError(ValueError):
 
 
 class Memoryless:
-    """The common part of shapes that have no state and that any encoder resolves."""
+    """Base of shapes that have no state and that any encoder resolves."""
 
     __slots__ = ()
     damped_everywhere: bool = True
     steepest: str = ""
+    lowest: tuple[float, float] = 0.0, 0.0
 
     def in_contact(self, away: float) -> bool:  # noqa: ARG002 - whatever the position
         """Return true: the law acts at every position."""

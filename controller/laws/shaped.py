@@ -5,57 +5,46 @@ from __future__ import annotations
 import math
 
 from haptic_wall.controller.laws.shape import Shape
-from haptic_wall.controller.laws.wall import limited_torque
+from haptic_wall.controller.laws.wall import Derating, limited_torque
 
 
 class ShapedLaw:
     """A law whose elastic torque is ``-K e(x)``; attributes as of ``Law``.
 
-    It holds no load while it is derated: ``carried`` has no effect.
+    It holds no load while it is derated: ``Derating.carried`` has no effect.
 
     Args:
-        name: Of the law, for people.
+        name: Name of the law, for people.
         shape: Its elongation over position.
-        position: From which the shape's positions count [rad].
+        position: Position from which the shape's positions count [rad].
         clip: Largest torque of spring and damper together [N·m].
     """
 
     __slots__ = (
         "_everywhere",
         "_shape",
-        "carried",
-        "carried_to",
         "clip",
         "damping",
-        "damping_scale",
-        "done",
-        "elastic_limit",
-        "guarded",
+        "derating",
         "held",
         "injected",
-        "linear",
         "name",
         "one_sided",
-        "phase",
         "position",
-        "scale",
-        "soft_to",
         "stiffness",
     )
+    linear, guarded, phase, done, fault = False, True, 0, False, ""
 
     def __init__(self, name: str, shape: Shape, position: float, clip: float = math.inf) -> None:
         self.name = name
         self._shape = shape
         self._everywhere = shape.damped_everywhere
         self.one_sided = not self._everywhere
-        self.linear = False
         self.stiffness = self.damping = self.injected = 0.0
         self.position = position
         self.clip = clip
-        self.guarded, self.phase, self.done = True, 0, False
-        self.scale = self.damping_scale = 1.0
-        self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.soft_to = self.held = 0.0
+        self.derating = Derating()
+        self.held = 0.0
 
     def in_contact(self, position: float) -> bool:
         """Whether the law acts at ``position`` [rad]."""
@@ -85,15 +74,16 @@ class ShapedLaw:
             return away  # not a number: the safety checks must see it
         stiffness = self.stiffness
         elongation = self._shape.elongation(away, velocity, stiffness)
-        softer = stiffness * self.scale
+        derating = self.derating
+        softer = stiffness * derating.scale
         torque = -softer * elongation
-        limit = self.elastic_limit
+        limit = derating.elastic_limit
         if torque > limit or torque < -limit:
-            torque = limited_torque(torque, limit, softer * (abs(away) - self.soft_to))
+            torque = limited_torque(torque, limit, softer * (abs(away) - derating.soft_to))
         everywhere = self._everywhere
         if not everywhere and elongation == 0.0:
             return 0.0
-        torque -= (self.damping + self.injected) * self.damping_scale * velocity
+        torque -= (self.damping + self.injected) * derating.damping_scale * velocity
         clip = self.clip
         if torque > clip:
             torque = clip

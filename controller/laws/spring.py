@@ -1,4 +1,4 @@
-"""A spring to a centre: a two-sided wall under the name that fits it."""
+"""Renders a spring to a centre; it is the same as a two-sided wall."""
 
 from __future__ import annotations
 

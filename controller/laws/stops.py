@@ -1,4 +1,4 @@
-"""Stops: a wall at each end of a free range."""
+"""Renders stops: a wall at each end of a free range."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ class Stops(Memoryless):
         high: Upper end, above ``low`` [rad].
     """
 
-    __slots__ = ("_high", "_low")
+    __slots__ = ("_high", "_low", "lowest")
     damped_everywhere = False
     lowest_slope, highest_slope = 0.0, 1.0
 
     def __init__(self, low: float, high: float) -> None:
         self._low = low
         self._high = high
+        self.lowest = low, high
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
         """Return the penetration of the nearest end, signed [rad]."""

@@ -1,9 +1,11 @@
-"""The table of laws, and what makes a law from its numbers."""
+"""Lists the laws, and makes a law from its configured numbers."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +20,7 @@ from haptic_wall.controller.laws import (
     stops,
     texture,
 )
+from haptic_wall.controller.laws.active import ActiveLaw, Port
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.several import Sum
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers, Shape
@@ -30,7 +33,7 @@ class Kind:
     """A law that comes with the program."""
 
     meaning: str
-    """The feel of it, for people"""
+    """Description of how it feels, for messages"""
     numbers: tuple[str, ...]
     """Names of its numbers in the configuration"""
     make: Callable[[Numbers, Grid], Shape]
@@ -59,8 +62,8 @@ def shape_of(numbers: Numbers, grid: Grid) -> Shape:
     """Return the shape of a law.
 
     Args:
-        numbers: Its name and numbers.
-        grid: On which it is rendered.
+        numbers: Name and numbers of the law.
+        grid: Sampling period and encoder step.
 
     Raises:
         LawError: There is no such law, or its numbers make none.
@@ -86,6 +89,12 @@ def _sum(numbers: Numbers, grid: Grid) -> Sum:
             raise LawError(
                 "parts", f"in part {place}, {part.law}.{error.field}: {error.found}", error.wanted
             ) from None
+        if isinstance(made[-1][1], own.Instants):
+            raise LawError(
+                "parts",
+                f"in part {place}, found {part.law}, which depends on time",
+                "it alone, not in a sum",
+            )
     if not made:
         raise LawError("parts", "found none", "a list of laws, each with its numbers and a share")
     return Sum(made)
@@ -97,9 +106,9 @@ def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = ma
     A wall, a spring and a damper are linear, and rendered by the quickest code.
 
     Args:
-        numbers: Its name and numbers.
-        grid: On which it is rendered.
-        position: From which its positions count [rad].
+        numbers: Name and numbers of the law.
+        grid: Sampling period and encoder step.
+        position: Position from which its positions count [rad].
         clip: Largest torque [N·m].
 
     Raises:
@@ -111,6 +120,29 @@ def rendered_law(numbers: Numbers, grid: Grid, position: float, clip: float = ma
         wall.name = numbers.law
         return wall
     return ShapedLaw(numbers.law, shape_of(numbers, grid), position, clip)
+
+
+def is_active(numbers: Numbers, grid: Grid) -> bool:
+    """Whether the law's torque depends on time: it is then rendered by ``ActiveLaw``.
+
+    Raises:
+        LawError: As for ``shape_of``.
+    """
+    known = numbers.law in LAWS or numbers.law == SUM
+    return not known and isinstance(shape_of(numbers, grid), own.Instants)
+
+
+def active_law(numbers: Numbers, grid: Grid, position: float, clip: float, port: Port) -> ActiveLaw:
+    """Return a law that ``is_active``, to render; arguments as of ``rendered_law``.
+
+    Raises:
+        LawError: As for ``shape_of``.
+    """
+    shape = shape_of(numbers, grid)
+    assert isinstance(shape, own.Instants)
+    with redirect_stdout(sys.stderr):
+        law = own.own_law(numbers.law, numbers.options)
+    return ActiveLaw(numbers.law, law, shape, position, clip, port)
 
 
 LINEAR: Final = ("wall", "spring", "damper")
@@ -134,7 +166,7 @@ class Facts:
 
 
 def facts_of(numbers: Numbers, grid: Grid) -> Facts:
-    """Return what the guard must know of a law.
+    """Return the properties of a law that the guard needs.
 
     Raises:
         LawError: As for ``shape_of``.
@@ -146,7 +178,7 @@ def facts_of(numbers: Numbers, grid: Grid) -> Facts:
         return Facts("both", True, name, math.inf, 0.0 if name == "damper" else None)
     shape = shape_of(numbers, grid)
     steepest = f"{name}, {shape.steepest}" if shape.steepest else name
-    own_stiffness = shape.stiffness if isinstance(shape, Profile) else None
+    own_stiffness = shape.stiffness if isinstance(shape, Profile | own.Instants) else None
     if shape.lowest_slope == shape.highest_slope == 0.0:
         own_stiffness = 0.0  # a sum of dampers
     return Facts(

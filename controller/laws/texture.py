@@ -1,4 +1,4 @@
-"""Texture: a grating that the shaft moves over."""
+"""Renders a texture: a sinusoidal grating over position."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless, Number
 PERIOD_COUNTS = 8.0
 """Least period of a grating [encoder counts]"""
 FULL_TICKS = 8.0
-"""The grating is felt in full while a period takes this many ticks; at half as many it is gone"""
+"""Ticks in a grating period from which it is rendered in full; with half as many it is zero"""
 
 
 class Texture(Memoryless):
-    """A sine over position, faded out at speeds at which ticks do not resolve it.
+    """A sinusoidal elongation, faded out at speeds at which the ticks do not resolve it.
 
     Args:
-        period: Of the grating [rad].
+        period: Length of a period of the grating [rad].
         tick: Sampling period [s].
     """
 
@@ -29,7 +29,7 @@ class Texture(Memoryless):
         self._full = period / (FULL_TICKS * tick)
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
-        """Return the grating's elongation [rad]."""
+        """Return the grating's elongation at this position and speed [rad]."""
         fade = 2.0 - abs(speed) / self._full
         if fade <= 0.0:
             return 0.0
@@ -37,12 +37,12 @@ class Texture(Memoryless):
         return value if fade >= 1.0 else fade * value
 
     def potential(self, away: float) -> float:
-        """Return the potential of the whole grating, not faded [rad²]."""
+        """Return the potential of the grating at full amplitude [rad²]."""
         return self._amplitude * self._amplitude * (1.0 - math.cos(self._wave * away))
 
 
 def make(numbers: Numbers, grid: Grid) -> Shape:
-    """Make a grating from ``wall.period``.
+    """Make a grating of the length ``wall.period`` [rad].
 
     Raises:
         LawError: It is missing, or the encoder does not resolve it.

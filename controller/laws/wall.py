@@ -3,11 +3,32 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 Side = Literal["above", "below", "both"]
 SIGNS: dict[Side, int] = {"above": 1, "below": -1, "both": 0}
 """Direction in which the wall continues from its surface; 0: it has no surface"""
+
+
+@dataclass(slots=True)
+class Derating:
+    """What an oscillation leaves of a law; a law that takes the place of another one shares it."""
+
+    scale: float = 1.0
+    """Of the stiffness [1]"""
+    damping_scale: float = 1.0
+    """Of the damping, the injected included [1]"""
+    elastic_limit: float = math.inf
+    """Largest torque of the spring alone up to ``soft_to`` [N·m]. Where it is lowered along with
+    the stiffness, a spring that saturates gets softer too."""
+    soft_to: float = 0.0
+    """Distance from its zero up to which that limit holds [rad]. Deeper, the spring's torque rises
+    with its stiffness again."""
+    carried: float = 0.0
+    """Torque about which the spring is softened [N·m]: it holds a load. 0: about none"""
+    carried_to: float = 0.0
+    """Distance from its zero up to which it is added in full [rad]"""
 
 
 class Law(Protocol):
@@ -19,22 +40,19 @@ class Law(Protocol):
         stiffness: Present stiffness [N·m/rad]
         damping: Present damping [N·m·s/rad]
         injected: Damping added by passivity control [N·m·s/rad]
-        position: Zero of the spring [rad]
-        clip: Largest commanded torque [N·m]; inf: no limit.
-        phase: Of a program; 0 for a wall.
+        position: Zero of the spring: the wall's surface [rad]
+        clip: Largest torque of spring and damper together [N·m]; inf: no limit.
+        phase: Phase of a program; 0 for a wall.
         done: Nothing is left to render; never for a wall.
-        scale: Derating of the stiffness after an oscillation [1].
-        damping_scale: Derating of the damping [1].
-        elastic_limit: Largest torque of the spring alone up to ``soft_to`` [N·m].
-        soft_to: Distance from its zero up to which that limit holds [rad].
-        carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
-        carried_to: Distance from its zero up to which it is added in full [rad].
+        derating: Left by an oscillation.
         held: Torque added for the load in the last tick [N·m].
+        fault: Why it gives no torque any more, in words; empty: it does.
     """
 
     guarded: bool
     """The guard sets its stiffness and damping"""
     one_sided: bool
+    """It never pulls, and so has an outside"""
     name: str
     linear: bool
     stiffness: float
@@ -44,13 +62,9 @@ class Law(Protocol):
     clip: float
     phase: int
     done: bool
-    scale: float
-    damping_scale: float
-    elastic_limit: float
-    soft_to: float
-    carried: float
-    carried_to: float
+    derating: Derating
     held: float
+    fault: str
 
     def in_contact(self, position: float) -> bool:
         """Whether it acts at ``position`` [rad]."""
@@ -96,29 +110,24 @@ def held_torque(
     Args:
         carried: tau0 [N·m].
         carried_to: That place [rad].
-        away: Distance from the spring's zero, signed; likewise [rad].
+        away: Signed distance from the spring's zero [rad].
         stiffness: K [N·m/rad].
         scale: s [1].
     """
-    rest = 1.0 - scale
-    if carried > 0.0:
-        past = away - carried_to
-        if past > 0.0:
-            carried -= stiffness * past
-        return rest * carried if carried > 0.0 else 0.0
-    past = carried_to - away
-    if past > 0.0:
-        carried += stiffness * past
-    return rest * carried if carried < 0.0 else 0.0
+    past = away - carried_to
+    sign = 1.0 if carried > 0.0 else -1.0
+    if sign * past > 0.0:
+        carried -= stiffness * past
+    return (1.0 - scale) * carried if sign * carried > 0.0 else 0.0
 
 
 def limited_torque(torque: float, limit: float, rise: float) -> float:
     """Return the torque of a softened spring that is beyond its limit [N·m].
 
     Args:
-        torque: Of the spring without a limit; more than ``limit``, either way [N·m].
+        torque: Torque of the spring without a limit; more than ``limit``, either way [N·m].
         limit: ``Law.elastic_limit`` [N·m].
-        rise: Of the spring's torque beyond ``Law.soft_to`` [N·m]; negative: not as deep.
+        rise: Rise of the spring's torque beyond ``Law.soft_to`` [N·m]; negative: not as deep.
     """
     # The rise starts from the limit, or from the spring's line below it.
     if rise > 0.0:
@@ -131,46 +140,23 @@ class Wall:
 
     ``above`` fills the positions above ``position`` and pushes down, ``below`` the positions below
     and pushes up; both never pull. ``both`` acts everywhere, like a spring to the wall.
-
-    Attributes:
-        stiffness: [N·m/rad]
-        damping: [N·m·s/rad]
-        injected: Damping added by passivity control [N·m·s/rad]
-        position: Position of the wall's surface [rad].
-        clip: Largest torque of spring and damper together [N·m]; inf: no limit.
-        one_sided: The wall never pulls, and so has an outside.
-        scale: Derating of the stiffness after an oscillation [1].
-        damping_scale: Derating of the damping, the injected included [1].
-        elastic_limit: Largest torque of the spring alone up to ``soft_to`` [N·m]. Where it is
-            lowered along with the stiffness, a spring that saturates gets softer too.
-        soft_to: Distance from its zero up to which that limit holds [rad]. Deeper, the spring's
-            torque rises with its stiffness again.
-        carried: Torque about which the spring is softened [N·m]: it holds a load. 0: about none.
-        carried_to: Distance from its zero up to which it is added in full [rad].
-        held: Torque added for the load in the last tick [N·m].
+    Attributes as of ``Law``.
     """
 
     __slots__ = (
         "_sign",
-        "carried",
-        "carried_to",
         "clip",
         "damping",
-        "damping_scale",
-        "done",
-        "elastic_limit",
+        "derating",
         "guarded",
         "held",
         "injected",
-        "linear",
         "name",
         "one_sided",
-        "phase",
         "position",
-        "scale",
-        "soft_to",
         "stiffness",
     )
+    linear, phase, done, fault = True, 0, False, ""
 
     def __init__(
         self,
@@ -187,11 +173,9 @@ class Wall:
         self.clip = clip
         self._sign = SIGNS[side]
         self.one_sided = self._sign != 0
-        self.name, self.linear = "wall", True
-        self.guarded, self.phase, self.done = True, 0, False
-        self.scale = self.damping_scale = 1.0
-        self.elastic_limit = math.inf
-        self.carried = self.carried_to = self.held = self.soft_to = 0.0
+        self.name, self.guarded = "wall", True
+        self.derating = Derating()
+        self.held = 0.0
 
     def in_contact(self, position: float) -> bool:
         """Whether the wall acts at ``position`` [rad]; a two-sided wall always does."""
@@ -218,17 +202,18 @@ class Wall:
     def torque(self, position: float, velocity: float) -> float:
         """Return the wall's torque [N·m] at a position [rad] and an estimated velocity [rad/s]."""
         away = position - self.position
-        stiffness = self.stiffness * self.scale
+        derating = self.derating
+        stiffness = self.stiffness * derating.scale
         torque = -stiffness * away
-        limit = self.elastic_limit
+        limit = derating.elastic_limit
         if torque > limit or torque < -limit:
-            torque = limited_torque(torque, limit, stiffness * (abs(away) - self.soft_to))
-        if self.carried:
+            torque = limited_torque(torque, limit, stiffness * (abs(away) - derating.soft_to))
+        if derating.carried:
             self.held = held = held_torque(
-                self.carried, self.carried_to, away, self.stiffness, self.scale
+                derating.carried, derating.carried_to, away, self.stiffness, derating.scale
             )
             torque += held
-        torque -= (self.damping + self.injected) * self.damping_scale * velocity
+        torque -= (self.damping + self.injected) * derating.damping_scale * velocity
         clip = self.clip
         if torque > clip:
             torque = clip

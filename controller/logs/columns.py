@@ -28,7 +28,7 @@ COLUMNS = {
     "measured_torque_nm": "measured_torque",
     "held_torque_nm": "held_torque",
 }
-"""Each column, and the field of a row that it comes from."""
+"""Column names, and the field of a row that each comes from."""
 
 
 def values(rows: NDArray[np.void], column: str, origin_ns: int) -> NDArray[Any]:

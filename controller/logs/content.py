@@ -1,10 +1,11 @@
-"""Decodes a block: rows, metadata, or the end of a run.
+"""Decodes a block: rows, metadata, an event, or the end of a run.
 
 It checks the content too: correct checksums do not prove that this program wrote the block.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.blocks import Block
-from haptic_wall.controller.logs.pieces import End, Head, Piece
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
 from haptic_wall.controller.logs.plausible import fault, refusal
 from haptic_wall.controller.system import json_text
 
@@ -23,10 +24,14 @@ MOST_JSON = 1 << 22
 """Largest size of metadata or of a run's end [bytes]; a larger block is damage"""
 
 
+EVENT = "change"
+"""Only key of an event"""
+
+
 def judged(
     block: Block, dtype: np.dtype[np.void] | None, checked: bool
 ) -> tuple[Piece | None, str | None]:
-    """Return a block's content, or None and, where known, the reason why it is not ours.
+    """Return a block's content; or None and, if known, the reason why it is invalid.
 
     Args:
         block: Whole; its checksums are correct, where it has any.
@@ -42,6 +47,9 @@ def judged(
             return Head(content), None
         if checked and not block.summed:
             return None, None
+        if EVENT in content:
+            why = _fault_of_event(content[EVENT])
+            return (Event(content[EVENT]), None) if why is None else (None, why)
         why = _fault_of_end(content)
         return (End(content), None) if why is None else (None, why)
     if checked and not block.summed:
@@ -66,6 +74,25 @@ def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
     rows = ended.get("rows", 0)
     if not isinstance(rows, int) or not 0 <= rows <= 1 << 53:
         return "how the run ended: rows is no count in it"
+    return None
+
+
+def _fault_of_event(change: object) -> str | None:
+    """Return the implausible part of an event; None: all of it is plausible."""
+    if not isinstance(change, dict):
+        return "an event: it tells no change"
+    row = change.get("row")
+    if row is not None and not (type(row) is int and 0 <= row <= 1 << 53):
+        return "an event: row is no count in it"
+    if not isinstance(change.get("changed"), dict | None):
+        return "an event: changed is no object in it"
+    sets, at_s = change.get("set"), change.get("at_s")
+    if not isinstance(sets, list) or not all(isinstance(each, str) for each in sets):
+        return "an event: set is no list of texts in it"
+    if at_s is not None and not (isinstance(at_s, int | float) and math.isfinite(at_s)):
+        return "an event: at_s is no time in it"
+    if not isinstance(change.get("outcome"), str):
+        return "an event: outcome is no text in it"
     return None
 
 

@@ -35,7 +35,7 @@ class Detected:
     known: dict[str, float] = field(default_factory=dict)
     """Servo parameters that the detector used, from the first recording"""
     estimated: bool = False
-    """Some of ``known`` was estimated"""
+    """Whether some of ``known`` was estimated"""
     wall: dict[str, float] = field(default_factory=dict)
     """Wall parameters that the detector used, from the first part: ``stiffness``,
     ``virtual_damping``, ``wall_position``"""
@@ -78,7 +78,7 @@ def detect_all(
     """Run the detector over recordings.
 
     Args:
-        recordings: Of one motion.
+        recordings: Recordings of one motion.
         given: ``inertia``, ``damping``, ``coulomb``, ``lag`` in place of the recordings' values;
             None: use theirs.
         wall: In place of the recordings' wall, or of the one estimated from torque and position.
@@ -135,7 +135,7 @@ def _see(
 def _servo(
     detected: Detected, recording: Recording, part: Part, given: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """Estimate the parameters of a servo that are not given, from torque against motion."""
+    """Complete the given parameters of a servo with estimates from torque and motion."""
     told = {name: math.nan if value is None else value for name, value in given.items()}
     found = None
     if part.torques is not None:
@@ -213,8 +213,8 @@ def add(
         detected: The results so far.
         part: The motion.
         record: The result for this motion.
-        goes_on: The part follows the one before without a gap.
-        of: Least number of parts.
+        goes_on: Whether the part follows the one before without a gap.
+        of: Smallest number of parts to expect.
     """
     detected.samples += part.times.size
     detected.parts += int(not goes_on)
@@ -276,7 +276,7 @@ def _joined(
 
 
 def _telling(part: Part, record: DetectionRecord, slices: int) -> NDArray[np.intp]:
-    """Return the indices of each slice's ends, its extremes, and its worst state."""
+    """Return the indices of samples to draw: each slice's ends, extremes, worst state."""
     places: set[int] = set()
     for inside in np.array_split(np.arange(part.times.size), slices):
         state = record.state[inside]

@@ -1,7 +1,8 @@
 """Writes and reads log files: a stream of self-contained arrays, so that damage stays local.
 
 A file is a sequence of ``.npy`` arrays with nothing between them: first the metadata, JSON as
-bytes, then blocks of rows of one structured dtype, and last the run's end, JSON again.
+bytes, then blocks of rows of one structured dtype, between them events, and last the run's end,
+both JSON again.
 ``numpy.load`` on an open file reads them one after the other; each carries checksums, see
 ``blocks``.
 """
@@ -22,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.blocks import MOST_BYTES, encoded
+from haptic_wall.controller.logs.blocks import MOST_BYTES, block_at, encoded
+from haptic_wall.controller.logs.content import EVENT
 from haptic_wall.controller.logs.reader import FORMAT, SUFFIX, Head, LogReader
 from haptic_wall.controller.system.whole_file import Beside
 
@@ -38,7 +40,7 @@ class LogWriter:
     Args:
         path: The file to write; an existing file is replaced.
         metadata: Description of the rows, as JSON can hold it; NaN is not in JSON.
-        dtype: Of the rows, little-endian.
+        dtype: Dtype of the rows, little-endian.
         beside: Temporary name of ``path``: the log is written there until it has rows, and then
             replaces the file at ``path``. None: it replaces it at once.
 
@@ -93,7 +95,7 @@ class LogWriter:
 
         Args:
             path: The log; it has no other writer any more.
-            dtype: Of its rows.
+            dtype: Dtype of its rows.
 
         Raises:
             LogFormatError: The file is not a log of such rows, or its metadata is incomplete.
@@ -109,6 +111,9 @@ class LogWriter:
         with contextlib.ExitStack() as undo:
             undo.callback(log._file.close)
             end = reader.start if last is None else last.end
+            size = os.fstat(log._file.fileno()).st_size
+            while (event := block_at(log._file, end, size)) is not None:
+                end = event.end
             log.found = None if last is None else last.array
             log._file.truncate(end)
             log._file.seek(end)
@@ -132,6 +137,15 @@ class LogWriter:
             if self._beside is not None:
                 self._beside.place()
                 self._beside = None
+
+    def event(self, change: Mapping[str, Any]) -> None:
+        """Write a change of the running wall, as JSON can hold it.
+
+        Raises:
+            OSError: As ``append``.
+        """
+        self._look_for_its_end()
+        self._write(_json({EVENT: change}))
 
     def end(self, ended: Mapping[str, Any]) -> None:
         """Write the run's end, the last block of a log, as JSON can hold it.
@@ -220,7 +234,7 @@ def _identity(status: os.stat_result) -> int:
 
 
 def append_end(path: Path, ended: Mapping[str, Any], *, sync: bool = True) -> None:
-    """Append the run's end to a log, in whatever state its recorder has left it.
+    """Append the run's end to a log, even if the recorder has left it incomplete.
 
     Args:
         path: The log; if it is missing or empty, none is made.

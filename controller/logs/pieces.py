@@ -48,11 +48,19 @@ class End:
     """``stop_reason`` and ``message`` are texts, or None; ``rows`` is a count, if present"""
 
 
-Piece = NDArray[np.void] | Damage | Misplaced | Head | End
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A change of the running wall that somebody asked for, made or not."""
+
+    change: dict[str, Any]
+    """As in the report's ``changes``; ``row`` and ``changed`` are plausible"""
+
+
+Piece = NDArray[np.void] | Damage | Misplaced | Head | End | Event
 
 
 def fault_text(piece: Piece) -> Iterator[str]:
-    """Describe the fault of a piece in a sentence; rows and ends have none."""
+    """Describe the fault of a piece in a sentence; rows, events and ends have none."""
     if isinstance(piece, Damage):
         why = f" ({piece.why})" if piece.why else ""
         if piece.last:

@@ -14,11 +14,19 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.blocks import Block, block_at, last_block, next_begin
 from haptic_wall.controller.logs.content import FORMAT, from_json, is_ours, judged, refused
 from haptic_wall.controller.logs.order import in_order
-from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece, fault_text
+from haptic_wall.controller.logs.pieces import (
+    Damage,
+    End,
+    Event,
+    Head,
+    Misplaced,
+    Piece,
+    fault_text,
+)
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.system.regular_file import opened
 
-__all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Head", "LogReader", "Misplaced", "Piece"]
+__all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Event", "Head", "LogReader", "Misplaced", "Piece"]
 
 SUFFIX = ".hwlog"
 _logger = logging.getLogger(__name__)

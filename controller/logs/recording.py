@@ -1,4 +1,4 @@
-"""A recorded motion on an even grid of samples.
+"""Defines a recorded motion on an even grid of samples.
 
 A gap splits the record, because the motion in it is unknown.
 """
@@ -23,7 +23,7 @@ MOST_TOLD = 5
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Servo and loop parameters that the record itself contains; NaN: it does not."""
+    """Servo and loop parameters that the record contains; NaN: not contained."""
 
     inertia: float = math.nan
     """[kg·m²], per commanded torque, as the others"""

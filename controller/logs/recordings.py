@@ -1,23 +1,22 @@
-"""Reads the motion in a log of this program, with its configuration's values, or in a CSV."""
+"""Reads a motion from a log of this program, with its configuration, or from a CSV."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.errors import LogFormatError, UserError
+from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.logs.csv_recording import recordings_of_csv
-from haptic_wall.controller.logs.pieces import End, Head, fault_text
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_text
 from haptic_wall.controller.logs.reader import LogReader, is_log
 from haptic_wall.controller.logs.recording import (
     LEAST,
@@ -27,6 +26,7 @@ from haptic_wall.controller.logs.recording import (
     parted,
 )
 from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.walls import Walls, changes_in, walls_of
 from haptic_wall.controller.logs.windows import WINDOW, Window, windows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
@@ -36,6 +36,7 @@ from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
 """Longest time between a sample and its torque [s]; acting torques are kept for this long"""
+MOVED = "the wall was moved, or had another law, meanwhile: each stretch is judged with its own"
 _MOST_TOLD = 5
 """Largest number of damaged places reported one by one"""
 
@@ -50,7 +51,7 @@ def read_recordings(path: Path) -> Iterator[Recording]:
 
     Raises:
         UserError: The file holds no usable motion; the message says what was found.
-        LogFormatError: It is not a log of this program.
+        LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
     if is_log(path):
@@ -65,7 +66,7 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
     Each of several logs joined in one file is a recording of its own.
 
     Raises:
-        UserError: The wall was on too shortly.
+        UserError: The wall was on for too short a time.
         LogFormatError: The file is not a log of this program.
         OSError: It cannot be read, or is no regular file.
     """
@@ -80,7 +81,10 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
             wanted=f"at least {LEAST}",
             advice="record a longer run",
         )
-    configs = [_config(path, each.metadata) if each.count >= LEAST else None for each in logs]
+    walls = [
+        walls_of(each.metadata, changes_in(each.told)) if each.count >= LEAST else None
+        for each in logs
+    ]
     of = sum(-(-each.count // WINDOW) for each in logs)
     origin_ns = next(each.origin_ns for each in logs if each.count)
     notes += [
@@ -88,10 +92,12 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
         for number, each in enumerate(logs, 1)
         if each.count < LEAST
     ]
-    for number, blocks in groupby(_with_wall_on(rows), key=lambda found: found[0]):
-        config = configs[number] if number < len(configs) else None  # None: joined meanwhile
-        if config is None:
+    if any(each is not None and each.moves() for each in walls):
+        notes.append(MOVED)
+    for (number, index), blocks in groupby(_with_wall_on(rows, walls), key=lambda found: found[0]):
+        if (known := walls[number]) is None:
             continue
+        config = known.configs[index]
         # An experiment's program renders several walls of its own.
         surface = config.surface(logs[number].started_at)
         surface = math.nan if "phases" in logs[number].metadata else surface
@@ -113,11 +119,13 @@ class _Log:
     started_at: float = math.nan
     """The first position of the run [rad]; NaN: the beginning is missing or damaged"""
     begins: bool = True
-    """No row is missing before the present one"""
+    """Whether no row is missing before the present one"""
+    told: list[Piece] = field(default_factory=list)
+    """Events and ends"""
 
 
 def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
-    """Return each log in the file, and sentences about its faults."""
+    """Read the file once; return each log in it, and sentences about faults."""
     logs = [_Log(rows.metadata, begins="cut" not in rows.metadata)]
     notes: list[str] = []
     wrong = 0
@@ -136,7 +144,9 @@ def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
             logs.append(_Log(piece.metadata, begins="cut" not in piece.metadata))
             name = in_line(str(piece.metadata.get("name", "unknown")))
             notes.append(f"part {len(logs)} is another log, {name}, joined to the one before")
-        elif not isinstance(piece, End):
+        elif isinstance(piece, End | Event):
+            log.told.append(piece)
+        else:
             log.begins = False
             new = list(fault_text(piece))
             notes += new[: max(0, _MOST_TOLD - wrong)]
@@ -146,28 +156,26 @@ def _looked_through(rows: LogRows) -> tuple[list[_Log], list[str]]:
     return logs, notes
 
 
-def _config(path: Path, metadata: Mapping[str, Any]) -> Config:
-    try:
-        return Config.model_validate(metadata.get("config"))
-    except ValidationError as error:
-        raise LogFormatError(
-            f"its configuration is not one this program knows ({error.error_count()} differences)",
-            field="LOG",
-            given=path,
-            advice="read it with the haptic-wall that wrote it",
-        ) from error
+def _with_wall_on(
+    rows: LogRows, walls: Sequence[Walls | None]
+) -> Iterator[tuple[tuple[int, int], NDArray[np.void]]]:
+    """Yield blocks of rows with the wall on, each of one wall.
 
-
-def _with_wall_on(rows: LogRows) -> Iterator[tuple[int, NDArray[np.void]]]:
-    """Yield blocks of rows with the wall on, each with the index of its log in the file."""
+    With them comes the index of their log in the file, and that of their configuration in it.
+    """
     number = 0
     for piece in rows.pieces():
         if isinstance(piece, Head):
             number += 1
-        elif isinstance(piece, np.ndarray):
+        elif isinstance(piece, np.ndarray) and number < len(walls):  # else joined meanwhile
             on = piece[(piece["flags"] & FLAG_WARM_UP) == 0]
-            if on.size:
-                yield number, on
+            known = walls[number]
+            moves = [] if known is None else known.moves()
+            since = [] if known is None else [known.since[index] for index in moves]
+            edges = [0, *np.searchsorted(on["seq"], since).tolist(), len(on)]
+            for index, (start, end) in zip([0, *moves], pairwise(edges), strict=True):
+                if end > start:
+                    yield (number, index), on[start:end]
 
 
 def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> Recording:

@@ -1,14 +1,24 @@
-"""Replays the rows of a log through an oscillation watch, tick by tick."""
+"""Feeds the rows of a log to an oscillation watch, tick by tick, as in the run."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import DetectionRecord
-from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.detector.own_motion import OwnMotion
+from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Law
-from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_RAISED, FLAG_WARM_UP
+from haptic_wall.controller.runtime.changeover import adopt
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CHANGED,
+    FLAG_OFF,
+    FLAG_RAISED,
+    FLAG_WARM_UP,
+)
 from haptic_wall.hw.servo import Outcome
 
 _FIELDS = (
@@ -27,25 +37,50 @@ _FIELDS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class LaterWall:
+    """A change of the running wall."""
+
+    law: Law
+    settings: WatchSettings
+    moved_by: float | None
+    """As of ``Watch.change``"""
+    before_age_s: float | None
+    """As of ``Replay``"""
+
+
 class Replay:
-    """Gives a watch the same input as in the run; rows may come in any number of blocks.
+    """Feeds an oscillation watch with the inputs that it had in the run, from blocks of rows.
 
     Each sample is combined with the stiffness, damping and delay of the row before, because a row
     holds the values at the end of its tick.
 
     Args:
-        watch: In the state of the run's beginning.
-        law: Takes the place of the wall; the replay sets its stiffness and damping.
+        watch: The oscillation watch, in its initial state.
+        law: The run's law; the replay sets its stiffness and damping.
         period_ns: T [ns]
-        before_age_s: The delay in the rows without the age of a sample [s]; None: the watch already
-            knows its lag.
+        before_age_s: The part of the rows' delay that is not sample age [s]; None: the watch
+            already has its lag.
+        later: The changes of the wall by their rows' sequence numbers.
+
+    Attributes:
+        unknown: Number of changes in the rows that are not in ``later``.
     """
 
-    def __init__(self, watch: Watch, law: Law, period_ns: int, before_age_s: float | None) -> None:
+    def __init__(
+        self,
+        watch: Watch,
+        law: Law,
+        period_ns: int,
+        before_age_s: float | None,
+        later: Mapping[int, LaterWall],
+    ) -> None:
         self.watch = watch
         self._law = law
         self._period_ns = period_ns
         self._before_age_s = before_age_s
+        self._later = later
+        self.unknown = 0
         self._last: tuple[int, int] | None = None  # seq and deadline of the last row
         self._left = (0.0, 0.0, 0.0)  # stiffness, damping, delay
         self._on = self._came_on = False
@@ -53,15 +88,15 @@ class Replay:
 
     @property
     def counts_ages(self) -> bool:
-        """Whether the age of the samples is part of the lag."""
+        """Whether the replay adds the sample age of the rows to the watch's lag."""
         return self._before_age_s is not None
 
     def see(self, rows: NDArray[np.void], times: NDArray[np.float64]) -> DetectionRecord:
-        """Take the next rows, without those of the warm-up.
+        """Feed the next rows to the watch; return the detection record of each row.
 
         Args:
             rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
-            times: Of the rows [s].
+            times: Times of the rows [s].
         """
         n = len(rows)
         state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
@@ -101,6 +136,9 @@ class Replay:
         on = not flags & (FLAG_WARM_UP | FLAG_OFF)
         if on and not self._on and self._came_on:
             watch.resume()
+        if flags & FLAG_CHANGED:
+            self._left = stiffness, damping, delay_s
+            self._change(seq)
         self._on = on
         self._came_on = self._came_on or on
         if on and sampled_ns:
@@ -108,9 +146,23 @@ class Replay:
         watch.sent(torque)
         if flags & FLAG_RAISED:
             watch.raise_again()
-        law.scale, law.damping_scale, law.held = watch.scale, watch.damping_scale, held
+        now = law.derating
+        now.scale, now.damping_scale, law.held = watch.scale, watch.damping_scale, held
         self._last = seq, deadline_ns
         self._left = stiffness, damping, delay_s
+
+    def _change(self, seq: int) -> None:
+        """Render and watch as the change of this row asks for."""
+        later = self._later.get(seq)
+        if later is None:
+            self.unknown += 1
+            return
+        adopt(later.law, self._law)
+        self._law, self._before_age_s, settings = later.law, later.before_age_s, later.settings
+        own = None
+        if later.moved_by is None and settings.backstop is not None:
+            own = OwnMotion(settings.backstop, settings.bounces, settings.side, settings.elongation)
+        self.watch.change(settings, own, later.moved_by)
 
     def _sample(self, position: float, outcome: int, measured: float, periods: int) -> None:
         watch, law = self.watch, self._law
@@ -121,6 +173,6 @@ class Replay:
         watch.passed(periods)
         if outcome != Outcome.OK:
             return
-        law.stiffness = stiffness / law.scale
-        law.damping = damping / law.damping_scale
+        law.stiffness = stiffness / law.derating.scale
+        law.damping = damping / law.derating.damping_scale
         watch.sample(position, law, measured)

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.detector.oscillation import State
-from haptic_wall.controller.detector.watch import Watch
+from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
-from haptic_wall.controller.logs.pieces import Damage, End, fault_text
+from haptic_wall.controller.logs.pieces import Damage, End, Event, Piece, fault_text
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recording import LEAST, Part
-from haptic_wall.controller.logs.replay import Replay
+from haptic_wall.controller.logs.recordings import MOVED
+from haptic_wall.controller.logs.replay import LaterWall, Replay
 from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.walls import Walls, changes_in, walls_of
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
+from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
@@ -43,7 +46,8 @@ class _Facts:
 def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     """Run a log's own watch on it again; None: the log lacks the necessary data.
 
-    None are the logs of experiments, which render no wall, excerpts, files of several joined logs,
+    A change of the running wall changes law and watch in the row where it did in the run. None are
+    the logs of experiments, which render no wall, excerpts, files of several joined logs,
     and logs that lack rows before their last one.
 
     Args:
@@ -52,15 +56,11 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
             the believed ones.
 
     Raises:
-        LogFormatError: It is not a log of this program.
+        LogFormatError: It is not a log of this program, or its configuration cannot be used here.
         OSError: It cannot be read.
     """
     log = LogReader(path)
     metadata = log.metadata
-    try:
-        config = Config.model_validate(metadata.get("config"))
-    except ValidationError:
-        return None
     rows = LogRows.of(log)
     begin = next(rows.blocks(), None)
     if begin is None or begin["seq"][0] != 0 or "cut" in metadata or "phases" in metadata:
@@ -70,21 +70,23 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     whole = _looked_through(log)
     if whole is None:
         return None
-    ended, notes = whole
-    surface = config.surface(float(known[0])) if known.size else math.nan
+    told, notes = whole
+    walls = walls_of(metadata, changes_in(told))
+    started_at = float(known[0]) if known.size else math.nan
     blocks = _gathered(rows)
     first = next(blocks, None)
-    if first is None or len(first) < LEAST or not math.isfinite(surface):
+    if first is None or len(first) < LEAST or not math.isfinite(started_at):
         return None
-    facts = _facts(ended, first)
-    replay, told = _replay(config, facts, surface, given)
-    told.notes += notes
-    return _seen(replay, told, (first, blocks))
+    replay, detected = _replay(walls, _facts(told, first), started_at, given)
+    detected.notes += notes
+    if walls.moves():
+        detected.notes.append(MOVED)
+    return _seen(replay, detected, (first, blocks))
 
 
-def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
-    """Return the run's end and the faults at the log's end; None: earlier rows are missing."""
-    ended: dict[str, Any] = {}
+def _looked_through(log: LogReader) -> tuple[list[Piece], list[str]] | None:
+    """Return events and end, and the faults at the log's end; None: earlier rows are missing."""
+    told: list[Piece] = []
     notes: list[str] = []
     following = 0
     for piece in log.pieces():
@@ -93,17 +95,18 @@ def _looked_through(log: LogReader) -> tuple[dict[str, Any], list[str]] | None:
             if last + 1 != following + len(piece):
                 return None
             following = last + 1
-        elif isinstance(piece, End):
-            ended = piece.ended
+        elif isinstance(piece, End | Event):
+            told.append(piece)
         elif isinstance(piece, Damage) and piece.last:
             notes += fault_text(piece)
         else:
             return None
-    return ended, notes
+    return told, notes
 
 
-def _facts(ended: Mapping[str, Any], first: NDArray[np.void]) -> _Facts:
-    told = ended.get("servo")
+def _facts(pieces: Sequence[Piece], first: NDArray[np.void]) -> _Facts:
+    ends = [piece.ended for piece in pieces if isinstance(piece, End)]
+    told = ends[-1].get("servo") if ends else None
     if not isinstance(told, dict):  # a log of an earlier version, or an incomplete one
         good = first["outcome"] == Outcome.OK
         return _Facts(position_step=position_step(np.where(good, first["position"], np.nan)))
@@ -122,25 +125,18 @@ def _above_0(value: object, default: float) -> float:
 
 
 def _replay(
-    config: Config, facts: _Facts, surface: float, given: Mapping[str, float | None]
+    walls: Walls, facts: _Facts, started_at: float, given: Mapping[str, float | None]
 ) -> tuple[Replay, Detected]:
-    law = config.law(facts.position_step)
-    law.position = surface
-    settings = watch_settings(config, facts, law)
-    believed = settings.detector
-    inertia, damping, coulomb = given["inertia"], given["damping"], given["coulomb"]
-    known = replace(
-        believed,
-        inertia=believed.inertia if inertia is None else inertia,
-        damping=believed.damping if damping is None else damping,
-        coulomb=believed.coulomb if coulomb is None else coulomb,
-    )
-    settings = replace(settings, detector=known)
-    before_age_s: float | None = settings.inserted + config.belief().delay.high
-    lag = given["lag"]
-    if lag is not None:
-        settings = replace(settings, lag=max(0.0, lag - settings.inserted))
-        before_age_s = None
+    made = [_wall(config, facts, started_at, given) for config in walls.configs]
+    ways = [0.0, *(moved_by(*pair) for pair in pairwise(walls.configs))]
+    law, settings, before_age_s = made[0]
+    later = {
+        seq: LaterWall(law, settings, ways[index], before_age_s)
+        for index, (seq, (law, settings, before_age_s)) in enumerate(
+            zip(walls.since, made, strict=True)
+        )
+        if index
+    }
     watch = Watch(settings)
     if before_age_s is None:
         watch.set_age(0.0)
@@ -153,10 +149,36 @@ def _replay(
             "coulomb": detector.coulomb,
             "lag": settings.lag + settings.inserted,
         },
-        wall={"stiffness": math.nan, "virtual_damping": math.nan, "wall_position": surface},
+        wall={"stiffness": math.nan, "virtual_damping": math.nan, "wall_position": law.position},
         position_step=facts.position_step,
     )
-    return Replay(watch, law, config.period_ns, before_age_s), detected
+    period_ns = walls.configs[0].period_ns
+    return Replay(watch, law, period_ns, before_age_s, later), detected
+
+
+def _wall(
+    config: Config, facts: _Facts, started_at: float, given: Mapping[str, float | None]
+) -> tuple[Law, WatchSettings, float | None]:
+    """Return law and settings of the watch, and the delay without the age of a sample [s].
+
+    The delay is None where the watch knows its lag.
+    """
+    law = config.law(facts.position_step)
+    law.position = config.surface(started_at)
+    settings = watch_settings(config, facts, law)
+    believed = settings.detector
+    inertia, damping, coulomb = given["inertia"], given["damping"], given["coulomb"]
+    known = replace(
+        believed,
+        inertia=believed.inertia if inertia is None else inertia,
+        damping=believed.damping if damping is None else damping,
+        coulomb=believed.coulomb if coulomb is None else coulomb,
+    )
+    settings = replace(settings, detector=known)
+    lag = given["lag"]
+    if lag is not None:
+        return law, replace(settings, lag=max(0.0, lag - settings.inserted)), None
+    return law, settings, settings.inserted + config.belief().delay.high
 
 
 def _seen(
@@ -185,6 +207,10 @@ def _seen(
         block = next(others, None)
     if failed:
         detected.notes.append(f"{failed} readings failed or were late and are left out")
+    if replay.unknown:
+        detected.notes.append(
+            f"the log does not tell {replay.unknown} changes of the wall: the wall before is used"
+        )
     watch = replay.watch
     detected.known["lag"] += float(np.median(ages)) if replay.counts_ages else 0.0
     _as_reported(detected, watch)

@@ -1,4 +1,4 @@
-"""A stretch of a log, block by block: the rows between two instants, and the faults there."""
+"""Reads a stretch of a log block by block: the rows between two instants, and faults."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
-from haptic_wall.controller.logs.pieces import End, Head, Piece
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.upgrade import upgraded
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSpan:
-    """The time from ``start_s`` up to, but without, ``end_s``, since the log's first row [s]."""
+    """The times t with ``start_s <= t < end_s``, counted from the log's first row [s]."""
 
     start_s: float = -math.inf
     end_s: float = math.inf
@@ -33,31 +33,31 @@ _MOST_LOGS = 100
 """Largest number of logs in one file"""
 _LAST_NS = 1 << 62
 _GATHERED = 8192
-"""Rows that one block should have: a recorder's blocks have a few hundred"""
+"""Wanted number of rows in a block; a recorder's blocks have a few hundred"""
 
 
 @dataclass(frozen=True, slots=True)
 class LogRows:
     """The rows of a run's log within a stretch; can be iterated any number of times.
 
-    Where logs are joined in one file, the time of each continues from the one before.
+    If logs are joined in one file, the time of each continues that of the log before.
     """
 
     log: LogReader
     origin_ns: int
     """Deadline of the log's first row [ns]; 0: it has none"""
     metadata: Mapping[str, Any]
-    """Of their log, the first where logs are joined"""
+    """Metadata of their log, the first where logs are joined"""
     stretch: TimeSpan = WHOLE
     watched: bool = True
-    """The rows contain the detector's state; those of the first versions do not"""
+    """Whether the rows contain the detector's state; those of the first versions do not"""
 
     @classmethod
     def of(cls, log: LogReader, stretch: TimeSpan = WHOLE) -> LogRows:
         """Return the rows of a log in a stretch; the log's first row has time 0.
 
         Raises:
-            LogFormatError: They are not a run's.
+            LogFormatError: The rows are not those of a run.
         """
         for piece in log.pieces():
             if isinstance(piece, np.ndarray):
@@ -71,27 +71,30 @@ class LogRows:
         return (piece for piece in self.pieces() if isinstance(piece, np.ndarray))
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield blocks of rows, faults beside rows of the stretch, and ends within it.
+        """Yield the pieces of the stretch: blocks of rows, faults, ends of logs.
+
+        The log's events up to the stretch's last rows come too.
 
         A fault without intact rows before or after it belongs to any stretch. The ``Head`` of a
         joined log comes before its rows.
         """
         held: list[Piece] = []  # until rows of the stretch follow
         inside = self.stretch.start_s == -math.inf
+        past = False
         for piece in self._in_one_time():
+            if past and not isinstance(piece, Event):
+                return
             if isinstance(piece, np.ndarray):
                 rows, past = self._within(piece)
                 if len(rows):
                     if len(rows) < len(piece):
-                        held = [*(other for other in held if isinstance(other, Head))]
+                        held = [*(other for other in held if isinstance(other, Head | Event))]
                     yield from held
                     inside = True
                     yield rows
                     held = []
                 else:
-                    held = [*(other for other in held if isinstance(other, Head))]
-                if past:
-                    return
+                    held = [*(other for other in held if isinstance(other, Head | Event))]
             elif isinstance(piece, Head):
                 held = [piece]
             elif inside:
@@ -102,7 +105,7 @@ class LogRows:
                 held.append(piece)
 
     def _in_one_time(self) -> Iterator[Piece]:
-        """Yield all pieces of the file with today's columns and one continuous time."""
+        """Yield all pieces of the file with the present columns and one continuous time."""
         shift_ns = logs = 0
         last_ns: int | None = None
         joined = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,13 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import State
-from haptic_wall.controller.logs.pieces import Damage, End, Head, Misplaced, Piece
+from haptic_wall.controller.logs.pieces import Damage, End, Event, Head, Misplaced, Piece
 from haptic_wall.controller.logs.rows import LogRows, gathered
+from haptic_wall.controller.logs.walls import told_in
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
+
+MOST_CHANGES = 1000
+"""Number of changes of the running wall that a summary holds: the last ones"""
 
 
 @dataclass(slots=True)
@@ -25,7 +30,7 @@ class LogPart:
     """The part of a file that comes from one log: all of it, unless logs were joined."""
 
     metadata: Mapping[str, Any]
-    """Of later parts only the name"""
+    """Metadata of the log; of later parts only the name"""
     rows: int = 0
     first_ns: int = 0
     """Deadline of the first row [ns]"""
@@ -46,7 +51,7 @@ class LogSummary:
     Args:
         begins: The first row should be the run's first; otherwise earlier rows are missing on
             purpose.
-        metadata: Of the log.
+        metadata: Metadata of the log.
         watched: The rows contain the detector's state.
 
     Attributes:
@@ -75,15 +80,22 @@ class LogSummary:
         self._first_oscillation_ns: int | None = None
         self._latest = (-1, 0)
         self._phases: set[int] = set()
+        self._changes = 0
+        self._last_changes: deque[dict[str, Any]] = deque(maxlen=MOST_CHANGES)
 
     def add(self, piece: Piece) -> None:
         """Count the next piece of the log."""
+        told = told_in(piece)
+        self._changes += len(told)
+        self._last_changes.extend(told)
         if isinstance(piece, Damage):
             self._add_damage(piece)
         elif isinstance(piece, Misplaced):
             self._add_misplaced(piece)
         elif isinstance(piece, Head):
             self._begin(piece.metadata)
+        elif isinstance(piece, Event):
+            pass
         elif isinstance(piece, End):
             self.parts[-1].ended = piece.ended
             self._count_missing(int(piece.ended.get("rows", self._next_seq or 0)))
@@ -223,6 +235,7 @@ class LogSummary:
             "lateness_us": self._statistics.lateness.as_report(50, 99, 99.9)
             | {"max_at_s": since(self._latest[1]) if self._latest[0] >= 0 else None},
             "phases": len(self._phases),
+            "changes": {"count": self._changes, "last": list(self._last_changes)},
             **_told(self.parts[-1].ended),
         }
 

@@ -1,4 +1,4 @@
-"""Figs. 3 to 6: exact boundaries over virtual damping, in full and near the origin."""
+"""Computes and draws Figs. 3 to 6: exact boundaries over virtual damping."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def draw_figure_3(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_4(data: FigureData, path: Path) -> None:
-    """Draw both boundaries within a few delta of the origin; the axes count in delta."""
+    """Draw both boundaries within a few delta of the origin; the axes are in units of delta."""
     with style.picture(path, style.COLUMN, 2.7) as figure:
         ax = figure.subplots()
         for delay, color, fill in _pair():
@@ -152,7 +152,7 @@ def draw_figure_5(data: FigureData, path: Path) -> None:
 
 
 def draw_figure_6(data: FigureData, path: Path) -> None:
-    """Draw the eight boundaries near the origin, and the straight lines; inset: a few delta."""
+    """Draw the eight boundaries near the origin, the straight lines, and an inset."""
     with style.picture(path, style.COLUMN, 3.3) as figure:
         ax = figure.subplots()
         inset = ax.inset_axes((0.12, 0.56, 0.42, 0.40))

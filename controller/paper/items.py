@@ -1,4 +1,4 @@
-"""The paper's results by name: each one's caption, and the functions that make its files."""
+"""Lists the paper's results by name: captions, and the functions that make the files."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def make(
     """Compute an item and write its CSV and PNG.
 
     Args:
-        name: Of an item.
+        name: Name of an item.
         folder: Existing folder for the files.
         simulate: For Table II; None: the experiment of this program.
         force: Replace files of these names that this program did not write.

@@ -1,4 +1,4 @@
-"""Fig. 10: exact boundaries, and the points where the linear condition errs by 2 % and by 5 %."""
+"""Computes and draws Fig. 10: exact boundaries, and points of 2 % and 5 % error of the line."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from haptic_wall.controller.theory.linear_error import ErrorPoint, error_points
 DELTAS = (0.0, 0.01)
 """Viscous damping of the two panels"""
 ERRORS_PERCENT = (2.0, 5.0)
-"""Errors of the line, in either direction"""
+"""Errors of the linear condition, in either direction"""
 _REACH = 0.07
 """Figure 10 ends at this beta: it contains all of its points."""
 
 
 def figure_10() -> FigureData:
-    """Return the boundaries, their lines, and a curve for each point of equal error."""
+    """Return the exact boundaries, their linear conditions, and the points of equal error."""
     curves: list[Curve] = []
     for delta in DELTAS:
         beta = np.linspace(-delta, _REACH, 161)
@@ -52,7 +52,7 @@ def _mark(delta: float, delay: float, point: ErrorPoint) -> Curve:
 
 
 def draw_figure_10(data: FigureData, path: Path) -> None:
-    """Draw a panel for each delta: boundaries with marks where the line errs."""
+    """Draw a panel for each delta: boundaries, with marks at the points of equal error."""
     marks = {2.0: "^", -2.0: "v", -5.0: "s"}
     with style.picture(path, style.PAGE, 3.3) as figure:
         panels = figure.subplots(1, 2)

@@ -20,7 +20,7 @@ class NotAppliedError(HapticWallError):
 
     Args:
         problem: Why.
-        exit_status: Of the command.
+        exit_status: Exit status of the command.
     """
 
     def __init__(self, problem: Problem, exit_status: int) -> None:

@@ -10,7 +10,8 @@ from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.processes.run_socket import Peer
+from haptic_wall.controller.processes.log_events import send_event
+from haptic_wall.controller.processes.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
@@ -26,8 +27,6 @@ LOOP_S: Final = 2.0
 """Longest wait for the loop to take a piece, and to say what became of a change [s]"""
 LEAST_S: Final = 0.3
 """Least time for the loop to take a change and to try it [s]"""
-NOT_MADE: Final = 3
-"""Exit status of a change that was not made"""
 _SHOWN: Final = 300
 """Characters of a request in the log"""
 
@@ -51,10 +50,10 @@ class ChangeDesk:
     """Makes one change at a time.
 
     Args:
-        config: In force at the start of the run.
-        telemetry: Of the run.
+        config: Configuration in force at the start of the run.
+        telemetry: Telemetry of the run.
         offers: To the loop.
-        tell: Called with each change, as an event for report and log.
+        tell: Called with each change, for report and log.
     """
 
     def __init__(
@@ -76,10 +75,15 @@ class ChangeDesk:
     def of(cls, orders: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
         """Return the desk of a run, by the orders of its process."""
         telemetry = Telemetry(orders["telemetry"], mapped=False)
+        to_log = socket.socket(fileno=orders["to_log"])
         peer = socket.socket(fileno=orders["loop"])
         peer.settimeout(LOOP_S)
         config = Config.model_validate_json(orders["config"])
-        return cls(config, telemetry, Offers(peer, telemetry.words), tell)
+
+        def told(change: dict[str, Any]) -> None:
+            tell({"change": change, "logged": send_event(to_log, change)})
+
+        return cls(config, telemetry, Offers(peer, telemetry.words), told)
 
     def begin(self, sets: list[str], wait_s: float, peer: Peer) -> dict[str, Any] | None:
         """Check and compute a change, and send it to the loop.
@@ -87,7 +91,7 @@ class ChangeDesk:
         Args:
             sets: Changes as ``PATH=VALUE``.
             wait_s: Longest wait for its moment [s].
-            peer: Who asks.
+            peer: The process that asks.
 
         Returns:
             The answer, if there already is one.
@@ -124,7 +128,7 @@ class ChangeDesk:
         now_s = time.monotonic()
         if asked.withdrawn_s is None:
             if self._words[Word.STATE] != LoopState.RUNNING or self._words[Word.STOP]:
-                asked.why = "the run is over"
+                asked.why = OVER
                 self._give_up(asked)
             elif now_s > asked.until_s:
                 asked.why = self.obstacle() or "the loop has not taken it in time"
@@ -143,6 +147,15 @@ class ChangeDesk:
         if self._asked is not None and self._asked.withdrawn_s is None:
             self._asked.why = "the one who asked has gone"
             self._give_up(self._asked)
+
+    def give_up(self, why: str) -> dict[str, Any]:
+        """Give the change at hand up without waiting for the loop; return the answer."""
+        asked = self._asked
+        assert asked is not None
+        settled = self._offers.settled(asked.number)
+        if settled is not None and settled.row >= 0:
+            return self._made(asked, settled)
+        return self._not_made(why)
 
     def _give_up(self, asked: _Asked) -> None:
         asked.withdrawn_s = time.monotonic()
@@ -214,17 +227,15 @@ class ChangeDesk:
         at_ns = time.monotonic_ns() if at_ns is None else at_ns
         self._tell(
             {
-                "change": {
-                    "at_s": (at_ns - began_ns) * 1e-9 if began_ns else None,
-                    "row": answer.get("row"),
-                    "outcome": outcome,
-                    "why": why[:_SHOWN] or None,
-                    "set": [each[:_SHOWN] for each in sets[:_SHOWN]],
-                    "changed": answer.get("changed"),
-                    "waited_s": answer.get("waited_s"),
-                    "commanded": answer.get("guard", {}).get("commanded"),
-                    "by": asdict(peer) | {"user": peer.user},
-                }
+                "at_s": (at_ns - began_ns) * 1e-9 if began_ns else None,
+                "row": answer.get("row"),
+                "outcome": outcome,
+                "why": why[:_SHOWN] or None,
+                "set": [each[:_SHOWN] for each in sets[:_SHOWN]],
+                "changed": answer.get("changed"),
+                "waited_s": answer.get("waited_s"),
+                "commanded": answer.get("guard", {}).get("commanded"),
+                "by": asdict(peer) | {"user": peer.user},
             }
         )
 

@@ -39,7 +39,7 @@ class Child:
     scheduling nor the parent's core: it is placed on ``cores``.
 
     Args:
-        name: For messages.
+        name: Name of the process, for messages.
         arguments: After ``python -m``.
         orders: Sent as one JSON line on its standard input; None: no input.
         descriptors: File descriptors that it inherits.

@@ -21,18 +21,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from haptic_wall.controller.processes.orders import read_orders
-from haptic_wall.controller.processes.run_socket import MOST_BYTES, Peer, listening, peer_of
+from haptic_wall.controller.processes.orders import read_orders, say
+from haptic_wall.controller.processes.run_socket import (
+    MOST_BYTES,
+    NOT_MADE,
+    OVER,
+    Peer,
+    listening,
+    peer_of,
+)
 from haptic_wall.controller.runtime.realtime import die_with_parent
+from haptic_wall.controller.system.signals import ended_by
 
 READ_S: Final = 2.0
 """Time for a client to send its request [s]"""
 MOST_CLIENTS: Final = 64
 """Number of clients at a time"""
 LOAD_S: Final = 3.0
-"""Time after the start until what makes the changes is loaded [s]: the loop's start comes first"""
+"""Time after the start until the desk is loaded [s]: the loop's start has precedence"""
 TOLD_S: Final = 0.3
-"""A change that waits for longer than this is told to wait [s]"""
+"""The client of a change that waits for longer than this is told so [s]"""
 MOST_WAIT_S: Final = 3600.0
 """Longest wait that can be asked for [s]"""
 MOST_SETS: Final = 100
@@ -60,6 +68,10 @@ class Desk(Protocol):
         """Give it up: ``look`` then returns its answer soon."""
         ...
 
+    def give_up(self, why: str) -> dict[str, Any]:
+        """Give it up without waiting for its answer; return one."""
+        ...
+
 
 @dataclass(slots=True)
 class _Client:
@@ -79,8 +91,8 @@ class Dial:
 
     Args:
         listener: Listens, and does not block.
-        desk: Returns what makes the changes; called at the first request.
-        credentials: Of a connection.
+        desk: Returns the desk that makes the changes; called at the first request.
+        credentials: Credentials of a connection.
         owner: The user who may change the wall.
     """
 
@@ -104,7 +116,7 @@ class Dial:
         self._began_s = 0.0
 
     def serve(self) -> None:
-        """Take what has come, and go on with the change at hand; returns soon."""
+        """Read requests that have come, and continue the present change; returns soon."""
         busy = self._served is not None or self._waiting
         for key, _ in self._selector.select(_LOOK_S if busy else _IDLE_S):
             if key.fileobj is self._listener:
@@ -118,12 +130,16 @@ class Dial:
         self._go_on(now_s)
 
     def prepare(self) -> None:
-        """Load what makes the changes, before the first request."""
+        """Load the desk that makes the changes, before the first request."""
         if self._desk is None:
             self._desk = self._open_desk()
 
     def close(self) -> None:
-        """Leave all clients."""
+        """Tell those who wait that the run is over, and leave all clients."""
+        if self._served is not None and self._desk is not None:
+            self._end(self._desk.give_up(OVER))
+        for client in list(self._waiting):
+            self._say(client, {"error": f"not applied: {OVER}", "exit_status": NOT_MADE})
         for client in list(self._clients.values()):
             self._leave(client)
         self._selector.close()
@@ -167,7 +183,7 @@ class Dial:
             request = json.loads(line)
             sets, wait_s = request["set"], float(request.get("wait_s", 0.0))
             whole = isinstance(sets, list) and all(isinstance(each, str) for each in sets)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        except (ValueError, OverflowError, TypeError, KeyError, AttributeError, RecursionError):
             whole = False
         if not whole or not 0.0 <= wait_s <= MOST_WAIT_S or len(sets) > MOST_SETS:
             self._refuse(
@@ -230,15 +246,7 @@ def main() -> None:
     """Serve until told to end."""
     orders = read_orders()
     path = Path(sys.argv[1])
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends with the run
-    ends = False
-
-    def end(_signal: int, _frame: object) -> None:
-        nonlocal ends
-        ends = True
-
-    signal.signal(signal.SIGTERM, end)
+    ends = ended_by(signal.SIGTERM)
     die_with_parent(orders["parent"], signal.SIGTERM)
     os.nice(_NICE)
     try:
@@ -255,7 +263,7 @@ def main() -> None:
     dial = Dial(listener, desk)
     begun_s = time.monotonic()
     try:
-        while not ends:
+        while not ends():
             dial.serve()
             if time.monotonic() > begun_s + LOAD_S:
                 dial.prepare()
@@ -263,12 +271,6 @@ def main() -> None:
         dial.close()
         with contextlib.suppress(OSError):
             path.unlink()
-
-
-def say(what: dict[str, Any]) -> None:
-    """Tell the supervisor."""
-    with contextlib.suppress(BrokenPipeError):  # it is gone
-        os.write(sys.stdout.fileno(), (json.dumps(what) + "\n").encode())
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The supervisor's side of the dial: starts its process, and keeps what was changed, by whom."""
+"""The supervisor's side of the dial: starts its process, and keeps a list of the changes."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ class DialMonitor:
 
     Attributes:
         changes: The last changes, as events.
+        unlogged: Those that the log does not have yet.
         count: Number of all of them.
     """
 
@@ -35,6 +36,7 @@ class DialMonitor:
         self._tell = tell
         self._over = self._closed = False
         self.changes: list[dict[str, Any]] = []
+        self.unlogged: list[dict[str, Any]] = []
         self.count = 0
 
     def look(self) -> None:
@@ -47,6 +49,8 @@ class DialMonitor:
                 continue
             self.count += 1
             self.changes = [*self.changes, said["change"]][-MOST_KEPT:]
+            if not said["logged"]:
+                self.unlogged = [*self.unlogged, said["change"]][-MOST_KEPT:]
             self._tell(change_text(said["change"]))
         if self._dial.ended() and not self._over:
             self._over = True
@@ -66,15 +70,16 @@ class DialMonitor:
 
 
 def start_dial(
-    plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]
+    plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int], to_log: int
 ) -> tuple[DialMonitor, socket.socket] | None:
     """Start the dial's process; return it and the loop's side of the socket between them.
 
     Args:
-        plan: Of the run.
+        plan: Plan of the run.
         telemetry: Shared memory of the run.
         tell: Called with messages for a person.
-        cores: On which the process runs.
+        cores: Cores on which the process runs.
+        to_log: Descriptor of the socket that events for the log go to.
 
     Returns:
         None: this run takes no changes.
@@ -87,6 +92,7 @@ def start_dial(
         orders = {
             "telemetry": telemetry.descriptor,
             "loop": ours.fileno(),
+            "to_log": to_log,
             "parent": os.getpid(),
             "config": plan.config.model_dump_json(),
         }
@@ -94,7 +100,7 @@ def start_dial(
             "dial",
             [MODULE, str(socket_of(log))],
             orders,
-            [telemetry.descriptor, ours.fileno()],
+            [telemetry.descriptor, ours.fileno(), to_log],
             cores,
         )
     return DialMonitor(dial, tell), loops

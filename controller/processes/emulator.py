@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -21,14 +21,19 @@ END_S = 2.0
 
 
 def emulator_arguments(
-    settings: ServoSettings, witness: Path | None = None, *, force: bool = False
+    settings: ServoSettings,
+    witness: Path | None = None,
+    *,
+    force: bool = False,
+    hand: int | None = None,
 ) -> list[str]:
     """Return the arguments after ``python -m`` that start an emulated bus with one servo.
 
     Args:
-        settings: Of the servo; its truth must be known.
+        settings: Settings of the servo; its truth must be known.
         witness: Where the bus keeps a record; None: nowhere.
-        force: A file of ours that is there may be replaced.
+        force: Whether an existing file of this program may be replaced.
+        hand: Descriptor of the memory of a person's hand on the shaft, inherited; None: none.
     """
     arguments = [*EMULATE, "--servo", f"{settings.model}:{settings.id}"]
     arguments += ["--baud", str(settings.baud)]
@@ -42,6 +47,8 @@ def emulator_arguments(
             arguments += ["--set", f"servo.{part.name}={value}"]
     if witness is not None:
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
+    if hand is not None:
+        arguments += ["--hand", str(hand)]
     return arguments
 
 
@@ -51,14 +58,16 @@ def emulated_bus(
     cores: set[int],
     stopped: Callable[[], bool] = lambda: False,
     start_s: float = START_S,
+    descriptors: Sequence[int] = (),
 ) -> Iterator[tuple[Child, str | None]]:
-    """An emulated bus in a process of its own, as long as it is needed.
+    """Run an emulated bus in a separate process during the block.
 
     Args:
         arguments: As from ``emulator_arguments``.
-        cores: Where it may run.
-        stopped: Asked while it starts: whether nobody wants it any more.
+        cores: Cores on which it may run.
+        stopped: Called during the start; true: the bus is no longer wanted.
         start_s: How long it may take to start [s].
+        descriptors: Inherited by it.
 
     Yields:
         The process, and the path of its port; None: it was stopped before it had one.
@@ -66,7 +75,7 @@ def emulated_bus(
     Raises:
         ServoError: It does not start.
     """
-    bus = Child("emulator", arguments, None, (), cores)
+    bus = Child("emulator", arguments, None, descriptors, cores)
     try:
         path = first_line(bus, start_s, stopped)
         if path is None and stopped():

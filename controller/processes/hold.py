@@ -1,4 +1,4 @@
-"""The dead man's sources: a key or pedal of an input device, or a file that is touched repeatedly.
+"""The dead man's sources: a key or pedal of an input device, a file that is touched, or the page.
 
 A source returns the instant until which the dead man counts as held, on the system's monotonic
 clock. The loop compares that instant with its own time in every tick. A silent source and a dead
@@ -23,7 +23,10 @@ KEY_NS = 45_000_000
 """How long a key counts as held after its state was last read [ns]: even if the watcher stalls or
 dies, the torque is off within 50 ms of a release"""
 SILENCE_NS = 150_000_000
-"""How long a file counts as held after its last change [ns]"""
+"""How long a file counts as held after its last change, or a page after the beat that it answered
+[ns]"""
+PAGE = "page"
+"""Name of the page as a source"""
 
 EVENT = struct.Struct("@llHHi")
 """The kernel's input_event: seconds, microseconds, type, code, value.
@@ -94,7 +97,7 @@ class KeySource:
     """Reads a key, or any key, of an input device, from the kernel's events.
 
     Args:
-        descriptor: Of the device, readable.
+        descriptor: Descriptor of the device, readable.
         key: Its code; None: any key of the device.
     """
 
@@ -195,17 +198,17 @@ class Hold:
     """The checked settings of the dead man."""
 
     path: str
-    kind: Literal["key", "file"]
+    kind: Literal["key", "file", "page"]
     key: int | None = None
     """Code of the key; None: any key of the device, or a file"""
 
     def open(self) -> int | None:
-        """Open the device; None: the source is a file, which is read by its path.
+        """Open the device; None: the source is a file, which is read by its path, or a page.
 
         Raises:
             UserError: It cannot be opened any more.
         """
-        if self.kind == "file":
+        if self.kind != "key":
             return None
         try:
             return os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -218,7 +221,7 @@ def source_of(hold: Hold, descriptor: int | None, now_ns: int) -> Source:
 
     Args:
         hold: The settings.
-        descriptor: Of its device, from ``open``; None: a file.
+        descriptor: Descriptor of its device, from ``open``; None: a file.
         now_ns: The present time on the monotonic clock [ns].
     """
     if descriptor is None:

@@ -71,15 +71,18 @@ class HoldMonitor:
         self._watcher.dismiss(_END_S)
 
 
-def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldMonitor | None:
+def start_hold(
+    plan: Plan, telemetry: Telemetry, cores: set[int], page: Child | None = None
+) -> HoldMonitor | None:
     """Start the dead man's watcher; None: the plan has no dead man.
 
     The dead man counts as released until the watcher reports otherwise.
 
     Args:
-        plan: Of the run.
+        plan: Plan of the run.
         telemetry: Shared memory that the watcher writes to.
         cores: Cores on which it runs.
+        page: Process of the live page, which is the watcher of a dead man that a page holds.
 
     Raises:
         UserError: The source cannot be opened.
@@ -88,6 +91,9 @@ def start_hold(plan: Plan, telemetry: Telemetry, cores: set[int]) -> HoldMonitor
     if hold is None:
         return None
     telemetry.words[Word.HELD_NS] = 0
+    if hold.kind == "page":
+        assert page is not None
+        return HoldMonitor(page, telemetry)
     device = hold.open()
     orders = {
         "telemetry": telemetry.descriptor,

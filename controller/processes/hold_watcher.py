@@ -1,4 +1,4 @@
-"""The dead man's watcher: a process that writes to shared memory until when the wall is held on.
+"""The dead man's watcher: writes to shared memory the time until which the wall is held on.
 
 It is not part of the loop's process, where a thread would cost the loop milliseconds.
 """
@@ -6,15 +6,13 @@ It is not part of the loop's process, where a thread would cost the loop millise
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import select
 import signal
-import sys
 import time
 
 from haptic_wall.controller.processes.hold import Hold, Source, source_of
-from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 
@@ -53,9 +51,7 @@ def main() -> None:
     hold = Hold(**orders["hold"])
     source = source_of(hold, orders["descriptor"], time.monotonic_ns())
     error = watch(source, telemetry.words)
-    trouble = f"{hold.path} is gone ({error.strerror or error})"
-    with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
-        os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+    say({"trouble": f"{hold.path} is gone ({error.strerror or error})"})
 
 
 if __name__ == "__main__":

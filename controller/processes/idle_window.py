@@ -25,7 +25,7 @@ def until_idle_window(words: memoryview[int], period_ns: int, pause_s: float) ->
 
     Args:
         words: The control words.
-        period_ns: Of the loop [ns].
+        period_ns: Period of the loop [ns].
         pause_s: Wanted pause [s].
     """
     now_ns = time.monotonic_ns()

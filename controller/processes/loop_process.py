@@ -7,17 +7,16 @@ runs nothing else: a busy thread beside the loop would cost it stalls of 5 ms.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import socket
-import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.lateness.causes import Machine
@@ -31,8 +30,13 @@ from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.capabilities import TakesHand
+from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.errors import Problem, ServoError
+from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.open import open_servo
+from haptic_wall.hw.servo import Servo
+from haptic_wall.hw.settings import ServoSettings
 
 LAST_S = 5
 """Longest life of this process after a signal told it to end [s]. The kernel then ends it; the
@@ -57,6 +61,8 @@ class Orders:
     """Phases in place of the wall; empty: the wall"""
     changes: int | None = None
     """Descriptor of the socket that changes of the wall come from"""
+    hand: int | None = None
+    """Descriptor of the memory of a person's hand on the simulated servo"""
 
 
 def main() -> None:
@@ -91,6 +97,7 @@ def main() -> None:
                     changes=None
                     if orders.changes is None
                     else socket.socket(fileno=orders.changes),
+                    open_servo=_opener(orders.hand),
                 ),
             )
     except (ServoError, PlatformError) as error:
@@ -106,6 +113,18 @@ def main() -> None:
         _tell("refused", problem=asdict(problem))
         return
     _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+
+
+def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Servo]:
+    """Return what opens the servo, with a person's hand on it if there is one."""
+
+    def opened(settings: ServoSettings, clock: Clock, port: int | None) -> Servo:
+        servo = open_servo(settings, clock, port)
+        if hand is not None and isinstance(servo, TakesHand):
+            servo.take_hand(SharedHand(hand))
+        return servo
+
+    return opened
 
 
 def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
@@ -143,10 +162,7 @@ def _strict(missing: list[realtime.Setting]) -> Problem:
 
 
 def _tell(event: str, **content: object) -> None:
-    try:
-        os.write(sys.stdout.fileno(), (json.dumps({"event": event, **content}) + "\n").encode())
-    except BrokenPipeError:
-        return  # the supervisor is gone; torque off does not depend on it
+    say({"event": event, **content})  # torque off does not depend on it
 
 
 if __name__ == "__main__":

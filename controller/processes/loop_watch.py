@@ -40,7 +40,7 @@ class LoopWatch:
             self._asked = self._looked
 
     def overdue(self, now: float) -> str | None:
-        """Return what the loop has failed to do, as words after "it"; None: it is fine.
+        """Return the loop's failure, as words after "it"; None: it is fine.
 
         Args:
             now: The present time [s].

@@ -1,4 +1,4 @@
-"""The plan of a run, and its outcome, as plain data."""
+"""Describes a planned run and its outcome, as plain data."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.processes.hold import Hold
+from haptic_wall.controller.processes.live_place import Live
 from haptic_wall.controller.processes.stream import Stream
 from haptic_wall.controller.runtime.safety import StopReason
 from haptic_wall.controller.runtime.statistics import RunStatistics
@@ -44,25 +45,28 @@ class Ended:
     realtime: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     cause: str = ""
-    """Why a run was ended from outside the loop, and what became of the torque"""
+    """Why the supervisor ended the run, and whether the torque is off"""
     cut: bool | None = None
     """Whether the supervisor read torque off back; None: the loop had done so"""
     asked: bool = False
-    """A signal asked to stop; if the loop had just ended, the reason does not say so"""
+    """Whether a signal asked the run to stop; the stop reason does not say so if the loop had just
+    ended"""
     lacking: int | None = 0
     """Rows missing from the log; None: unknown, part of it is lost"""
     log: LogState = LogState.NONE
     changes: list[dict[str, Any]] = field(default_factory=list)
-    """The last changes of the running wall that were asked for"""
+    """The last requested changes of the running wall"""
+    unlogged: list[dict[str, Any]] = field(default_factory=list)
+    """Those that the recorder could not take"""
 
     @property
     def logged(self) -> bool:
-        """Whether the log is in its place, complete or not."""
+        """Whether the log file is there, complete or not."""
         return self.log in (LogState.WHOLE, LogState.INCOMPLETE)
 
     @property
     def torque_off(self) -> bool | None:
-        """Whether torque off was read back in the end; None: unknown."""
+        """Whether torque off was read back at the end; None: unknown."""
         if self.cut is None and self.result is not None:
             return bool(self.result["torque_off"])
         return self.cut
@@ -79,12 +83,14 @@ class Plan:
     witness: Path | None
     """Record of the emulated bus; None: none"""
     program: tuple[Phase, ...] = ()
-    """Rendered in place of the wall; the run ends with it. Empty: the wall"""
+    """Phases that are rendered in place of the wall; the run ends with them. Empty: the wall"""
     stream: Stream | None = None
     """Receiver of the live stream; None: none"""
+    live: Live | None = None
+    """The page in a browser; None: none"""
     hold: Hold | None = None
     """The dead man; None: none"""
     changeable: bool = False
-    """The wall takes changes while it runs"""
+    """Whether the wall takes changes while it runs"""
     force: bool = False
-    """Log and record may replace files that this program did not write"""
+    """Whether log and record may replace files that this program did not write"""

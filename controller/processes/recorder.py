@@ -7,10 +7,8 @@ until they can be written, and another recorder continues the log of a dead one.
 from __future__ import annotations
 
 import contextlib
-import json
-import os
 import signal
-import sys
+import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -22,10 +20,12 @@ from numpy.typing import NDArray
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import LogWriter, identity
 from haptic_wall.controller.processes.idle_window import pause_until_idle_window
-from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.processes.log_events import take_events
+from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
 from haptic_wall.controller.system.file_kinds import LOG
+from haptic_wall.controller.system.signals import ended_by
 from haptic_wall.controller.system.whole_file import Beside
 
 PAUSE_S = 0.25
@@ -74,10 +74,14 @@ class Recorder:
     Args:
         telemetry: Source of the rows.
         log: Destination of the rows.
+        events: Source of the changes of the running wall; None: it takes none.
     """
 
-    def __init__(self, telemetry: Telemetry, log: LogWriter) -> None:
+    def __init__(
+        self, telemetry: Telemetry, log: LogWriter, events: socket.socket | None = None
+    ) -> None:
         self._telemetry = telemetry
+        self._events = events
         self._log = log
         self._tail = 0
         if log.found is None:
@@ -90,11 +94,13 @@ class Recorder:
         telemetry.words[Word.LOG_FILE] = log.identity
 
     def drain(self) -> bool:
-        """Write all waiting rows; return whether there were any.
+        """Write all waiting events and rows; return whether there were any rows.
 
         Raises:
             OSError: The log cannot be written; the unwritten rows stay in the ring.
         """
+        if self._events is not None:
+            take_events(self._events, self._log.event)
         begin, end = self._tail, self._telemetry.words[Word.HEAD]
         while self._tail < end:
             block, _ = self._telemetry.read(self._tail, BLOCK)
@@ -138,6 +144,8 @@ class _Attempts:
     def __init__(self, telemetry: Telemetry, orders: Mapping[str, Any]) -> None:
         self._telemetry = telemetry
         self._orders = orders
+        events = orders.get("events")
+        self._events = None if events is None else socket.socket(fileno=events)
         self._recorder: Recorder | None = None
         self._trouble: str | None = None
         self._synced_s = 0.0
@@ -149,7 +157,7 @@ class _Attempts:
             if self._recorder is None:
                 if not self._telemetry.words[Word.HEAD]:
                     return False  # a run that cannot start touches no file
-                self._recorder = Recorder(self._telemetry, self._open())
+                self._recorder = Recorder(self._telemetry, self._open(), self._events)
             wrote = self._recorder.drain()
         except OSError as error:
             self._trouble_is(self._text(error))
@@ -181,19 +189,15 @@ class _Attempts:
         try:
             keep()
         except OSError as error:
-            self._say({"lost": self._text(error)})
+            say({"lost": self._text(error)})
 
     def _trouble_is(self, trouble: str | None) -> None:
         if trouble != self._trouble:
             self._trouble = trouble
-            self._say({"trouble": trouble})
+            say({"trouble": trouble})
 
     def _text(self, error: OSError) -> str:
         return f"{self._orders['log']}: {error.strerror or error}"
-
-    def _say(self, what: dict[str, str | None]) -> None:
-        with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
-            os.write(sys.stdout.fileno(), (json.dumps(what) + "\n").encode())
 
 
 def may_stand_back(words: memoryview[int]) -> bool:
@@ -212,25 +216,17 @@ def may_stand_back(words: memoryview[int]) -> bool:
 def main() -> None:
     """Record until the supervisor reports that no more rows will come."""
     orders = read_orders()
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # it ends with the run
+    orphaned = ended_by(signal.SIGUSR1)
     telemetry = Telemetry(orders["telemetry"])
     if may_stand_back(telemetry.words):
         stand_back()
-    orphaned = False
-
-    def be_orphaned(_signal: int, _frame: object) -> None:
-        nonlocal orphaned
-        orphaned = True
-
-    signal.signal(signal.SIGUSR1, be_orphaned)
     die_with_parent(orders["parent"], signal.SIGUSR1)
     attempts = _Attempts(telemetry, orders)
     while True:
         finished = telemetry.words[Word.FINISHED]  # read first: no row comes after it
         wrote = attempts.write()
         # Without a supervisor the loop stops soon: continue until no more rows come.
-        if finished or (orphaned and not wrote):
+        if finished or (orphaned() and not wrote):
             break
         pause_until_idle_window(telemetry.words, orders["period_ns"], PAUSE_S)
     attempts.close()

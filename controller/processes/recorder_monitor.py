@@ -122,7 +122,7 @@ class RecorderMonitor:
         return self._notes()
 
     def close(self) -> None:
-        """End every recorder, whatever has happened."""
+        """End every recorder that still exists."""
         self._words[Word.FINISHED] = 1
         self._await_end()
         for recorder in (self._recorder, self._dying):

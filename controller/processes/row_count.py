@@ -1,4 +1,4 @@
-"""Counts rows as they come: statistics for the supervisor, and notices of oscillations."""
+"""Computes statistics of the rows of a run, and reports oscillations to a person."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.runtime.telemetry import Telemetry
 
 BATCH = 5000
-"""Rows that gather before they are counted. Counting is the supervisor's longest work, hardly
+"""Number of rows that are counted together. Counting is the supervisor's longest work, hardly
 longer for many rows than for few; meanwhile the kernel threads that carry the loop's bytes wait for
 their core."""
 
 
 class RowCount:
-    """Reads rows as they come, and counts them in batches.
+    """Reads rows from the telemetry during the run, and counts them in batches.
 
     Args:
         telemetry: Source of the rows.
-        plan: Of the run.
+        plan: Plan of the run.
         tell: Called once when an oscillation is noticed, and once when it is over.
 
     Attributes:
-        statistics: Of the rows so far.
+        statistics: Statistics of the rows so far.
     """
 
     def __init__(self, telemetry: Telemetry, plan: Plan, tell: Tell) -> None:

@@ -1,4 +1,4 @@
-"""Executes a run from its plan to its end: under a supervisor, or inline on the simulated clock."""
+"""Executes a planned run: under a supervisor in real time, or inline on the simulated clock."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
 
 Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
-"""Displays a run while it goes on, and provides the function for messages"""
+"""Displays a run while it goes on; returns the function to call with messages"""
 
 
 def run(plan: Plan, tell: Tell, shown: Shown | None = None) -> Ended:
-    """Run a plan to its end; Ctrl-C, SIGTERM and SIGHUP stop it, however often they come.
+    """Execute a plan until it ends, or until Ctrl-C, SIGTERM or SIGHUP stops it.
 
-    In real time Ctrl-Z also stops it; an ignored SIGHUP (nohup) stays ignored. SIGUSR1 asks to
-    return to the full wall after the derating of an oscillation.
+    Repeated signals do no harm. In real time Ctrl-Z also stops the run; an ignored SIGHUP (nohup)
+    stays ignored. SIGUSR1 requests the full gains again after a derating.
 
     Args:
         plan: The run.
@@ -76,7 +76,7 @@ def _run(plan: Plan, tell: Tell, telemetry: Telemetry, shown: Shown | None) -> E
 
 
 def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
-    """Write the run's end into its log, if the log is in its place; return the log's state."""
+    """Append the end of the run to its log, if the file is still there; return the log's state."""
     rows, written = words[Word.HEAD], words[Word.LOG_FILE]
     if not rows:
         return LogState.NONE
@@ -94,7 +94,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "ticks": ended.ticks,
         "missed": ended.missed,
         "rows": rows,
-        "changes": ended.changes,
+        "changes": ended.unlogged,
         "servo": (ended.result or {}).get("facts"),
     }
     try:

@@ -1,4 +1,4 @@
-"""The socket of a running wall: its place, who may speak to it, and which runs have one.
+"""The socket of a running wall: its path, its permissions, and the list of runs that have one.
 
 It lies beside the log, and is open to its owner alone. Runs are found by their processes, so that
 nothing has to be cleaned up after one that was killed.
@@ -25,6 +25,9 @@ SUFFIX: Final = ".sock"
 """After the log's name"""
 MOST_BYTES: Final = 1 << 16
 """Longest request, and longest answer"""
+OVER: Final = "the run is over"
+NOT_MADE: Final = 3
+"""Exit status of a change that was not made"""
 _CREDENTIALS: Final = struct.Struct("3i")
 
 
@@ -50,7 +53,7 @@ class AliveRun:
 
     socket: Path
     pid: int
-    """Of the process that listens"""
+    """Process id of the process that listens"""
 
     @property
     def log(self) -> Path:

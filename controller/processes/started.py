@@ -1,4 +1,4 @@
-"""Starts a wall from Python in processes of its own, and changes it while it runs.
+"""Starts a wall from Python, in separate processes, and changes it while it runs.
 
 ::
 
@@ -30,7 +30,7 @@ from haptic_wall.controller.processes.run_socket import AliveRun, connected, soc
 START_S: Final = 60.0
 """Longest time until a started run takes changes [s]"""
 END_S: Final = 30.0
-"""Longest time until a run that was asked to end has reported [s]"""
+"""Longest time from the request to end a run until its report [s]"""
 _LOOK_S: Final = 0.02
 
 
@@ -54,7 +54,7 @@ class StartedWall:
         self._reader.start()
 
     def set(self, changes: Mapping[str, Any], wait_s: float = 10.0) -> dict[str, Any]:
-        """Change the wall, in one tick in which that gives the shaft no energy.
+        """Change the wall in one tick, at which the change gives the shaft no energy.
 
         Args:
             changes: New values by path, such as ``{"wall.stiffness": 4.0}``.
@@ -65,7 +65,8 @@ class StartedWall:
             and the reasons.
 
         Raises:
-            NotAppliedError: It was refused, or the tick did not come; the wall is as before.
+            NotAppliedError: The change was refused, or no such tick came in time; the wall is
+                unchanged.
             UserError: The run has ended.
         """
         sets = [f"{path}={json.dumps(value)}" for path, value in changes.items()]
@@ -149,9 +150,9 @@ def start(
     duration_s: float | None = None,
     log: Path | None = None,
 ) -> Iterator[StartedWall]:
-    """Start a wall; it ends with the block, however that ends, with torque off.
+    """Start a wall; when the block ends, the run ends with torque off.
 
-    Its messages go to standard error.
+    The run's messages go to standard error.
 
     Args:
         config: A preset's name, or the path of a YAML file.

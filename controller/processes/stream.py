@@ -46,15 +46,13 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
     """
     if not 0.0 < rate_hz < math.inf:
         raise UserError(f"found {rate_hz:g}", field="--stream-rate", wanted="a rate above 0 Hz")
-    found = _PLACE.fullmatch(place)
-    port = int(found["port"]) if found is not None else 0
-    if found is None or not 0 < port < 65536:
+    host, port = parsed_place(place) or ("", 0)
+    if not port:
         raise UserError(
             f"found {place!r}",
             field="--stream",
             wanted="HOST:PORT with a port of 1 to 65535, for example localhost:9870",
         )
-    host = found["six"] or found["host"]
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
@@ -77,6 +75,14 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
             advice=f"add --stream-anywhere if that is meant, or give for example localhost:{port}",
         )
     return stream
+
+
+def parsed_place(place: str) -> tuple[str, int] | None:
+    """Return host and port of ``HOST:PORT``, an IPv6 address in brackets; None: it is not that."""
+    found = _PLACE.fullmatch(place)
+    if found is None or int(found["port"]) > 65535:
+        return None
+    return found["six"] or found["host"], int(found["port"])
 
 
 def _is_here(stream: Stream) -> bool:

@@ -5,14 +5,10 @@ It may be slow, die, or have no network without an effect on the loop or the log
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
 import signal
-import sys
 
 from haptic_wall.controller.processes.idle_window import pause_until_idle_window
-from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.processes.stream import Sender, Stream
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
@@ -36,8 +32,7 @@ def main() -> None:
         pause_until_idle_window(telemetry.words, period_ns, PAUSE_S)
         finished = bool(telemetry.words[Word.FINISHED])  # read first: no row comes after it
         for trouble in sender.send():
-            with contextlib.suppress(BrokenPipeError):  # the supervisor is gone
-                os.write(sys.stdout.fileno(), (json.dumps({"trouble": trouble}) + "\n").encode())
+            say({"trouble": trouble})
     sender.close()
 
 

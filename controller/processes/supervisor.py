@@ -22,6 +22,8 @@ from haptic_wall.controller.processes.dial_monitor import DialMonitor, start_dia
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.processes.hold_monitor import HoldMonitor, start_hold
 from haptic_wall.controller.processes.idle_window import until_idle_window
+from haptic_wall.controller.processes.live import LiveMonitor, start_live
+from haptic_wall.controller.processes.log_events import event_sockets
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
 from haptic_wall.controller.processes.outside import Outside
@@ -54,10 +56,10 @@ class Supervisor:
         self._plan = plan
         self._telemetry = telemetry
         self._words = telemetry.words
-        self._tell = tell
+        self._tell_person = tell
         self._cause = ""
         self._torque_off: bool | None = None
-        self._rows = RowCount(telemetry, plan, tell)
+        self._rows = RowCount(telemetry, plan, self._tell)
         self._warnings: list[str] = []
         self._realtime: list[dict[str, Any]] = []
         self._result: dict[str, Any] | None = None
@@ -67,6 +69,7 @@ class Supervisor:
         self._port: int | None = None
         self._streamer: Child | None = None
         self._dial: DialMonitor | None = None
+        self._live: LiveMonitor | None = None
         self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
@@ -77,16 +80,25 @@ class Supervisor:
             ServoError: The servo could not be started; the message also has every note of the run.
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
+            self._live = start_live(self._plan, self._telemetry, self._tell_person, self._others)
+            if self._live is not None:
+                children.callback(self._live.end, "")
             emulator = self._start_emulator(children)
             if emulator is not None and self._port is None:
                 return self._stopped_before_the_start()
+            to_log, self._events = event_sockets()
+            children.enter_context(to_log)
+            children.enter_context(self._events)
             log = RecorderMonitor(self._start_recorder, self._words, self._tell, time.monotonic())
             children.callback(log.close)
             self._start_streamer(children)
-            hold = start_hold(self._plan, self._telemetry, self._others)
+            page = None if self._live is None else self._live.server
+            hold = start_hold(self._plan, self._telemetry, self._others, page)
             if hold is not None:
                 children.callback(hold.close)
-            dial = start_dial(self._plan, self._telemetry, self._tell, self._others)
+            dial = start_dial(
+                self._plan, self._telemetry, self._tell, self._others, to_log.fileno()
+            )
             if dial is not None:
                 self._dial, peer = dial
                 children.callback(self._dial.close)
@@ -94,11 +106,14 @@ class Supervisor:
             loop = self._start_loop(children, None if dial is None else peer.fileno())
             reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
             self._cause = "; ".join(filter(None, (found, self._cause)))
+            if self._dial is not None:
+                self._dial.close()  # first: its last events go into the log
             self._warnings += [*log.end(), *self._outside.notes()]
             if hold is not None and hold.trouble:
                 self._warnings.append(hold.trouble)
-            if self._dial is not None:
-                self._dial.close()
+            if self._live is not None:
+                self._look_at_live(self._live)
+                self._live.end("; ".join(filter(None, (str(reason), self._cause))))
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
@@ -116,6 +131,7 @@ class Supervisor:
             self._torque_off,
             lacking=log.lacking,
             changes=[] if self._dial is None else self._dial.changes,
+            unlogged=[] if self._dial is None else self._dial.unlogged,
         )
 
     def _stopped_before_the_start(self) -> Ended:
@@ -132,14 +148,25 @@ class Supervisor:
         finally:
             os.sched_setaffinity(0, before)
 
+    @property
+    def _hand(self) -> int | None:
+        """Return the descriptor of the memory of a person's hand; None: the servo has none."""
+        hand = None if self._live is None else self._live.hand
+        return None if hand is None else hand.descriptor
+
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
         """Start the emulated bus, if requested, and open the port; None: stopped before."""
         settings, plan = self._settings, self._plan
         emulator = None
         if plan.config.servo.kind == "emulated":
-            arguments = emulator_arguments(settings, plan.witness, force=plan.force)
+            hand = self._hand
+            arguments = emulator_arguments(settings, plan.witness, force=plan.force, hand=hand)
+            stopped, inherited = (
+                lambda: bool(self._words[Word.STOP]),
+                [] if hand is None else [hand],
+            )
             emulator, path = children.enter_context(
-                emulated_bus(arguments, self._others, lambda: bool(self._words[Word.STOP]), START_S)
+                emulated_bus(arguments, self._others, stopped, START_S, inherited)
             )
             if path is None:
                 return emulator
@@ -163,12 +190,13 @@ class Supervisor:
             "metadata": self._plan.metadata,
             "resume": resume,
             "force": self._plan.force,
+            "events": self._events.fileno(),
         }
         return Child(
             "recorder",
             ["haptic_wall.controller.processes.recorder"],
             orders,
-            [descriptor],
+            [descriptor, self._events.fileno()],
             self._others,
         )
 
@@ -188,6 +216,7 @@ class Supervisor:
         children.callback(self._streamer.dismiss, END_S)
 
     def _start_loop(self, children: contextlib.ExitStack, changes: int | None) -> Child:
+        hand = self._hand
         orders = Orders(
             config=self._plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
@@ -197,8 +226,11 @@ class Supervisor:
             duration_s=self._plan.duration_s,
             program=[asdict(phase) for phase in self._plan.program],
             changes=changes,
+            hand=hand,
         )
         descriptors = [self._telemetry.descriptor]
+        if hand is not None:
+            descriptors.append(hand)
         if changes is not None:
             descriptors.append(changes)
         if self._port is not None:
@@ -254,6 +286,18 @@ class Supervisor:
             self._dial.look()
         if hold is not None:
             hold.look(self._tell)
+        if self._live is not None:
+            self._look_at_live(self._live)
+
+    def _look_at_live(self, live: LiveMonitor) -> None:
+        dial = self._dial
+        live.look(*(([], 0) if dial is None else (dial.changes, dial.count)))
+
+    def _tell(self, text: str) -> None:
+        """Tell a person, at the terminal and on the page."""
+        self._tell_person(text)
+        if self._live is not None:
+            self._live.pass_on(text)
 
     def _wait_for(self, descriptors: Sequence[int]) -> bool:
         """Wait for news on a descriptor or for the next check; return whether there is news."""
@@ -289,7 +333,7 @@ class Supervisor:
         Args:
             loop: The loop's process.
             trip: The trip that ends the run.
-            overdue: What the loop has failed to do; empty: it is dead.
+            overdue: The loop's failure, as words after "it"; empty: the loop is dead.
         """
         doing = loop.doing()
         self._words[Word.CUT] = 1

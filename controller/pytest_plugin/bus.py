@@ -32,7 +32,7 @@ class DynamixelBus:
     Args:
         servos: ``MODEL``, ``MODEL:ID`` or ``MODEL:ID:FIRMWARE`` each.
         baud: Baud rate of the servos [bit/s].
-        latency_timer: Of the USB adapter [ms]; 0: replies are handed over at once.
+        latency_timer: Latency timer of the USB adapter [ms]; 0: replies are handed over at once.
         block: Bytes that the adapter hands over without waiting; None: 510.
         faults: Faults from the start, as for ``inject``.
         seed: Decides the start of the servos' clocks, and the random choices of the faults.
@@ -197,7 +197,7 @@ class DynamixelBus:
         """Return a servo's true position, speed and acting torque.
 
         Args:
-            id: Of the servo; None: the first.
+            id: Id of the servo; None: the first.
 
         Raises:
             BusError: No servo has this id.

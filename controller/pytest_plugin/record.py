@@ -32,7 +32,7 @@ class BusRow:
     error: int | None
     """The error byte of a reply"""
     params: bytes
-    """Of the frame"""
+    """Parameters of the frame"""
     fault: str
     """The name of a ``fault``"""
 

@@ -49,8 +49,8 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     """
     top = found["max_virtual_damping"]
     plants = question.plants(1)
-    lowest = 0.0 if question.load else -float((plants.damping / plants.gain)[0])
-    shares = _SHARES if question.load is None else _FEWER
+    lowest = 0.0 if question.is_exact else -float((plants.damping / plants.gain)[0])
+    shares = _FEWER if question.load else _SHARES
     across = curve(question, lowest + (top - lowest) * shares)
     with picture(path, PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
@@ -60,9 +60,9 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
         ax.set_ylabel(STIFFNESS)
-        ax.set_title(_title(question), fontsize=8.5, loc="left")
+        ax.set_title(_title(question, found), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-        if question.load is None and -lowest < _SMALL * top:
+        if not question.is_exact and -lowest < _SMALL * top:
             _origin(ax, question, lowest, found)
         stable = across.frequency > 0
         below.plot(across.virtual_damping[stable], across.frequency[stable], color=INK)
@@ -141,7 +141,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     grid(inset)
 
 
-def _title(question: Question) -> str:
+def _title(question: Question, found: Mapping[str, Any]) -> str:
     p = question.plants(1)
     period = question.situation.period
     delay = float(p.delay[0])
@@ -152,6 +152,8 @@ def _title(question: Question) -> str:
         if load
         else ""
     )
+    if filtered := found["settings"]["velocity_filter"]:
+        behind += f",  velocity through a {filtered['kind']} at {filtered['frequency_hz']:.4g} Hz"
     return (
         f"$m$ = {float(p.inertia[0]):.4g} kg·m²,  $b$ = {float(p.damping[0]):.4g} N·m·s/rad,  "
         f"$T$ = {1e3 * period:.4g} ms,  $t_d$ = {1e3 * delay:.4g} ms ({delay / period:.3g} $T$)"

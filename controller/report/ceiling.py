@@ -1,4 +1,4 @@
-"""Draws a measured ceiling of the virtual damping: how fast a vibration grows at each damping."""
+"""Draws the growth rate of a vibration over the virtual damping, and the measured ceiling."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SIGMAS = 2.0
 
 
 def plot_ceiling(results: Sequence[CeilingResult], name: str, path: Path) -> None:
-    """Draw the growths, a colour for each delay, with what was believed as a dotted line.
+    """Draw growth rates and ceilings, a colour for each delay; the believed ceiling is dotted.
 
     Args:
-        results: One for each delay.
-        name: Of the configuration, for the title.
-        path: Of the picture.
+        results: One result for each delay.
+        name: Name of the configuration, for the title.
+        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.

@@ -30,7 +30,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
 
     Args:
         found: The result.
-        name: Of the configuration, for the title.
+        name: Name of the configuration, for the title.
         path: Path of the picture.
 
     Raises:
@@ -40,8 +40,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
     recovered = [point for point in found.points if point.recovered is not None]
     with picture(path, PAGE, 3.2) as figure:
         figure.suptitle(
-            f"{titled(name)}: delay from sample to motion {1e3 * found.total.value:.3f} ±"
-            f" {1e3 * found.total.stderr:.3f} ms",
+            f"{titled(name)}: delay from sample to motion {found.total.in_ms()}",
             fontsize=8.5,
             ha="left",
             x=0.01,
@@ -77,7 +76,7 @@ def _motion(ax: Axes, point: DelayPoint, colour: str) -> None:
     label = f"{ms(point.inserted)} inserted"
     if point.recovered is not None:
         back = point.recovered
-        label += f",\n{1e3 * back.value:.3f} ± {1e3 * back.stderr:.3f} ms recovered"
+        label += f",\n{back.in_ms()} recovered"
     ax.plot(1e3 * curve, 1e3 * fit.acceleration * twice, color=colour, linewidth=0.8, label=label)
     ax.axvline(1e3 * fit.lag, color=colour, linewidth=0.5, linestyle=":")
 

@@ -28,7 +28,7 @@ def line(ax: Axes, x: Floats, y: Floats, *, label: str | None = None, **style: A
         ax: Where to.
         x: Shape (n,).
         y: Shape (n,); NaN is a gap.
-        label: For the legend.
+        label: Label for the legend.
         style: As ``ax.plot`` takes it.
     """
     for start in range(0, max(x.size - 1, 1), PIECE):

@@ -20,7 +20,7 @@ def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path
     """Draw position and amplitude over the detector's state, and the frequency below.
 
     Args:
-        parts: Of the recording.
+        parts: Parts of the recording.
         found: For each of them.
         path: Path of the PNG.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def filled_in(package: str, **values: Any) -> str:  # noqa: ANN401 - whatever the template shows
-    """The text of a page: the template ``page.html.j2`` of a package with its values.
+    """Return the text of a page: the template ``page.html.j2`` of a package, filled with values.
 
     Args:
         package: The package that the template lies in.

@@ -33,7 +33,7 @@ def plot_identification(found: Identified, name: str, path: Path) -> None:
 
     Args:
         found: The identification.
-        name: Of the configuration, for the title.
+        name: Name of the configuration, for the title.
         path: Path of the picture.
 
     Raises:

@@ -47,7 +47,7 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
 
     Args:
         found: The map; points without a result or a limit are omitted.
-        name: Of the configuration, for the title.
+        name: Name of the configuration, for the title.
         path: Path of the picture.
 
     Raises:
@@ -116,7 +116,7 @@ def _root_scale(found: CriticalMap) -> bool:
 
 
 def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **style: Any) -> None:  # noqa: ANN401
-    """A limit over the damping; over one damping only, a level line that can be seen."""
+    """Draw a limit over the damping; if there is only one damping, as a level line."""
     if damping.size > 1:
         ax.plot(damping, _drawn(stiffness), **style)
     elif stiffness[0] > 0.0:

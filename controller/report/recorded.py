@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_wall.controller.experiments.recorded.estimate import Recorded
-from haptic_wall.controller.experiments.recorded.text import UNITS, with_error
+from haptic_wall.controller.experiments.recorded.text import UNITS
 from haptic_wall.controller.report.style import (
     BLUE,
     GREY,
@@ -22,11 +22,11 @@ from haptic_wall.controller.report.style import (
 
 
 def plot_recorded(found: Recorded, name: str, path: Path) -> None:
-    """Draw measured and fitted motion, and what is left, as PNG.
+    """Draw measured and fitted motion, and the residuals, as PNG.
 
     Args:
-        found: What the record tells; with a fit.
-        name: Of the record, for the title.
+        found: The estimates from the record, with a fit.
+        name: Name of the record, for the title.
         path: Path of the picture.
 
     Raises:
@@ -59,7 +59,7 @@ def plot_recorded(found: Recorded, name: str, path: Path) -> None:
 
 def _title(found: Recorded, name: str) -> str:
     values = [
-        f"{word} {with_error(each)} {UNITS[word]}"
+        f"{word} {each} {UNITS[word]}"
         for word in ("inertia", "damping", "coulomb")
         if (each := getattr(found, word)) is not None
     ]

@@ -37,7 +37,7 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
 
     Args:
         found: The result; missing measurements are omitted.
-        name: Of the configuration, for the title.
+        name: Name of the configuration, for the title.
         path: Path of the picture.
 
     Raises:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.pieces import Head, Piece
 from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.walls import changes_in, walls_of
 from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
 from haptic_wall.controller.report.style import any_writing, titled
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
-from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import SOFTWARE
 
 if TYPE_CHECKING:
@@ -35,23 +35,34 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
         LogFormatError: As ``plot_run``; or there are no rows.
         OSError: The log cannot be read, or the picture not be written.
     """
-    count = sum(len(block) for block in rows.blocks())
+    count = 0
+    others: list[Piece] = []
+    for piece in rows.pieces():
+        if isinstance(piece, np.ndarray):
+            count += len(piece)
+        elif not isinstance(piece, Head):
+            others.append(piece)
     if not count:
         raise LogFormatError(f"{rows.log.path} holds no rows")
     sketch = sketched(rows.blocks(), count, rows.origin_ns)
-    plot_run(sketch, rows.metadata, path, stop_reason)
+    plot_run(sketch, rows.metadata, path, stop_reason, changes_in(others))
 
 
 def plot_run(
-    sketch: Sketch, metadata: Mapping[str, Any], path: Path, stop_reason: str | None = None
+    sketch: Sketch,
+    metadata: Mapping[str, Any],
+    path: Path,
+    stop_reason: str | None = None,
+    changes: Sequence[Mapping[str, Any]] = (),
 ) -> None:
     """Draw the selected rows of a run as PNG: panels over one time axis.
 
     Args:
         sketch: The selected rows of the run, see ``sketched``.
-        metadata: Of the log: its ``config``, and its ``name`` for the title.
+        metadata: Metadata of the log: its ``config``, and its ``name`` for the title.
         path: Path of the picture.
-        stop_reason: Of the report; the title names a trip. None: not known.
+        stop_reason: Stop reason of the report; the title names a trip. None: not known.
+        changes: Changes of the running wall, from the log.
 
     Raises:
         LogFormatError: The metadata holds no known configuration.
@@ -62,7 +73,7 @@ def plot_run(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    run = _drawn(sketch, metadata)
+    run = _drawn(sketch, metadata, changes)
     panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
         (run_panels.position, 3.0),
         (run_panels.torque, 2.0),
@@ -101,23 +112,11 @@ def plot_run(
         figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 
-def _drawn(sketch: Sketch, metadata: Mapping[str, Any]) -> run_panels.DrawnRun:
-    if "config" not in metadata:
-        raise LogFormatError(
-            "the log tells no configuration, that part of it is damaged: it cannot be drawn, but"
-            " exported with --csv"
-        )
-    try:
-        config = Config.model_validate(metadata.get("config"))
-    except ValidationError as error:
-        raise LogFormatError(
-            "the log's configuration is not one this program knows "
-            f"({error.error_count()} differences)",
-            advice="draw it with the haptic-wall that wrote it",
-        ) from error
-    return run_panels.DrawnRun(
-        sketch, (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0, config
-    )
+def _drawn(
+    sketch: Sketch, metadata: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
+) -> run_panels.DrawnRun:
+    on = (sketch.rows["flags"] & (FLAG_WARM_UP | FLAG_OFF)) == 0
+    return run_panels.DrawnRun(sketch, on, walls_of(metadata, changes))
 
 
 def _title(run: run_panels.DrawnRun, name: str, stop_reason: str) -> str:

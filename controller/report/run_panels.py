@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.laws.wall import SIGNS, Side
+from haptic_wall.controller.logs.walls import Walls
 from haptic_wall.controller.report.dense_picture import line, outline
 from haptic_wall.controller.report.sketch import TIMES, Floats, Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_SATURATED, FLAG_WARM_UP
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
 
 _INK, _WALL, _CONTACT, _WARM_UP = "#1f3b57", "#b5652b", "#fbeadb", "#ececec"
 _SENT, _ASKED, _ALARM = "#1b7f79", "#9aa5ad", "#c0272d"
+SIDES: tuple[Side, ...] = ("above", "below")
 _SMOOTH_S = 0.02
 """Averaging time of the additional smooth velocity [s]: one encoder count within a sample is a
 spike that hides the motion."""
@@ -33,16 +37,37 @@ class DrawnRun:
 
     sketch: Sketch
     on: NDArray[np.bool_]
-    """The wall is on: the warm-up is over, and the wall is not off meanwhile"""
-    config: Config
+    """Whether the wall is on: false in the warm-up and while the wall is off"""
+    walls: Walls
 
     @property
-    def surface(self) -> float:
-        """Return the wall's position [rad]; NaN: not known."""
+    def config(self) -> Config:
+        """Return the configuration at the last row."""
+        return self.walls.at(int(self.rows["seq"][-1]))
+
+    def parts(self) -> Iterator[tuple[Config, slice]]:
+        """Yield each configuration of the drawn rows, with its rows."""
+        seq = self.rows["seq"]
+        edges = np.searchsorted(seq, [*self.walls.since, int(seq[-1]) + 1]).tolist()
+        for config, start, end in zip(self.walls.configs, edges[:-1], edges[1:], strict=True):
+            if end > start:
+                yield config, slice(start, end)
+
+    def surface(self, config: Config) -> float:
+        """Return the position of a wall's surface [rad]; NaN if it is unknown."""
         position: FloatArray = self.rows["position"]
         known = position[np.isfinite(position)]
         begins = self.rows["seq"][0] == 0 and known.size
-        return self.config.surface(float(known[0]) if begins else math.nan)
+        return config.surface(float(known[0]) if begins else math.nan)
+
+    def over_time(self, value: Callable[[Config], float]) -> tuple[Floats, Floats]:
+        """Return a value of the configurations over time [s], in steps."""
+        last = len(self.time) - 1
+        steps = [
+            ((self.time[rows.start], self.time[min(rows.stop, last)]), value(config))
+            for config, rows in self.parts()
+        ]
+        return np.array([each for each, _ in steps]).ravel(), np.repeat([v for _, v in steps], 2)
 
     @property
     def rows(self) -> NDArray[np.void]:
@@ -56,39 +81,41 @@ class DrawnRun:
 
 
 def position(ax: Axes, run: DrawnRun) -> None:
-    """Draw the position, and the wall."""
-    wall, rows = run.config.wall, run.rows
-    _line(ax, run.time, rows["position"], _INK, "position", 1.3)
+    """Draw the shaft's position and the wall."""
+    _line(ax, run.time, run.rows["position"], _INK, "position", 1.3)
     ax.set_ylabel("position [rad]")
-    surface = run.surface
-    if math.isnan(surface):
+    times, surfaces = run.over_time(run.surface)
+    if np.isnan(surfaces).all():
         return
-    ax.axhline(surface, color=_WALL, linewidth=1.2, label="wall's surface")
-    if wall.acting_side == "both":
-        return  # always in contact: there is nothing to shade
+    ax.plot(times, surfaces, color=_WALL, linewidth=1.2, label="wall's surface")
     low, high = ax.get_ylim()
     margin = 0.12 * (high - low)
-    if wall.side == "above":
-        high = max(high, surface + margin)
-        inside = (surface, high)
-    else:
-        low = min(low, surface - margin)
-        inside = (low, surface)
-    ax.axhspan(
-        *inside,
-        facecolor="none",
-        edgecolor=_WALL,
-        hatch="//",
-        alpha=0.35,
-        linewidth=0,
-        label=f"wall (fills {wall.side})",
-    )
+    sides = run.over_time(lambda config: SIGNS[config.wall.acting_side])[1]
+    for side in SIDES:  # a two-sided wall is always in contact: nothing to shade
+        filled = np.where(sides == SIGNS[side], surfaces, math.nan)
+        if np.isnan(filled).all():
+            continue
+        if side == "above":
+            end = high = max(high, float(np.nanmax(filled)) + margin)
+        else:
+            end = low = min(low, float(np.nanmin(filled)) - margin)
+        ax.fill_between(
+            times,
+            filled,
+            end,
+            facecolor="none",
+            edgecolor=_WALL,
+            hatch="//",
+            alpha=0.35,
+            linewidth=0,
+            label=f"wall (fills {side})",
+        )
     _shade_contact(ax, run)
     ax.set_ylim(low, high)
 
 
 def torque(ax: Axes, run: DrawnRun) -> None:
-    """Draw the wall's torque and the sent one, with its limit."""
+    """Draw the wall's torque, the sent torque and the torque limit."""
     rows = run.rows
     _line(ax, run.time, rows["wall_torque"], "#c9d0d5", "wall (before delay and limit)", 3.5)
     _line(ax, run.time, rows["torque"], _SENT, "sent", 1.2)
@@ -110,7 +137,7 @@ def torque(ax: Axes, run: DrawnRun) -> None:
 
 
 def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
-    """Return the torque limit as far as the log shows it [N·m]."""
+    """Return the torque limit that the log shows, or the configuration's [N·m]; None if unknown."""
     if saturated.any():
         torque: FloatArray = run.rows["torque"][saturated]
         return float(np.abs(torque).max())
@@ -123,15 +150,18 @@ def _torque_limit(run: DrawnRun, saturated: NDArray[np.bool_]) -> float | None:
 
 
 def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
-    """Draw the commanded stiffness where the guard has changed it; else the velocity."""
+    """Draw the commanded stiffness if it changed during the run, else the velocity."""
     stiffness = run.rows["stiffness"][run.on]
     if len(stiffness) and np.ptp(stiffness) > 1e-3 * stiffness.max():
         steps = {"drawstyle": "steps-post", "color": _INK}
         line(ax, run.time[run.on], stiffness, label="commanded K", **steps)
         ax.set_ylim(0, 1.15 * float(stiffness.max()))
-        requested = run.config.wall.stiffness
-        if requested <= 1.15 * float(stiffness.max()):
-            ax.axhline(requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K")
+        times, requested = run.over_time(lambda config: config.wall.stiffness)
+        requested[requested > 1.15 * float(stiffness.max())] = math.nan
+        if not np.isnan(requested).all():
+            ax.plot(
+                times, requested, color=_ASKED, linestyle="--", linewidth=1, label="requested K"
+            )
         ax.set_ylabel("stiffness\n[N·m/rad]")
         return
     velocity, sketch = run.rows["velocity"], run.sketch
@@ -148,13 +178,13 @@ def stiffness_or_velocity(ax: Axes, run: DrawnRun) -> None:
 
 
 def has_timing(run: DrawnRun) -> bool:
-    """Whether the run has times: on the simulated clock every tick is on time."""
+    """Whether the log has timing data; on the simulated clock all times are zero."""
     rows = run.rows
     return any(bool((rows[field] > 0).any()) for field in (*TIMES, "missed"))
 
 
 def timing(ax: Axes, run: DrawnRun) -> None:
-    """Draw the ticks' times; a period is a line, a missed tick a mark above it."""
+    """Draw lateness, work and waiting time of each tick, a line at one period, and missed ticks."""
     rows = run.rows
     ax.set_yscale("log")
     for field, color, label in (
@@ -193,22 +223,23 @@ def timing(ax: Axes, run: DrawnRun) -> None:
 
 
 def _missed_label(run: DrawnRun) -> str:
-    """Return the missed ticks as the report counts them, those of the warm-up apart."""
+    """Return the legend's text: missed ticks of the run, and those of its warm-up."""
     on, before = run.sketch.missed
     apart = f" (and {before} in the warm-up)" if before else ""
     return f"missed: {on} ticks{apart}"
 
 
 def _shade_contact(ax: Axes, run: DrawnRun) -> None:
-    """Mark the contact with a one-sided wall; a two-sided one always acts."""
-    if run.config.wall.acting_side != "both" or run.config.wall.law == "stops":
-        contact = (run.rows["flags"] & FLAG_CONTACT) != 0
-        label = "in contact" if _is_first(ax) else ""
-        _shade(ax, run.time, contact & run.on, _CONTACT, label)
+    """Shade the contacts with a one-sided wall; a two-sided wall always acts."""
+    contact = ((run.rows["flags"] & FLAG_CONTACT) != 0) & run.on
+    for config, rows in run.parts():
+        if config.wall.acting_side == "both" and config.wall.law != "stops":
+            contact[rows] = False
+    _shade(ax, run.time, contact, _CONTACT, "in contact" if _is_first(ax) else "")
 
 
 def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
-    """Mark the time before the wall is on."""
+    """Shade the warm-up, and the time in which the wall is off."""
     label = "warm-up: the wall is off" if _is_first(ax) else ""
     warm_up = (run.rows["flags"] & FLAG_WARM_UP) != 0
     _shade(ax, run.time, warm_up, _WARM_UP, label)
@@ -217,12 +248,12 @@ def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
 
 
 def _is_first(ax: Axes) -> bool:
-    """Whether this panel's legend names the common shades."""
+    """Whether this is the first panel: only its legend explains the shades."""
     return ax is ax.figure.axes[0]
 
 
 def _shade(ax: Axes, time: Floats, where: NDArray[np.bool_], color: str, label: str) -> None:
-    """Shade the stretches of time in which ``where`` holds."""
+    """Shade the times at which ``where`` is true."""
     if not where.any():
         return
     times, heights = outline(time, where)

@@ -1,8 +1,8 @@
-"""Selects the rows of a long run that a picture can show, in bounded memory.
+"""Selects as many rows of a long run as a picture can show, in bounded memory.
 
 A picture has fewer columns than a long run has ticks. The run is divided into slices, and each
-slice keeps the rows with an extreme drawn value: no peak is lost, and every drawn point is one of
-the run.
+slice keeps the rows with the extremes of each drawn value. So no peak is lost, and no drawn point
+is an average.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.runtime.statistics import TimeStatistics
 from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CHANGED,
     FLAG_CONTACT,
     FLAG_OFF,
     FLAG_SATURATED,
@@ -24,14 +25,14 @@ from haptic_wall.controller.runtime.telemetry import (
 Floats = NDArray[np.float64]
 
 SLICES = 2500
-"""More than a picture has columns"""
+"""Number of slices: more than a picture has columns"""
 WHOLE = 4 * SLICES
 """Runs of up to this many rows are drawn completely."""
 TIMES = ("bus_ns", "work_ns", "lateness_ns")
 """Fields that are durations"""
 
 _EXTREME = ("position", "velocity", "wall_torque", "torque", "stiffness", *TIMES)
-_FLAGS = (FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
+_FLAGS = (FLAG_CHANGED, FLAG_CONTACT, FLAG_OFF, FLAG_SATURATED, FLAG_WARM_UP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class Sketch:
     medians_us: dict[str, float]
     """Median of each of ``TIMES`` while the wall was on, or of all rows where it never was [µs]"""
     missed: tuple[int, int]
-    """Ticks missed while the wall was on, and before"""
+    """Missed ticks while the wall was on, and before that"""
     mean_time: Floats
     """Middles of the slices [s]; empty where every row is drawn"""
     mean_velocity: Floats

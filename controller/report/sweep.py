@@ -36,9 +36,9 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
     """Draw the measured points over the limits, a colour for each inserted delay.
 
     Args:
-        points: Of any number of delays; one without a figure is a cross on the axis.
+        points: Points of any number of delays; one without a figure is a cross on the axis.
         device: The belief, for the curves.
-        name: Of the configuration, for the title.
+        name: Name of the configuration, for the title.
         path: Path of the picture.
 
     Raises:
@@ -81,7 +81,7 @@ def _one_delay(
     """Draw curves and points of one inserted delay; return the greatest stiffness to show."""
     delay = float(np.mean([point.delay_s for point in points]))
     across = np.linspace(*ends, _POINTS)
-    exact = np.array([device.exact(value, delay) for value in across])
+    exact = np.asarray(device.loop.critical(across, delay).stiffness)
     linear = np.array([device.linear(value, delay) for value in across])
     ax.plot(across, linear, color=colour, linewidth=0.6, linestyle=(0, (1, 2)))
     ax.plot(across, np.where(exact > 0.0, exact, np.nan), color=colour, linewidth=1.0)

@@ -23,6 +23,7 @@ from haptic_wall.controller.guard.schedule import (
     inserted_delay,
     interval_bins_ns,
 )
+from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
 from haptic_wall.controller.laws.passivity_control import PassivityControl
@@ -111,7 +112,7 @@ def decision_in_force(
     Args:
         config: The effective configuration.
         servo: The servo that renders the wall.
-        decision: In force now.
+        decision: Decision in force now.
         age_ns: Its sample age [ns].
         commanded: Stiffness that is really commanded [N·m/rad].
     """
@@ -168,7 +169,9 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     """Return the damping that may be added to each decision's [N·m·s/rad].
 
     It reaches to the peak of the boundary, beyond which more damping lowers the critical stiffness,
-    and to the amount that one encoder count may command. It is zero where the wall must be passive:
+    and to the amount that one encoder count may command. With a load that vibrates it also stays
+    below the ceiling: the damper takes energy out of the motion that the encoder sees, but its late
+    torque at the motor feeds the vibration. It is zero where the wall must be passive:
     any added damping lowers the passive stiffness; and with a filter of the velocity, whose
     boundary has another peak.
     """
@@ -184,6 +187,9 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     if step := situation.position_step:
         share = config.guard.quantisation_share * situation.torque_limit
         best = np.minimum(best, share * samples * periods / step)
+    if situation.belief.is_flexible:
+        ceilings = np.array([decision.damping_ceiling for decision in decisions])
+        best = np.minimum(best, config.guard.damping_cap * ceilings)
     asked = np.array([decision.damping for decision in decisions])
     most: list[float] = np.maximum(best - asked, 0.0).tolist()
     return most
@@ -198,11 +204,26 @@ def _reply_s(servo: OpenServo) -> float:
     return 0.0 if servo.bus is None else servo.bus.reply_s
 
 
-def rendered(config: Config, servo: Servo, program: Sequence[Phase]) -> Law:
+def rendered(config: Config, clock: Clock, servo: Servo, program: Sequence[Phase]) -> Law:
     """Return the law to render: that of the configuration, or an experiment's program."""
     if program:
         return Program(program, config.period_ns * 1e-9, servo.facts.torque_limit)
-    return config.law(servo.facts.position_step)
+    step = servo.facts.position_step
+    if not config.law_is_active(step):
+        return config.law(step)
+    period = config.period_ns * 1e-9
+    lag = math.ceil(config.belief().delay.high / period) + (config.servo.schedule == "pipelined")
+    facts = servo.facts
+    port = Port(
+        now_ns=clock.now_ns,
+        period=period,
+        step=step,
+        torque_limit=facts.torque_limit,
+        torque_step=facts.torque_step,
+        in_flight=2 + lag,
+        capacity=config.wall.tank,
+    )
+    return config.active_law(port)
 
 
 def tick_parts(
@@ -303,20 +324,20 @@ def cache_warm_up_of(
     injected: Sequence[float],
     program: Sequence[Phase],
 ) -> CacheWarmUp | None:
-    """The same tick once more, of parts that nobody else has; None: the servo has no stand-in.
+    """Return a dry-run tick with parts of its own; None if the servo has no stand-in.
 
     Args:
         config: The effective configuration.
-        servo: The one that a stand-in is wanted of; nothing is asked of it.
+        servo: The servo whose stand-in is used; the servo itself is not called.
         schedule: The guard's decisions.
         injected: ``most_injected`` of the schedule.
-        program: What is rendered in place of the wall.
+        program: Phases that are rendered in place of the wall; empty: none.
     """
     if not isinstance(servo, HasStandIn):
         return None
     clock = StandInClock()
     stand_in = servo.stand_in(clock)
-    law = rendered(config, stand_in, program)
+    law = rendered(config, clock, stand_in, program)
     memory = Telemetry.scratch()
     parts = tick_parts(
         config, clock, stand_in, memory, schedule.anew(), law, injected, engage_at_once=True

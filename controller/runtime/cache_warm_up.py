@@ -48,7 +48,7 @@ class CacheWarmUp:
     Args:
         run: Of a ``Tick`` made of stand-ins, which shares nothing with the loop.
         clock: The stand-ins' clock.
-        period_ns: Of the loop [ns].
+        period_ns: Period of the loop [ns].
         idle: Preparations of the servo itself.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""A change of a running wall, as the loop gets it: law, decisions, delay."""
+"""Describes a change of a running wall for the loop: law, decisions, delay."""
 
 from __future__ import annotations
 
@@ -19,45 +19,48 @@ class KnownServo:
     facts: Facts
     bus: Bus | None
     simulated: bool
-    """The loop runs on the simulated clock"""
+    """Whether the loop runs on the simulated clock"""
 
 
 @dataclass(slots=True)
 class Change:
-    """All that the loop needs for a change; made outside of it."""
+    """All data that the loop needs for a change; another process computes them."""
 
     number: int
     """Counts the changes of a run, from 1"""
     config: list[str]
     """The configuration with the change, as JSON, in parts"""
     law: Law | None
-    """Rendered from then on, its position without the start's; None: the same, with other gains"""
+    """New law, positioned without the start position; None: the same law with other gains"""
     watch: WatchSettings
     moved: bool
-    """The law is another one, or elsewhere"""
+    """Whether law or position differ"""
     softer: bool
-    """Nothing is asked for but a lower stiffness"""
+    """Whether the change is only a lower stiffness"""
     decisions: list[Decision]
-    """Each once"""
+    """The different decisions"""
     bins: list[list[int]]
     """The index of each bin's decision, as ``GainSchedule`` takes the decisions"""
     injected: list[float]
     """``most_injected`` of the bins"""
     steps: int
-    """Of the inserted delay [periods]"""
+    """Steps of the inserted delay [periods]"""
     highest: float = 0.0
     """Largest stiffness of the decisions [N·m/rad]"""
     rows: Sequence[Sequence[Decision]] = ()
-    """The decisions of the bins; made in the loop's process, as the next"""
+    """The decisions of the bins; computed by ``complete``"""
     placed: bool = False
-    """The law's position counts from the start, where ``wall.reference`` says so; likewise"""
+    """Whether the start position was added to the law's position, where ``wall.reference`` says
+    so"""
     own: OwnMotion | None = None
-    """The backstop for a law that has moved"""
+    """The backstop for another law"""
+    moved_by: float | None = 0.0
+    """Way of the same law to its new position [rad]; None: another law"""
 
     def complete(self) -> None:
-        """Make the parts that are not sent to the loop's process."""
+        """Compute the fields that are not sent to the loop's process."""
         decisions = self.decisions
         self.rows = [[decisions[index] for index in row] for row in self.bins]
         watch = self.watch
-        if self.moved and watch.backstop is not None:
+        if self.moved_by is None and watch.backstop is not None:
             self.own = OwnMotion(watch.backstop, watch.bounces, watch.side, watch.elongation)

@@ -1,4 +1,4 @@
-"""The rule for changes of a running wall: in one tick, where the shaft gets no energy by it.
+"""Decides in which tick a change of a running wall gives the shaft no energy.
 
 Before and after that tick law, stiffness, damping and delay are as the guard has decided them
 together, so that no pair of an old and a new value ever acts. The tick is one in which the new law
@@ -54,7 +54,7 @@ class ChangeLimits:
     torque: float
     """Jump of the torque [N·m]: ``safety.engage_torque``"""
     torque_limit: float
-    """Of the servo [N·m]"""
+    """Torque limit of the servo [N·m]"""
     period: float
     """T [s]"""
 
@@ -79,10 +79,10 @@ class Changeover:
     """Finds the tick for a change.
 
     Args:
-        limits: Of each change.
+        limits: Limits of each change.
 
     Attributes:
-        size: Of the obstacle found last, in its unit.
+        size: Size of the obstacle found last, in its unit.
     """
 
     __slots__ = ("_at", "_fastest", "_limits", "_positions", "size")
@@ -100,20 +100,21 @@ class Changeover:
 
     def watched(self, watch: Watch, softer: bool) -> Obstacle:
         """Return the obstacle that the oscillation watch is, if it is one."""
-        self.size = 0.0
-        own = watch.own
+        own, found = watch.own, Obstacle.NONE
         if own is None:
-            return Obstacle.NONE
+            return found
         if not softer and min(own.reduced) < 1.0:
-            return Obstacle.REDUCED
-        if own.probing or (not softer and (own.answering or own.suspected or watch.current)):
-            return Obstacle.PROBED
-        return Obstacle.NONE
+            found = Obstacle.REDUCED
+        elif own.probing or (not softer and (own.answering or own.suspected or watch.current)):
+            found = Obstacle.PROBED
+        if found is not Obstacle.NONE:
+            self.restart()  # of the ticks from here on no position is known
+        return found
 
     def obstacle(
         self, old: Law, ring: DelayRing, target: Target, position: float, velocity: float
     ) -> Obstacle:
-        """Return what is against making the change in this tick; call in each tick that is on.
+        """Return the obstacle to making the change in this tick; call it in each tick that is on.
 
         Both laws are asked for their torque; neither is changed.
 
@@ -121,8 +122,8 @@ class Changeover:
             old: The law in force.
             ring: The inserted delay in force.
             target: The commanded values after the change.
-            position: Of the shaft [rad].
-            velocity: As the law gets it [rad/s].
+            position: Position of the shaft [rad].
+            velocity: Velocity as the law gets it [rad/s].
         """
         limits, new = self._limits, target.law
         speed = self._speed(position)
@@ -147,8 +148,10 @@ class Changeover:
             self.size = more
             return Obstacle.ENERGY
         added = target.steps - ring.steps
-        coming = ring.resized(target.steps, torque).coming(torque_then) if added else torque_then
-        jump = max(abs(torque_then - torque), abs(coming - ring.coming(torque)) if added else 0.0)
+        jump = abs(torque_then - torque)
+        if added:
+            resized = ring.resized(target.steps, torque, torque)
+            jump = max(jump, abs(resized.coming(torque_then) - ring.coming(torque)))
         if not jump <= limits.torque:
             self.size = jump
             return Obstacle.TORQUE
@@ -191,7 +194,4 @@ class Changeover:
 
 def adopt(new: Law, old: Law) -> None:
     """Give a law the state that is not its own: the derating, and the injected damping."""
-    new.scale, new.damping_scale = old.scale, old.damping_scale
-    new.elastic_limit, new.soft_to = old.elastic_limit, old.soft_to
-    new.carried, new.carried_to, new.held = old.carried, old.carried_to, old.held
-    new.injected = old.injected
+    new.derating, new.held, new.injected = old.derating, old.held, old.injected

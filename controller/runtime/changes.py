@@ -10,7 +10,7 @@ from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.runtime.assembly import guard_schedule, most_injected
 from haptic_wall.controller.runtime.change import Change, KnownServo
 from haptic_wall.controller.runtime.watch_settings import watch_settings
-from haptic_wall.controller.settings.changes import moved
+from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
 
 _PART: Final = 4096
@@ -24,7 +24,7 @@ class Changes:
     """Computes the changes of a run, one after the other.
 
     Attributes:
-        config: In force now.
+        config: Configuration in force now.
         schedule: The decisions for the configuration that was computed last.
     """
 
@@ -51,13 +51,15 @@ class Changes:
                 decisions.append(decision)
         law = new.law(servo.facts.position_step)
         text = new.model_dump_json()
-        elsewhere = moved(old, new)
+        way = moved_by(old, new)
+        elsewhere = way != 0.0
         return Change(
             number=self.number,
             config=[text[at : at + _PART] for at in range(0, len(text), _PART)],
             law=law if elsewhere or not law.linear else None,
             watch=watch_settings(new, servo.facts, law),
             moved=elsewhere,
+            moved_by=way,
             softer=not elsewhere
             and old.wall.damping == new.wall.damping
             and old.delay.steps == new.delay.steps

@@ -28,7 +28,7 @@ def first_deadline(clock: Clock, period_ns: int) -> int:
     life: at the same phase every tick, or every fourth, would be interrupted.
 
     Args:
-        clock: Simulated or monotonic; nothing interrupts the former.
+        clock: Simulated or monotonic clock; on the simulated clock there are no interruptions.
         period_ns: Between deadlines [ns].
     """
     earliest_ns = clock.now_ns() + period_ns
@@ -97,7 +97,7 @@ class SpinWaiter:
 
     Args:
         spin_ns: How long before the deadline to stop sleeping [ns].
-        warm_up: Of the tick, after each sleep; it ends earlier by what that needs.
+        warm_up: Cache warm-up of the tick, after each sleep; it ends earlier by what that needs.
     """
 
     __slots__ = ("_spin_ns", "_warm_up", "margin_ns", "slept_ns")

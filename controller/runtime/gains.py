@@ -28,7 +28,7 @@ class Gains:
         schedule: The guard's decisions by sample age and served interval.
         law: The rendered law.
         ramp_ticks: Duration of a ramp to a lower stiffness [ticks].
-        torque_limit: Of the servo [N·m].
+        torque_limit: Torque limit of the servo [N·m].
 
     Attributes:
         stiffness: At the end of the ramp, without scale [N·m/rad].
@@ -126,20 +126,21 @@ class Gains:
             carried_to: Distance from its zero up to which it is added in full [rad].
             soft_to: Distance from its zero up to which the spring's torque is limited [rad].
         """
-        law = self._law
-        law.soft_to = soft_to
-        if carried != law.carried or carried_to != law.carried_to:
-            law.carried, law.carried_to, law.held = carried, carried_to, 0.0
-        if stiffness_scale != law.scale or damping_scale != law.damping_scale:
-            law.scale, law.damping_scale = stiffness_scale, damping_scale
-            law.elastic_limit = stiffness_scale * min(self._torque_limit, law.clip)
+        law, now = self._law, self._law.derating
+        now.soft_to = soft_to
+        if carried != now.carried or carried_to != now.carried_to:
+            now.carried, now.carried_to, law.held = carried, carried_to, 0.0
+        if stiffness_scale != now.scale or damping_scale != now.damping_scale:
+            now.scale, now.damping_scale = stiffness_scale, damping_scale
+            now.elastic_limit = stiffness_scale * min(self._torque_limit, law.clip)
 
     def follow(self, age_ns: int, interval_ns: int, may_raise: bool) -> bool:
         """Count a tick's age and interval; move stiffness and damping along their ramp.
 
         Args:
             age_ns: Age of the sample when its torque was sent [ns].
-            interval_ns: From the last tick with a reading to this one [ns]; 0: this reading failed.
+            interval_ns: Interval from the last tick with a reading to this one [ns]; 0: this
+                reading failed.
             may_raise: K may go up now.
 
         Returns:

@@ -38,7 +38,7 @@ class _Pickler(pickle.Pickler):
         self._named: dict[int, int] = {}
 
     def persistent_id(self, obj: Any) -> Any:  # noqa: ANN401 - pickle's signature
-        """Return the name of an object that is sent by itself; None: of any other."""
+        """Return the name of an object that is sent separately; None for any other object."""
         if obj is TUNING:
             return -1
         if type(obj) is not list or not obj or not _at_a_time(obj):
@@ -50,7 +50,7 @@ class _Pickler(pickle.Pickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Finds by name what was sent by itself."""
+    """Finds objects that were sent separately, by their names."""
 
     def __init__(self, piece: bytes, lists: list[list[Any]]) -> None:
         super().__init__(io.BytesIO(piece))

@@ -1,4 +1,4 @@
-"""The loop of a run: executes one tick at each deadline, and counts missed ones."""
+"""Executes one tick at each deadline of a run, and counts missed periods."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ BLOCK = 4096
 _never = (math.inf, math.inf, math.inf)
 
 
-class Grid:
-    """Serves deadlines one after the other, from one start.
+class Loop:
+    """The loop of a run: waits for each deadline of the grid and executes a tick.
 
     Args:
         tick: Executed at each deadline.
         waiter: Waits for the deadlines.
         clock: The loop's clock.
-        telemetry: Memory that holds the stop request.
-        servo: Its bus waits belong to late ticks.
-        period_ns: From one deadline to the next [ns].
+        telemetry: Holds the control words: stop request, cut, counters.
+        bus: Counts its waiting time, which explains late ticks.
+        period_ns: Period from one deadline to the next [ns].
         on_block: Called periodically between two ticks.
-        late: Explains late ticks; None: nothing does.
+        late: Explains late ticks; None: they are not explained.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class Grid:
 
     @property
     def elapsed_s(self) -> float:
-        """Return the time on the grid since the wall was switched on [s]."""
+        """Return the time on the grid since ``begin``, or since the start before it [s]."""
         return (self._deadline - self._begun) * 1e-9
 
     @property
     def missed(self) -> int:
-        """Return the number of periods in that time without a tick."""
+        """Return the number of periods since ``begin`` in which no tick was executed."""
         return (self._deadline - self._begun) // self.period_ns - self.tick.ticks
 
     def begin(self) -> None:
-        """Count time, ticks, missed periods and late ticks from here on."""
+        """Restart the counts of time, ticks, missed periods and late ticks."""
         self._begun = self._deadline
         self.tick.ticks = self._words[Word.TICKS] = 0
         self.tick.missed = self._words[Word.MISSED] = 0
@@ -77,7 +77,7 @@ class Grid:
             self._late.begin(self._deadline)
 
     def serve(self, duration_s: float | None) -> StopReason | None:
-        """Serve deadlines for a while; return why it ended earlier, or None.
+        """Execute ticks for a duration [s], or without end; return the reason of an early end.
 
         Raises:
             ServoHealthError: The servo is in no state to be driven any longer.
@@ -125,7 +125,7 @@ class Grid:
         return None
 
     def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
-        """Have a late tick explained, if ``late`` is given."""
+        """Pass a late tick to ``late``, which finds its likely cause."""
         bus = self._bus
         if self._late is not None:
             lost = bus.counts.lost

@@ -13,7 +13,7 @@ class MissedPeriods:
     It takes no time in a tick without missed periods before it.
 
     Args:
-        period_ns: Of the grid [ns].
+        period_ns: Period of the grid [ns].
         max_missed: Fraction of the periods in the window that may be missed [1].
 
     Attributes:

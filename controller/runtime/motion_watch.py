@@ -60,19 +60,21 @@ class MotionWatch:
         most_injected: Sequence[float],
         settings: WatchSettings,
         own: OwnMotion | None,
+        moved_by: float | None,
     ) -> None:
         """Watch the motion on another law from now on.
 
         Args:
             law: The rendered law.
-            position: Of the shaft [rad].
+            position: Position of the shaft [rad].
             most_injected: As of the class.
-            settings: As of ``Watch.change``; likewise the next.
-            own: The backstop.
+            settings: As of ``Watch.change``.
+            own: The backstop, as of ``Watch.change``.
+            moved_by: As of ``Watch.change``.
         """
         self._law = law
         self._most_injected = most_injected
-        self.watch.change(settings, own)
+        self.watch.change(settings, own, moved_by)
         if self._passivity is not None:
             self._passivity.rebase(law.elongation(position))
 
@@ -113,7 +115,7 @@ class MotionWatch:
             injected = self._passivity.update(
                 position,
                 law.elongation(position),
-                law.stiffness * law.scale,
+                law.stiffness * law.derating.scale,
                 watch.acted - held,
                 watch.spanned,
             )

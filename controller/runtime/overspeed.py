@@ -149,7 +149,7 @@ class DrivenSpeed:
                 way = moved if moved > 0.0 else -moved
                 eaten = (self._coulomb + self._damping * way / (sampled_ns - before_ns or 1)) * way
                 given = self._given + moved * torque - eaten
-                if self._holding != (law.carried != 0.0):
+                if self._holding != (law.derating.carried != 0.0):
                     self._holding = not self._holding
                     if not self._holding and contact:  # the load has loaded the whole spring
                         given = min(given, -self._held(position, law))

@@ -128,7 +128,7 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
 
     Args:
         profile: ``off`` applies only the core.
-        priority: Of SCHED_FIFO, 1 to 99.
+        priority: Priority of SCHED_FIFO, 1 to 99.
         cores: Cores for this process.
 
     Returns:

@@ -26,23 +26,24 @@ _WAITING = Outcome.WAITING
 
 
 class Sampler:
-    """Holds the position of the shaft, its velocity, and the time of the sample.
+    """Requests and collects positions; holds the last position, its instant and the velocity.
 
     Args:
         servo: Source of the position.
         velocity: Estimates the velocity from the positions.
         period_ns: The sampling period [ns].
-        pipelined: A request is sent at the end of the period before; else in its own.
-        velocity_filter: Of the velocity that damps; None: none.
+        pipelined: Requests are sent at the end of the period before; else in the period of the
+            sample.
+        velocity_filter: Filter of the velocity that damps; None: none.
 
     Attributes:
-        outcome: Of the last request.
+        outcome: Outcome of the last request.
         position: The last known position [rad]; NaN: none is known yet.
         velocity: Estimated velocity [rad/s]; 0 after a reading that failed.
-        damped: The same, filtered where the wall has a filter: the law's damping acts on it.
+        damped: Velocity that the law's damping acts on: filtered if the wall has a filter.
         sampled_ns: When ``position`` was sampled [ns]; None: none is known yet.
         measured_torque: Torque in the last reply [N·m]; NaN: the servo measures none.
-        first: The last sample was the first good one.
+        first: Whether the last sample was the first good one.
     """
 
     __slots__ = (
@@ -89,7 +90,7 @@ class Sampler:
 
     @property
     def known(self) -> bool:
-        """Whether ``position`` is that of this period, or no newer one is due yet."""
+        """Whether ``position`` is of this period, or is the newest that can be expected."""
         return self.outcome is _OK or self.outcome is _WAITING
 
     def request_ahead(self) -> None:
@@ -98,7 +99,7 @@ class Sampler:
             self._servo.request()
 
     def sample(self, woke_ns: int) -> Reading:
-        """Collect the reply, and take the position and the velocity from it.
+        """Collect the reply; update the position and the velocity.
 
         Args:
             woke_ns: When the loop woke for this period [ns].
@@ -133,11 +134,10 @@ class Sampler:
         return reading
 
     def _periods(self, last_ns: int | None, sampled_ns: int) -> float:
-        """Return the periods that really passed between two samples.
+        """Return the number of periods between two samples.
 
-        They include lost readings, skipped periods, and a tick that was served late, which the grid
-        counts only afterwards. Nearly whole numbers are rounded: jitter does not reach the
-        velocity.
+        The number is not the count of ticks: readings may be lost, periods skipped, ticks late.
+        Nearly whole numbers are rounded, so that jitter does not disturb the velocity.
         """
         if last_ns is None:
             return 1.0
@@ -148,7 +148,7 @@ class Sampler:
         return max(periods, SHORTEST)
 
     def interval_ns(self, woke_ns: int) -> int:
-        """Return the time from the last tick with a reading to this one; call once a tick.
+        """Return the time since the last tick with a reading; call it once a tick.
 
         Args:
             woke_ns: When the loop woke for this period [ns].

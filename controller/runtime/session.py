@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.handover import Inbox
 from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.lateness.ticks import LateTicks
-from haptic_wall.controller.runtime.loop import Grid
+from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.session_report import (
@@ -213,12 +213,12 @@ class _Session:
             servo,
             telemetry,
             self._schedule,
-            rendered(config, servo, self._program),
+            rendered(config, self._clock, servo, self._program),
             self._injected,
             inbox=inbox,
         )
         self._tick = Tick(parts)
-        self._grid = Grid(
+        self._loop = Loop(
             self._tick,
             self._waiter,
             self._clock,
@@ -232,12 +232,12 @@ class _Session:
         telemetry.words[Word.STATE] = LoopState.RUNNING
 
     def run(self, duration_s: float | None) -> None:
-        """Serve the grid until the end, and switch the torque off."""
+        """Run the loop until the end, and switch the torque off."""
         began_s = time.monotonic()
         parts = self._tick.parts
-        self._waiting = WallWait(self._grid, self._config, parts, self._around.tell)
+        self._waiting = WallWait(self._loop, self._config, parts, self._around.tell)
         self._reason, self._message = _run(
-            self._grid, self._config, self.servo, duration_s, self._waiting
+            self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
@@ -255,10 +255,10 @@ class _Session:
             stop_reason=self._reason,
             message=self._message or trip_figures(tick.trip, parts) or trouble,
             ticks=tick.ticks,
-            missed=self._grid.missed,
-            elapsed_s=self._grid.elapsed_s,
+            missed=self._loop.missed,
+            elapsed_s=self._loop.elapsed_s,
             real_s=self._real_s,
-            grid_hz=1e9 / self._grid.period_ns,
+            grid_hz=1e9 / self._loop.period_ns,
             guard=None,
             oscillation=None,
             delay=None,
@@ -341,7 +341,7 @@ def _spin_ns(config: Config) -> int | None:
 
 
 def _run(
-    grid: Grid,
+    loop: Loop,
     config: Config,
     servo: Servo,
     duration_s: float | None,
@@ -352,12 +352,12 @@ def _run(
         reason = None
         if servo.bus or config.loop.clock == "monotonic":
             # Where replies take long, until some have come: age and position are then known.
-            reason = grid.serve(max(config.loop.warm_up_s, _REPLIES * (servo.bus or Bus()).reply_s))
+            reason = loop.serve(max(config.loop.warm_up_s, _REPLIES * (servo.bus or Bus()).reply_s))
         if reason is None:
             reason = waiting(duration_s)
-        grid.tick.wall_on()
-        grid.begin()
-        return reason or grid.serve(duration_s) or End.DURATION, ""
+        loop.tick.wall_on()
+        loop.begin()
+        return reason or loop.serve(duration_s) or End.DURATION, ""
     except ServoHealthError as error:
         return Trip.SERVO_HEALTH, str(error)
     except TorqueLostError as error:

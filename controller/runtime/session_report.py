@@ -12,9 +12,16 @@ from haptic_wall.controller.guard.assumed import assumed
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
-from haptic_wall.controller.guard.reasons import Derated, Reason, ServedSlower, WaitsForRest
+from haptic_wall.controller.guard.reasons import (
+    Derated,
+    FromTank,
+    Reason,
+    ServedSlower,
+    WaitsForRest,
+)
 from haptic_wall.controller.guard.rebound import NOT_ONE_SIDED, rebound
 from haptic_wall.controller.guard.schedule import inserted_delay
+from haptic_wall.controller.laws.active import ActiveLaw
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
 from haptic_wall.controller.runtime.missed import MissedPeriods
@@ -48,6 +55,8 @@ def trip_figures(trip: Trip | None, parts: TickParts) -> str:
                 f"{driven[0]:.3g} rad/s for {WINDOW_S * 1e3:g} ms, driven by the torque; at most"
                 f" {driven[1]:.3g} is allowed"
             )
+        case Trip.LAW_FAILED:
+            return parts.law.fault
         case Trip.MISSED_PERIODS:
             return (
                 f"{missed.worst:.1%} of the periods of {MISSED_S:g} s; at most"
@@ -126,6 +135,10 @@ def _besides_the_guard(
         )
     elif stiffness < decision.stiffness:
         yield WaitsForRest(decision.stiffness)
+    law = tick.parts.law
+    if isinstance(law, ActiveLaw):
+        tank = law.tank
+        yield FromTank(law.name, tank.absorbed, tank.given, tank.limited)
 
 
 def _share(part: float, whole: float) -> float:

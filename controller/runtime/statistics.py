@@ -1,7 +1,7 @@
-"""Statistics of a run from its rows: percentiles of times, extremes of torque.
+"""Computes statistics of a run from its rows: percentiles of times, extremes of torque.
 
-Processes batches in another process than the loop, in bounded memory: times are counted in bins
-1.6 % wide, the maximum is kept exactly.
+It runs outside the loop's process, on batches of rows, in bounded memory: times are counted in bins
+1.6 % wide; the maximum is exact.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class TimeStatistics:
         self._max = max(self._max, float(times_ns.max()))
 
     def percentile_us(self, percentile: float) -> float | None:
-        """Return the time that ``percentile`` [%] of them do not exceed [µs]; None of none."""
+        """Return a percentile [%] of the counted times [µs]; None if no time was counted."""
         total = int(self._counts.sum())
         if total == 0:
             return None
@@ -54,8 +54,8 @@ class TimeStatistics:
 class RunStatistics:
     """The report's statistics of times and torques.
 
-    Ticks of the warm-up are not counted. Work and bus times are those of the tick before, so the
-    first row's are left out.
+    Ticks of the warm-up are not counted. A row has the work and bus times of the tick before, so
+    those of the first row are left out.
     """
 
     def __init__(self) -> None:

@@ -88,7 +88,7 @@ class Row:
     flags: int = 0
     """``FLAG_...``, added"""
     phase: int = 0
-    """Of a program; 0 without one"""
+    """Phase of a program; 0 without one"""
     oscillation: int = 0
     """State of the detector"""
     position: float = 0.0
@@ -96,7 +96,7 @@ class Row:
     velocity: float = 0.0
     """Estimated [rad/s]"""
     wall_torque: float = 0.0
-    """Of the law, before the delay [N·m]"""
+    """Wall torque of the law, before the delay [N·m]"""
     torque: float = 0.0
     """Sent [N·m]"""
     stiffness: float = 0.0
@@ -187,7 +187,7 @@ class Telemetry:
     """The shared memory, from one process's side.
 
     Args:
-        descriptor: Of a memory made by ``create``, possibly inherited.
+        descriptor: Descriptor of a memory made by ``create``, possibly inherited.
         capacity: Number of rows in the ring.
         mapped: Map all pages now, which takes 10 ms, and none in a loop.
     """

@@ -1,4 +1,4 @@
-"""One period from start to end: sample, render, delay, check, write, report."""
+"""Executes one period from start to end: sample, render, delay, check, write, report."""
 
 from __future__ import annotations
 
@@ -124,7 +124,8 @@ class Tick:
         """
         parts = self._parts
         law, gains, own = parts.law, parts.gains, parts.motion.watch.own
-        scale, damping_scale = (law.scale, law.damping_scale) if own is None else own.reduced
+        now = law.derating
+        scale, damping_scale = (now.scale, now.damping_scale) if own is None else own.reduced
         return gains.stiffness * scale, gains.damping * damping_scale
 
     @property
@@ -227,8 +228,8 @@ class Tick:
         row.measured_torque = sampler.measured_torque
         row.phase = law.phase
         row.oscillation = parts.motion.watch.current
-        row.stiffness = law.stiffness * law.scale
-        row.damping = (law.damping + law.injected) * law.damping_scale
+        row.stiffness = law.stiffness * law.derating.scale
+        row.damping = (law.damping + law.injected) * law.derating.damping_scale
         row.held_torque = law.held
         row.delay_s = self._delay_s
         parts.telemetry.write(row)
@@ -268,7 +269,7 @@ class Tick:
         return FLAG_CHANGED
 
     def _obstacle(self, change: Change) -> Obstacle:
-        """Return what is against making a change in this tick."""
+        """Return the obstacle to making a change in this tick."""
         parts = self._parts
         sampler, gains, changeover = parts.sampler, parts.gains, parts.changeover
         if not self.came_on:
@@ -303,14 +304,17 @@ class Tick:
         """Render, command and watch as the change asks for, from this tick on."""
         parts = self._parts
         law, ring, position = parts.law, parts.ring, parts.sampler.position
+        if change.steps != ring.steps:
+            coming = law.torque(position, parts.sampler.damped) if self._on else 0.0
+            ring = ring.resized(change.steps, self._row.wall_torque, coming)
         if change.law is not None:
             adopt(change.law, law)
             law = change.law
             law.settle(position)
-        if change.steps != ring.steps:
-            ring = ring.resized(change.steps, ring.coming(self._row.wall_torque))
         parts.gains.take(law, change.rows, change.highest)
-        parts.motion.change(law, position, change.injected, change.watch, change.own)
+        parts.motion.change(
+            law, position, change.injected, change.watch, change.own, change.moved_by
+        )
         if not self._on:
             parts.engagement.restart()
         self._parts = replace(parts, law=law, ring=ring)
@@ -345,7 +349,7 @@ class Tick:
     def _checked(self, torque: float) -> float:
         """Return the torque that may be sent [N·m]: zero after a trip."""
         if self.trip is None and not math.isfinite(torque):
-            self.trip = Trip.NOT_A_NUMBER
+            self.trip = Trip.LAW_FAILED if self._parts.law.fault else Trip.NOT_A_NUMBER
         return torque if self.trip is None else 0.0
 
     def _count_missed(self, deadline_ns: int, missed: int) -> None:

@@ -1,4 +1,4 @@
-"""The time before the wall comes on: the loop runs without torque, and a person learns why."""
+"""Waits until the wall may come on: the loop runs without torque, and tells a person why."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from haptic_wall.controller.laws.engagement import REST_S, start_text, waiting_text
-from haptic_wall.controller.runtime.loop import Grid
+from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.safety import End, StopReason
 from haptic_wall.controller.runtime.tick import TickParts
 from haptic_wall.controller.settings.config import Config
@@ -19,7 +19,7 @@ class WallWait:
     """Serves ticks without torque until the wall may come on.
 
     Args:
-        grid: The loop's grid.
+        loop: The running loop.
         config: The effective configuration.
         parts: Parts of the tick.
         tell: Called with the positions of wall and shaft, and where the shaft must go.
@@ -30,9 +30,9 @@ class WallWait:
     """
 
     def __init__(
-        self, grid: Grid, config: Config, parts: TickParts, tell: Callable[[str], None]
+        self, loop: Loop, config: Config, parts: TickParts, tell: Callable[[str], None]
     ) -> None:
-        self._grid = grid
+        self._loop = loop
         self._config = config
         self._parts = parts
         self._tell = tell
@@ -45,7 +45,7 @@ class WallWait:
         Args:
             most_s: Longest wait [s]; None: for ever.
         """
-        tick = self._grid.tick
+        tick = self._loop.tick
         known = self._tell_start()
         told = set()
         looks = 0
@@ -58,7 +58,7 @@ class WallWait:
             if most_s is not None and looks * LOOK_S >= most_s:
                 return End.DURATION
             looks += 1
-            if reason := self._grid.serve(LOOK_S):
+            if reason := self._loop.serve(LOOK_S):
                 return reason
             known = known or self._tell_start()
         self.over = True
@@ -69,14 +69,14 @@ class WallWait:
 
         The shaft may have moved on in the tick in which the wall was to come on.
         """
-        if self._grid.tick.came_on:
+        if self._loop.tick.came_on:
             return ""
         return self._reason()[1] if self.over else self.waited_for
 
     def _tell_start(self) -> bool:
         """Report the positions of wall and shaft; return whether they are known."""
         config, law = self._config, self._parts.law
-        position = self._grid.tick.position
+        position = self._loop.tick.position
         if (
             math.isnan(position)
             and config.servo.kind == "simulated"
@@ -91,7 +91,7 @@ class WallWait:
 
     def _reason(self) -> tuple[str, str]:
         """Return the unmet condition: a name, and a text for people."""
-        tick, parts = self._grid.tick, self._parts
+        tick, parts = self._loop.tick, self._parts
         if math.isnan(tick.position):
             return "reading", "the wall waits for the first reading"
         if not tick.held():

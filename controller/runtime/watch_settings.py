@@ -38,7 +38,7 @@ def watch_settings(
 
     Args:
         config: The effective configuration.
-        facts: Of the servo.
+        facts: Facts of the servo.
         law: The rendered law.
         tuning: Numbers of the detector.
     """

@@ -1,4 +1,4 @@
-"""Changes of a running wall: which settings can be changed, and the configuration with them."""
+"""Applies changes to the configuration of a running wall; lists changeable settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 
 _NUMBERS: Final = (*LawNumbers.model_fields, "parts")
-"""Fields of ``wall`` that say which law it is"""
+"""Fields of ``wall`` that define its law"""
 CHANGEABLE: Final = (
     "wall.stiffness",
     "wall.damping",
@@ -27,17 +27,18 @@ CHANGEABLE: Final = (
 
 
 def changed(config: Config, sets: Sequence[str]) -> Config:
-    """Return the configuration of a running wall with changes, by the rules of a file.
+    """Return the configuration with changes applied, checked like a configuration file.
 
-    Another law begins with the usual numbers, except for those in ``sets``.
+    If the law changes, all of its numbers that are not in ``sets`` get their defaults.
 
     Args:
-        config: In force now.
+        config: Present configuration.
         sets: Changes as ``PATH=VALUE``.
 
     Raises:
-        ConfigError: With every problem found.
-        UserError: A change is not of that form, or its path cannot be changed now.
+        ConfigError: The changed configuration is invalid; the error lists every problem.
+        UserError: A change is not of the form ``PATH=VALUE``, or its path cannot be changed during
+            a run.
     """
     if not sets:
         raise UserError("found no change", field="set", wanted="PATH=VALUE")
@@ -51,11 +52,19 @@ def changed(config: Config, sets: Sequence[str]) -> Config:
             del data["wall"][name]
     for section in ("wall", "delay"):
         data[section] |= given.get(section) or {}
-    return loaded(data, "of the running wall")
+    new = loaded(data, "of the running wall")
+    if config.law_is_active() or new.law_is_active():
+        raise UserError(
+            "found a law that depends on time",
+            field="wall.law",
+            wanted="a law that depends on the position alone, before and after a change",
+            advice="end the run, and start it with --set",
+        )
+    return new
 
 
 def difference(old: Config, new: Config) -> Mapping[str, Any]:
-    """Return the changed settings by path, with their new values as JSON holds them."""
+    """Return the paths of the settings that differ, with the new values in JSON types."""
     before, after = (config.model_dump(mode="json") for config in (old, new))
     return {
         path: after[section][name]
@@ -65,10 +74,26 @@ def difference(old: Config, new: Config) -> Mapping[str, Any]:
     }
 
 
+def with_changes(config: Config, new: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings after a change, as ``difference`` gives it; other paths do not count."""
+    data = config.model_dump(mode="json")
+    for path, value in new.items():
+        if path in CHANGEABLE:
+            section, _, name = path.partition(".")
+            data[section][name] = value
+    return data
+
+
 def moved(old: Config, new: Config) -> bool:
-    """Whether the law is another one, or elsewhere: its torque changes by more than a factor."""
-    names = (*_NUMBERS, "position")
-    return any(getattr(old.wall, name) != getattr(new.wall, name) for name in names)
+    """Whether law or position differ, so that the torque changes by more than a factor."""
+    return moved_by(old, new) != 0.0
+
+
+def moved_by(old: Config, new: Config) -> float | None:
+    """Return the way of the same law to its new position [rad]; None: it is another law."""
+    if any(getattr(old.wall, name) != getattr(new.wall, name) for name in _NUMBERS):
+        return None
+    return new.wall.position - old.wall.position
 
 
 def _refuse_fixed(path: str) -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationInfo, model_validator
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
+from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
-from haptic_wall.controller.laws.table import facts_of, rendered_law
+from haptic_wall.controller.laws.table import active_law, facts_of, is_active, rendered_law
 from haptic_wall.controller.laws.wall import SIGNS, Law
 from haptic_wall.controller.settings.model import (
     Estimate,
@@ -112,7 +113,7 @@ class Config(Sections):
 
     @property
     def _no_load_speed(self) -> float:
-        """Of a real servo's model [rad/s]; 0: not known, or the servo is not real."""
+        """Return the no-load speed of a real servo's model [rad/s]; 0: unknown, or not real."""
         servo = self.servo
         models = backend(servo.backend).models
         if servo.kind != "hardware" or servo.model is None or models is None:
@@ -179,63 +180,27 @@ class Config(Sections):
         servo = self.servo
         if servo.kind == "hardware" or servo.inertia is None:
             raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
+        same = {
+            each.name: getattr(servo, each.name)
+            for each in fields(TrueServo)
+            if each.name in Servo.model_fields
+        }
         return TrueServo(
-            inertia=servo.inertia,
-            damping=servo.damping,
-            coulomb=servo.coulomb,
-            counts_per_rev=servo.counts_per_rev,
-            delay=servo.delay,
-            torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
-            torque_step=servo.torque_step,
-            backlash=servo.backlash,
-            load_inertia=servo.load_inertia,
-            transmission_stiffness=servo.transmission_stiffness,
-            transmission_damping=servo.transmission_damping,
-            encoder=servo.encoder,
-            current_bandwidth=servo.current_bandwidth,
-            current_period=servo.current_period,
-            dead_band=servo.dead_band,
-            back_emf=servo.back_emf,
-            current_droop=servo.current_droop,
-            no_load_speed=servo.no_load_speed,
-            current_filter=servo.current_filter,
-            current_offset=servo.current_offset,
-            static_friction=servo.static_friction,
-            stribeck_speed=servo.stribeck_speed,
-            stribeck_exponent=servo.stribeck_exponent,
-            damping_back=servo.damping_back,
-            load_friction=servo.load_friction,
-            load_friction_external=servo.load_friction_external,
-            load_friction_at_rest=servo.load_friction_at_rest,
-            load_friction_at_rest_external=servo.load_friction_at_rest_external,
-            load_friction_square=servo.load_friction_square,
-            load_friction_square_external=servo.load_friction_square_external,
-            gravity=servo.gravity,
-            gravity_angle=servo.gravity_angle,
-            cogging=servo.cogging,
-            cogging_periods=servo.cogging_periods,
-            cogging_phase=servo.cogging_phase,
-            torque_ripple=servo.torque_ripple,
-            torque_ripple_periods=servo.torque_ripple_periods,
-            torque_ripple_phase=servo.torque_ripple_phase,
-            encoder_eccentricity=servo.encoder_eccentricity,
-            encoder_phase=servo.encoder_phase,
-            encoder_noise=servo.encoder_noise,
-            noise_seed=servo.noise_seed,
-            torque_constant=servo.torque_constant or 0.0,
-            supply=servo.supply,
-            ambient=servo.ambient,
-            position=self.start_position,
-            hand=servo.hand,
-            hand_origin=self.surface(self.start_position) + self._end,
-            hand_direction=-1 if self.wall.acting_side == "below" else 1,
+            **same
+            | {
+                "torque_limit": 4.1 if servo.torque_limit is None else servo.torque_limit,
+                "torque_constant": servo.torque_constant or 0.0,
+                "position": self.start_position,
+                "hand_origin": self.surface(self.start_position) + self._end,
+                "hand_direction": -1 if self.wall.acting_side == "below" else 1,
+            }
         )
 
     def servo_settings(self) -> ServoSettings:
         """Settings with which ``haptic_wall.hw.open`` opens the servo.
 
         On the simulated clock an emulated bus lives in memory. On the monotonic clock it is a
-        process of its own, and whoever started it knows its port.
+        separate process; the process that started it knows its port.
         """
         servo, most = self.servo, self.safety.max_speed
         emulated = servo.kind == "emulated"
@@ -335,8 +300,34 @@ class Config(Sections):
             lambda numbers, grid: rendered_law(numbers, grid, wall.position, clip), step
         )
 
+    def law_is_active(self, step: float | None = None) -> bool:
+        """Whether the law's torque depends on time; ``law`` then gives it as it begins.
+
+        Args:
+            step: The servo's encoder step [rad]; None: as configured.
+
+        Raises:
+            ConfigError: The encoder does not resolve the law.
+        """
+        return self._of_law(is_active, step)
+
+    def active_law(self, port: Port) -> Law:
+        """Return a law whose torque depends on time, to render.
+
+        Args:
+            port: The facts of loop and servo.
+
+        Raises:
+            ConfigError: The encoder does not resolve the law.
+        """
+        wall = self.wall
+        clip = math.inf if wall.torque_clip is None else wall.torque_clip
+        return self._of_law(
+            lambda numbers, grid: active_law(numbers, grid, wall.position, clip, port), port.step
+        )
+
     def _of_law(self, ask: Callable[[Numbers, Grid], Made], step: float | None) -> Made:
-        """Return what the table of laws makes of this one's numbers."""
+        """Return the result of ``ask`` with the configured numbers of the law."""
         counts = self.servo.counts_per_rev
         if step is None:
             step = math.tau / counts if counts else 0.0

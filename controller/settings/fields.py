@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
@@ -39,8 +40,9 @@ class Field:
     """Kinds of servo that use it."""
 
 
+@cache
 def fields() -> dict[str, Field]:
-    """Return every field by its path, in the order of declaration."""
+    """Return every field by its path, in the order of declaration; not to be changed."""
     return {field.path: field for field in _walk()}
 
 
@@ -74,7 +76,7 @@ def _walk() -> Iterator[Field]:
 
 
 def _split(annotation: Any) -> tuple[Any, bool]:  # noqa: ANN401 - types are what they are
-    """A field's type without ``None`` and without ``Annotated``; whether it takes null."""
+    """Return a field's type without ``None`` and ``Annotated``, and whether it takes null."""
     nullable = get_origin(annotation) in (types.UnionType, Union)
     if nullable:
         annotation = next(arg for arg in get_args(annotation) if arg is not types.NoneType)
@@ -101,12 +103,12 @@ def _wanted(annotation: Any, info: FieldInfo) -> str:  # noqa: ANN401
 
 
 def _bare(annotation: Any) -> Any:  # noqa: ANN401
-    """A type without what is annotated to it."""
+    """Return a type without its annotations."""
     return getattr(annotation, "__origin__", annotation)
 
 
 def _bounds(annotation: Any, metadata: list[Any]) -> str:  # noqa: ANN401
-    """A type and its bounds in words: "a number from 0 to 1", "a number above 0, at most 10"."""
+    """Describe a type and its bounds: "a number from 0 to 1", "a number above 0, at most 10"."""
     while hasattr(annotation, "__metadata__"):
         metadata = [*annotation.__metadata__, *metadata]
         annotation = annotation.__origin__

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -76,8 +77,7 @@ def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
         ConfigError: With every problem found.
         UserError: There is no such preset or file, or it cannot be read.
     """
-    text, title = _read(source)
-    data = config_yaml.parse(text, title)
+    data, title = _read(source)
     data = {} if data is None else data
     if not isinstance(data, dict):
         raise ConfigError(
@@ -143,13 +143,19 @@ def _presets() -> resources.abc.Traversable:
     return resources.files("haptic_wall.controller").joinpath("presets")
 
 
-def _read(source: str) -> tuple[str, str]:
-    """Return the text of a preset or file, and its title for messages."""
+@lru_cache
+def _preset_data(name: str) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Return the unchecked data of a preset, read once: YAML takes longer than all the rest."""
+    return config_yaml.parse(preset_text(name), f"preset {name}")
+
+
+def _read(source: str) -> tuple[Any, str]:
+    """Return the unchecked data of a preset or file, and its title for messages."""
     if source in preset_names():
-        return preset_text(source), f"preset {source}"
+        return copy.deepcopy(_preset_data(source)), f"preset {source}"
     path = Path(source)
     try:
-        return regular_file.content(path, MOST_BYTES).decode("utf-8"), str(path)
+        text = regular_file.content(path, MOST_BYTES).decode("utf-8")
     except FileNotFoundError:
         near = did_you_mean(source, preset_names())
         raise UserError(
@@ -163,6 +169,7 @@ def _read(source: str) -> tuple[str, str]:
         raise UserError(
             f"cannot be read: {reason}", field="CONFIG", given=source, advice="wanted a YAML file"
         ) from None
+    return config_yaml.parse(text, str(path)), str(path)
 
 
 def loaded(data: dict[str, Any], title: str) -> Config:
@@ -266,7 +273,7 @@ def _of_origin(problem: Problem, origins: Mapping[str, str]) -> Problem:
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401
-    """A found value, short enough for a line."""
+    """Format a found value, short enough for a line."""
     text = "null" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -1,4 +1,4 @@
-"""The sections of the configuration: every field with its unit, its bounds and its meaning."""
+"""Defines the sections of the configuration: every field with unit, bounds and meaning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from haptic_wall.hw.settings import Kind
 
 
 def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Let ``4e6`` be a whole number; anything else is left for the validation to judge."""
+    """Convert a whole float such as ``4e6`` to an integer; return any other value unchanged."""
     return int(found) if isinstance(found, float) and found.is_integer() else found
 
 
@@ -24,7 +24,7 @@ Gain = Annotated[float, Field(gt=0, le=10)]
 
 
 def pair(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Let a list be what pydantic calls a tuple."""
+    """Convert a list to a tuple, as pydantic's strict mode requires."""
     return tuple(found) if isinstance(found, list) else found
 
 
@@ -42,9 +42,9 @@ def setting(
     """Declare a field.
 
     Args:
-        default: Value without a setting.
-        meaning: For people.
-        unit: Empty: it has none.
+        default: Value if the configuration does not set the field.
+        meaning: Meaning in words, for people.
+        unit: Unit; empty: the field has none.
         used_by: Kinds of servo that use it; empty: all.
         limits: Bounds, as for pydantic's ``Field``.
     """
@@ -162,13 +162,21 @@ class _Rendered(Section):
         ge=0.1,
         le=20.0,
     )
+    tank: float = setting(
+        0.05,
+        "Of a law of your own that depends on time: the most energy that it may have absorbed and "
+        "not yet given",
+        "J",
+        ge=1e-3,
+        le=10.0,
+    )
     passivity_control: bool = setting(
         False, "Put damping in where the wall gives more energy than it took"
     )
 
 
 def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read a profile from a CSV file, or let a list of pairs be what pydantic calls tuples."""
+    """Read a profile from a CSV file, or convert a list of pairs to tuples."""
     if isinstance(found, str):
         return profile_of(found)
     return tuple(map(pair, found)) if isinstance(found, list) else found
@@ -220,13 +228,13 @@ class LawNumbers(Section):
 
 
 class Part(LawNumbers):
-    """A law in a sum."""
+    """One law in a sum, with its share."""
 
     share: float = setting(1.0, "How stiff this part is beside the others", gt=0, le=1e3)
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Return nothing: a sum has no sums in it."""
+        """Return an empty tuple: a part of a sum cannot be a sum."""
         return ()
 
 
@@ -242,7 +250,7 @@ class Wall(LawNumbers, _Rendered):
 
     @property
     def acting_side(self) -> Side:
-        """Return the side of a wall; ``both`` for any other law."""
+        """Return the side of a wall; ``both`` for every other law."""
         return self.side if self.law == "wall" else "both"
 
 
@@ -295,7 +303,7 @@ class Estimate(Section, Generic[Number]):
     @model_validator(mode="before")
     @classmethod
     def _from_number(cls, found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-        """A bare number is believed without doubt."""
+        """Convert a bare number to an estimate whose bounds are the number itself."""
         if isinstance(found, (int, float)) and not isinstance(found, bool):
             return {"value": found, "low": found, "high": found}
         return found
@@ -308,7 +316,7 @@ class Estimate(Section, Generic[Number]):
 
 
 class Model(Section):
-    """The controller's belief about the servo; unset and simulated: the truth."""
+    """The controller's belief about the servo; for a simulated servo it defaults to the truth."""
 
     inertia: Estimate[Positive] | None = setting(
         None, "Believed inertia of everything that the servo turns, a link included", "kg·m²"

@@ -1,4 +1,4 @@
-"""An error of a field whose message is already written for people."""
+"""Defines an error of a field whose message is already written for people."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
-from haptic_wall.controller.laws.table import LAWS, SUM, shape_of
+from haptic_wall.controller.laws.table import LAWS, SUM, is_active, shape_of
 from haptic_wall.controller.settings.model import LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
@@ -26,7 +26,7 @@ _KIND = ("servo.backend", "servo.port")
 
 
 class BrokenRulesError(ValueError):
-    """Raised for fields that are valid alone, but not together."""
+    """Raised if fields are valid by themselves, but not together."""
 
     def __init__(self, problems: list[Problem]) -> None:
         super().__init__("; ".join(map(str, problems)))
@@ -41,10 +41,13 @@ class _Rule:
     check: Callable[[Sections], Iterator[Problem]]
 
 
+MOST_OF_RATE = 0.45
+"""Highest frequency of a filter of the velocity, as a fraction of the rate"""
 MOST_LOWPASS_Q = 0.7072
 """Quality of a low-pass of the velocity above which its gain exceeds 1"""
 WIDEST_NOTCHED_HZ = 60.0
-"""Widest doubt of the frequency of a vibration beside a notch [Hz]: a start takes seconds"""
+"""Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
+seconds"""
 _RULES: list[_Rule] = []
 
 
@@ -199,6 +202,8 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
     *_KIND,
     *(f"wall.{name}" for name in LawNumbers.model_fields),
     "wall.parts",
+    "wall.passivity_control",
+    "delay.steps",
     "loop.rate_hz",
     "servo.counts_per_rev",
 )
@@ -209,16 +214,35 @@ def _law_is_whole(config: Sections) -> Iterator[Problem]:
         return
     # The encoder of a real servo is known only once it is open.
     step = math.tau / counts if counts and config.servo.kind != "hardware" else 0.0
+    grid = Grid(config.period_s, step)
     try:
-        shape_of(wall, Grid(config.period_s, step))
+        shape_of(wall, grid)
     except LawError as error:
         yield Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
     else:
         yield from _numbers_of_another_law(config)
+        if is_active(wall, grid):
+            yield from _tank_knows_the_energy(config)
+
+
+def _tank_knows_the_energy(config: Sections) -> Iterator[Problem]:
+    wanted = f"with the law {config.wall.law}, whose torque depends on time"
+    if config.delay.steps:
+        yield Problem(
+            f"found {config.delay.steps}",
+            field="delay.steps",
+            wanted=f"0 {wanted}: its tank counts the torque of the present period",
+        )
+    if config.wall.passivity_control:
+        yield Problem(
+            "found true",
+            field="wall.passivity_control",
+            wanted=f"false {wanted}: it has no stored energy",
+        )
 
 
 _UNKNOWN_ENERGY = "friction", "texture"
-"""Laws whose potential is not what their torque did: one forgets it, the other fades with speed"""
+"""Laws whose potential is not the work of their torque: friction slips, texture fades with speed"""
 
 
 @_reads("wall.law", "wall.parts", "wall.passivity_control")
@@ -236,7 +260,7 @@ def _passivity_control_knows_the_energy(config: Sections) -> Iterator[Problem]:
 
 
 def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
-    """Find numbers that the law does not use: whoever set them meant another one."""
+    """Report numbers that the law does not use, and the laws that use them."""
     wall = config.wall
     for name, others in _unused(wall, (*LawNumbers.model_fields, "parts")):
         yield Problem(
@@ -254,7 +278,7 @@ def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:
 
 
 def _unused(law: LawNumbers, names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield each number that was set and the law does not use, and the laws that it is for."""
+    """Yield each number that is set but not used by the law, with the laws that use it."""
     uses = {name: kind.numbers for name, kind in LAWS.items()} | {SUM: ("parts",)}
     used = uses.get(law.law, ("options",))
     for name in names:
@@ -554,10 +578,11 @@ def _filter_is_below_half_the_rate(config: Sections) -> Iterator[Problem]:
     wall, rate = config.wall, config.loop.rate_hz
     if wall.velocity_filter == "none":
         return
-    if not wall.velocity_hz < 0.45 * rate:
+    if not wall.velocity_hz < MOST_OF_RATE * rate:
         yield Problem(
             f"found {wall.velocity_hz:g} Hz",
-            wanted=f"less than {0.45 * rate:g} Hz, which is 0.45 of loop.rate_hz",
+            wanted=f"less than {MOST_OF_RATE * rate:g} Hz, which is {MOST_OF_RATE:g} of"
+            " loop.rate_hz",
             field="wall.velocity_hz",
         )
     if wall.velocity_filter == "lowpass" and wall.velocity_q > MOST_LOWPASS_Q:
@@ -596,7 +621,7 @@ def _filter_is_counted(config: Sections) -> Iterator[Problem]:
 
 
 def _is_widely_flexible(config: Sections) -> bool:
-    """Whether a load is believed, with a frequency in wide doubt."""
+    """Whether the belief has a load whose frequency is known only within a wide range."""
     model = config.model
     if model.load_inertia is None or model.load_inertia.high == 0.0:
         return False

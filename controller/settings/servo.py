@@ -65,7 +65,7 @@ def _port(found: str) -> str:
 
 
 def _backend(found: str) -> str:
-    """Refuse what no backend is called, and a backend that cannot be loaded."""
+    """Raise if no backend has this name, or if it cannot be loaded."""
     try:
         backend(found)
     except BackendError as error:
@@ -421,7 +421,7 @@ class Servo(Section):
     def position_step(self) -> float:
         """Return the encoder count that is expected [rad]; 0: the position is not quantised.
 
-        Of a real servo nobody configures it: that of a Dynamixel.
+        It cannot be configured for a real servo; then it is that of a Dynamixel.
         """
         return math.tau / self.counts_per_rev if self.counts_per_rev else 0.0
 
@@ -449,7 +449,7 @@ class Servo(Section):
         return 0.5 * self.transmission_damping * math.tau * self.flexible_hz / stiffness
 
     def asked(self) -> ServoSettings:
-        """This section as a backend takes it.
+        """Return this section as the backend's settings.
 
         Raises:
             ValidationError: An option is unknown, missing or wrong.
@@ -485,7 +485,7 @@ class Servo(Section):
 
 
 def options_of(servo: Servo) -> Any:  # noqa: ANN401 - whatever the backend declares
-    """The backend's own settings, as an instance of its ``options``.
+    """Return the backend's own settings, as an instance of its ``options``.
 
     Raises:
         ValidationError: An option is unknown, missing or wrong.

@@ -59,11 +59,11 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
 def parse(text: str, source: str, field: str | None = None) -> Any:  # noqa: ANN401 - whatever the text holds
-    """The data in a YAML text.
+    """Return the data in a YAML text.
 
     Args:
         text: One YAML document.
-        source: What it is, for the error message.
+        source: Name of the text, for the error message.
         field: The option that ``source`` is the value of; None: it is none's.
 
     Raises:

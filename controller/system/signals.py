@@ -22,8 +22,24 @@ _raised: list[signal.Signals] = []  # not an Event: a handler must not wait for 
 
 
 def was_interrupted() -> bool:
-    """Whether ``interrupting`` has raised in this process, in whatever library was running."""
+    """Whether ``interrupting`` has raised in this process; a library may have hidden the error."""
     return bool(_raised)
+
+
+def ended_by(number: signal.Signals) -> Callable[[], bool]:
+    """Let a child process outlive the signals that stop a run, and note the one that ends it.
+
+    Args:
+        number: The signal.
+
+    Returns:
+        A function that returns whether it has come.
+    """
+    came: list[int] = []
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(each, signal.SIG_IGN)
+    signal.signal(number, lambda given, _frame: came.append(given))
+    return lambda: bool(came)
 
 
 @contextlib.contextmanager

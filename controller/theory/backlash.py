@@ -1,4 +1,4 @@
-"""The stiffness below which backlash before the encoder sustains no large oscillation.
+"""Computes the stiffness below which backlash before the encoder sustains no large oscillation.
 
 Backlash lags, and so feeds an oscillation; Coulomb friction takes from it. To a sinusoid of
 amplitude A both are gains (``describing``): N(A) multiplies the wall's whole torque, 4 c/(pi A w)
@@ -110,7 +110,7 @@ def _least(
     every_a, every_w = (np.linspace(0.0, 1.0, n) for n in (_AMPLITUDES, _FREQUENCIES))
 
     def crossings(part_a: FloatArray, part_w: FloatArray) -> FloatArray:
-        """Stiffness of cycles between neighbouring frequencies; infinite where there is none."""
+        """Return the stiffness of cycles between neighbouring frequencies; infinite if none."""
         a = begin * ratio**part_a
         w = _SLOWEST * (_FASTEST / _SLOWEST) ** part_w / late
         b = damping + 4.0 * coulomb / (np.pi * a * w / period)

@@ -24,21 +24,24 @@ from haptic_wall.controller.theory.checks import (
     positive,
 )
 
+_TERMS = 15
+"""Of the series of a matrix whose norm is below 1/2: the next one is below 1e-17"""
+
 
 @dataclass(frozen=True, slots=True)
 class Chain:
     """Parameters of chains with the same number of masses; arrays of one length each."""
 
     inertias: FloatArray
-    """Of the masses from the motor on, chains × masses [kg·m²]"""
+    """Inertias of the masses from the motor on, chains × masses [kg·m²]"""
     dampings: FloatArray
     """Viscous friction of each mass against the ground, chains × masses [N·m·s/rad]"""
     stiffnesses: FloatArray
-    """Of the transmissions, chains × (masses - 1) [N·m/rad]"""
+    """Stiffnesses of the transmissions, chains × (masses - 1) [N·m/rad]"""
     transmission_dampings: FloatArray
-    """Of the transmissions, chains × (masses - 1) [N·m·s/rad]"""
+    """Dampings of the transmissions, chains × (masses - 1) [N·m·s/rad]"""
     bandwidth: FloatArray | None = None
-    """Of the current loop [Hz]; None: the torque follows at once"""
+    """Bandwidth of the current loop [Hz]; None: the torque follows at once"""
     encoder: int = -1
     """Index of the mass that the encoder measures"""
 
@@ -102,6 +105,10 @@ class Sampled:
     old: FloatArray
     """Change per torque of the period before, which acts during the fraction; chains × n"""
 
+    def take(self, index: IntArray) -> Sampled:
+        """Return the chains at ``index``."""
+        return Sampled(*(getattr(self, name)[index] for name in self.__slots__))
+
 
 def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     """Return chains over one period.
@@ -109,27 +116,42 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     Args:
         chain: The chains.
         period: T of each [s].
-        fraction: Of a period by which the torque comes later than the whole periods of the delay,
-            0 <= fraction < 1; of each chain.
+        fraction: Fraction of a period by which the torque comes later than the whole periods of the
+            delay, 0 <= fraction < 1; of each chain.
     """
-    from scipy.linalg import expm
-
     a, b, c = chain.matrices()
     count, size, _ = a.shape
     # states, position, held torque
     whole = np.zeros((count, size + 2, size + 2))
     whole[:, :size, :size], whole[:, :size, -1], whole[:, size, :size] = a, b, c
-    full = expm(whole * period[:, None, None])
-    late = expm(whole * (period * (1.0 - fraction))[:, None, None])
+    full = moved(whole * period[:, None, None])
+    late = moved(whole * (period * (1.0 - fraction))[:, None, None]) if fraction.any() else full
     new = late[:, :-1, -1]
     old = full[:, :-1, -1] - new
     poles = np.linalg.eigvals(a * period[:, None, None]).astype(np.complex128)
-    step = full[:, :-1, :-1] - np.eye(size + 1)
+    step = full[:, :-1, :-1]
     newer, older = _numerator(step, new), _numerator(step, old)
     numerator = np.zeros((count, size + 2))
     numerator[:, :-1] = older + newer
     numerator[:, 1:] += newer  # old + z new, with z = 1 + delta
     return Sampled(np.expm1(poles), numerator, step, new, old)
+
+
+def moved(matrices: FloatArray) -> FloatArray:
+    """Return exp(A) - I of many small matrices at once; shape (n, size, size).
+
+    Taylor's series of A / 2^s, s times squared. scipy's ``expm`` takes them one by one.
+    """
+    size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
+    squarings = max(math.frexp(size)[1] + 1, 0)
+    small = matrices * 0.5**squarings
+    found = small / _TERMS
+    for k in range(_TERMS - 1, 0, -1):
+        found = (small + small @ found) / k
+    for _ in range(squarings):
+        found = 2.0 * found + found @ found
+    result: FloatArray = found
+    return result
 
 
 def _numerator(step: FloatArray, held: FloatArray) -> FloatArray:
@@ -147,6 +169,13 @@ def _numerator(step: FloatArray, held: FloatArray) -> FloatArray:
         matrix = product + coefficient[:, None, None] * np.eye(size)
         found[:, size - 1 - k] = np.einsum("ij,ij->i", matrix[:, -1], held)
     return found
+
+
+def one_mass(inertia: ArrayLike, damping: ArrayLike) -> tuple[Chain, tuple[int, ...]]:
+    """Return chains of a motor alone, and the shape that their parameters broadcast to."""
+    m, b = broadcast(inertia=positive("inertia", inertia), damping=not_negative("damping", damping))
+    none = np.empty((m.size, 0))
+    return Chain(np.reshape(m, (-1, 1)), np.reshape(b, (-1, 1)), none, none), m.shape
 
 
 def two_masses(

@@ -1,9 +1,9 @@
-"""Simulates contacts of a chain of masses with a wall that never pulls: what speed comes back.
+"""Simulates contacts of a chain of masses with a one-sided wall, and returns the exit speed.
 
 The chain flies in rigidly, untwisted and without torque. The wall fills the positions above 0; its
 torque at a sample inside is ``max(0, K x + B v)`` outwards, with v the difference of positions,
-those before the contact included. The law is homogeneous, so the entry speed is 1. What comes back
-counts with its vibration: as the speed of a rigid chain of the same energy.
+those before the contact included. The law is homogeneous, so the entry speed is 1. The exit speed
+includes the vibration: it is that of a rigid chain of the same energy.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def returned(
         delay: t_d, from the sample to its torque acting, without the current loop's lag [s].
         stiffness: K of each contact [N·m/rad].
         virtual_damping: B of each contact [N·m·s/rad].
-        phase: From the entry to the first sample inside of each contact [periods], 0 to 1.
+        phase: Phase from the entry to the first sample inside of each contact [periods], 0 to 1.
         velocity_samples: N of the velocity difference, >= 1.
         longest: Contacts of more samples are given up.
 

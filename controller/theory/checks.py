@@ -83,7 +83,7 @@ def scalar(check: Callable[[str, ArrayLike], FloatArray], name: str, value: Arra
 
     Args:
         check: ``number``, ``positive``, ``not_negative`` or ``samples``.
-        name: For the message.
+        name: Name for the message.
         value: The number.
 
     Raises:

@@ -80,7 +80,7 @@ def characteristic_polynomial(delta: float, alpha: float, beta: float, delay: in
             + [q (alpha + beta) + p beta] z - q beta = 0
 
     The result is divided by delta², without cancellation in its coefficients: accurate for any
-        delta, also for 0.
+    delta, also for 0.
 
     Args:
         delta: Viscous damping >= 0.

@@ -1,12 +1,13 @@
-"""Simulates one contact with a wall that never pulls, and finds the device's exit speed.
+"""Simulates contacts with a sampled one-sided wall, and returns the device's exit speed.
 
-Dimensionless (period 1, inertia 1, entry speed 1), exact between the instants at which the torque
-switches, many contacts at once. The wall fills the positions above 0. Its torque at a sample inside
-is ``max(0, alpha x + beta v)`` outwards, with v the difference of *positions*, those before the
-contact included; outside it is 0. Before the contact the device moves freely.
+Many contacts are simulated at once, dimensionless (period 1, inertia 1, entry speed 1). The motion
+between two switches of the torque is computed exactly. The wall fills the positions above 0. A
+sample inside gives the torque ``max(0, alpha x + beta v)`` outwards, a sample outside gives 0. Here
+v is the velocity difference over N positions, including those before the contact. Before the
+contact the device moves freely.
 
-The law is homogeneous, so the ratio of the speeds does not depend on the entry speed; it depends on
-the phase of entry, the time from the entry to the first sample inside.
+The wall's law is homogeneous of degree 1, so the ratio of exit to entry speed does not depend on
+the entry speed. It depends on the phase: the time from the entry to the first sample inside.
 """
 
 from __future__ import annotations
@@ -41,27 +42,30 @@ class Contacts:
     """From the entry to the first sample inside [periods], 0 to 1; at 0 it counts as inside"""
 
     def take(self, index: NDArray[np.bool_] | IntArray) -> Contacts:
-        """The contacts at ``index``."""
+        """Return the contacts at ``index``."""
         return Contacts(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
-    """Return the final exit speed over the entry speed of each contact.
+    """Return the ratio of exit speed to entry speed of each contact.
 
     The exit speed is the greatest speed outside the wall until the last commanded torque has ended:
     a delayed torque that acts after the device has left counts too.
 
     Args:
         contacts: Contacts to simulate.
-        floor: A contact whose speed cannot exceed this any more is not simulated further (one with
-            more than critical damping creeps out for ever). Its result is a bound between the true
-            value and the floor.
+        floor: Smallest ratio of interest. The simulation of a contact ends when its exit speed can
+            no longer exceed the floor, because an overdamped contact creeps out for ever. Its
+            result is then a bound between the true value and the floor.
     """
     result = np.empty_like(contacts.delta)
     place = np.arange(result.size)
     c = contacts
     whole = np.floor(c.delay).astype(np.int64)
-    full, partial = _plant(c)
+    # Over a whole step, over the part before the step's sample, and back to the step's beginning.
+    full, partial, backward = (
+        held_response(c.delta, t) for t in (1.0, _until_sample(c.delay), -1.0)
+    )
     # A step runs from one switch of the torque to the next; sample k falls into step k, at
     # 1 - f from its start. The torque of sample k acts during step k + 1 + whole.
     start = held_response(c.delta, c.phase - _until_sample(c.delay))
@@ -88,7 +92,8 @@ def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
         v = full.speed_per_speed * v - full.position_per_speed * u
         out = (x <= 0) & (v < 0)
         if out.any():
-            leaving = np.where(out, np.maximum(leaving, _outward(c.delta, x, v, u, leaving)), 0.0)
+            outward = _outward(c.delta, backward, x, v, u, leaving)
+            leaving = np.where(out, np.maximum(leaving, outward), 0.0)
         pending += command - u
         gone += (gone > 0) | ~inside
         k += 1
@@ -104,14 +109,19 @@ def exit_speed(contacts: Contacts, floor: float) -> FloatArray:
         leaving, pending, gone = leaving[on], pending[on], gone[on]
         commands, positions = commands[:, on], positions[:, on]
         columns = np.arange(place.size)
-        full, partial = _plant(c)
+        full, partial, backward = (_at(response, on) for response in (full, partial, backward))
     return np.maximum(result, 0.0)
 
 
 def _outward(
-    delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray, before: FloatArray
+    delta: FloatArray,
+    backward: HeldResponse,
+    x: FloatArray,
+    v: FloatArray,
+    u: FloatArray,
+    before: FloatArray,
 ) -> FloatArray:
-    """Return the greatest outward speed outside the wall in a step that ends outside, at (x, v).
+    """Return the greatest outward speed outside the wall, in a step that ends outside at (x, v).
 
     Under a held torque the speed changes monotonically. It is greatest at the step's end or where
     the device crossed the wall.
@@ -119,12 +129,14 @@ def _outward(
     fastest: FloatArray = -v
     index = np.flatnonzero((before == 0) & (x <= 0) & (v < 0))
     if index.size:
-        there = _speed_at_wall(delta[index], x[index], v[index], u[index])
+        there = _speed_at_wall(delta[index], _at(backward, index), x[index], v[index], u[index])
         fastest[index] = np.maximum(fastest[index], there)
     return fastest
 
 
-def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+def _speed_at_wall(
+    delta: FloatArray, began: HeldResponse, x: FloatArray, v: FloatArray, u: FloatArray
+) -> FloatArray:
     """Return the outward speed at position 0 in the step that led to (x, v), x <= 0, v < 0.
 
     The torque u is held during the step. Newton's method goes backwards in time from the estimate
@@ -134,7 +146,6 @@ def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArra
         The speed; 0 where the step began outside.
     """
     result = np.zeros_like(x)
-    began = held_response(delta, -1.0)
     place = np.flatnonzero(x + began.position_per_speed * v >= began.position_per_torque * u)
     delta, x, v, u = delta[place], x[place], v[place], u[place]
     low, high = np.zeros_like(x), np.ones_like(x)
@@ -157,10 +168,10 @@ def _speed_at_wall(delta: FloatArray, x: FloatArray, v: FloatArray, u: FloatArra
 
 
 def _until_sample(delay: FloatArray) -> FloatArray:
-    """Return the time from a switch of the torque to the next sample [periods]: 1 - f."""
+    """Return the time from a switch of the torque to the next sample [periods]: 1 - frac(delay)."""
     return 1.0 - (delay - np.floor(delay))
 
 
-def _plant(c: Contacts) -> tuple[HeldResponse, HeldResponse]:
-    """Return the response over a whole step, and from its start to the sample in it."""
-    return held_response(c.delta, 1.0), held_response(c.delta, _until_sample(c.delay))
+def _at(response: HeldResponse, index: NDArray[np.bool_] | IntArray) -> HeldResponse:
+    """Return the response of the contacts at ``index``."""
+    return HeldResponse(*(part[index] for part in response))

@@ -124,7 +124,7 @@ def coupled_limit(
         virtual_damping: B [N·m·s/rad].
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
-        hand: What holds the device.
+        hand: The hand that holds the device.
         velocity_samples: N of the velocity difference, >= 1.
 
     Returns:
@@ -181,7 +181,7 @@ def is_stable(
         virtual_damping: B [N·m·s/rad].
         period: T > 0 [s].
         delay: t_d >= 0, from the sample to its torque acting [s].
-        hand: What holds the device, of single numbers.
+        hand: The hand that holds the device; its values are single numbers.
         velocity_samples: N of the velocity difference, >= 1.
 
     Raises:

@@ -45,7 +45,7 @@ class Loops:
     samples: int
     """N of the velocity difference"""
     velocity_filter: VelocityFilter | None = None
-    """Of the velocity: a factor of D"""
+    """Filter of the velocity: a factor of D"""
 
     def inverse(self, w: FloatArray) -> ComplexArray:
         """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""

@@ -12,7 +12,6 @@ from haptic_wall.controller.theory.checks import (
     ComplexArray,
     FloatArray,
     broadcast,
-    not_negative,
     positive,
 )
 
@@ -71,27 +70,4 @@ def backlash_gain(amplitude: ArrayLike, width: ArrayLike) -> ComplexArray:
     x = 1 - 2 * share
     real = 0.5 + (np.arcsin(x) + x * np.sqrt(1 - x**2)) / np.pi
     result: ComplexArray = real - 4j / np.pi * share * (1 - share)
-    return result
-
-
-def coulomb_damping(amplitude: ArrayLike, frequency: ArrayLike, friction: ArrayLike) -> FloatArray:
-    """Return the viscous damping [N·m·s/rad] that dissipates as much as Coulomb friction.
-
-    Args:
-        amplitude: Of the position, > 0 [rad].
-        frequency: > 0 [Hz].
-        friction: c >= 0 [N·m].
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-
-    Source: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, sec. 2.3 (the ideal
-    relay, on the velocity).
-    """
-    a, f, c = broadcast(
-        amplitude=positive("amplitude", amplitude),
-        frequency=positive("frequency", frequency),
-        friction=not_negative("friction", friction),
-    )
-    result: FloatArray = 4 * c / (np.pi * a * 2 * np.pi * f)
     return result

@@ -1,4 +1,4 @@
-"""The exact limits in SI units: critical stiffness and frequency, damping ceiling, peak."""
+"""Computes the exact limits in SI units: critical stiffness, damping ceiling, peak."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class CriticalPoint:
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
     frequency: FloatArray
-    """Of the oscillation there [Hz]; 0 where no stiffness is stable"""
+    """Frequency of the oscillation there [Hz]; 0 where no stiffness is stable"""
 
 
 def critical_stiffness(
@@ -66,7 +66,7 @@ def critical_point(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> CriticalPoint:
-    """Return ``critical_stiffness`` and the frequency of the oscillation there.
+    """Return the critical stiffness and the frequency of the oscillation at it.
 
     Args:
         inertia: m > 0 [kg·m²].
@@ -129,7 +129,7 @@ def peak(
     delay: ArrayLike,
     velocity_samples: ArrayLike = 1,
 ) -> CriticalPoint:
-    """Return the highest stiffness that any virtual damping makes stable, and that damping.
+    """Return the highest critical stiffness over all virtual dampings, and that damping.
 
     Args:
         inertia: m > 0 [kg·m²].

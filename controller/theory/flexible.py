@@ -1,4 +1,4 @@
-"""The exact limits of a wall on a flexible servo: masses behind the motor, a lagging current loop.
+"""Computes the exact limits on a flexible servo: masses behind the motor, a lagging current loop.
 
 The stable stiffnesses at a virtual damping are in general several intervals. A limit is the end of
 the one that begins at 0, and 0 where none begins there: to raise the stiffness from 0 to a limit
@@ -56,7 +56,7 @@ def flexible_boundary(
     Exact for linear masses, a held torque and any delay up to 30 periods.
 
     Args:
-        inertia: Of the motor's side, > 0 [kg·m²].
+        inertia: Inertia of the motor's side, > 0 [kg·m²].
         damping: Viscous friction of the motor's side >= 0 [N·m·s/rad].
         load_inertia: Behind the transmission, > 0 [kg·m²].
         transmission_stiffness: > 0 [N·m/rad].
@@ -66,8 +66,9 @@ def flexible_boundary(
         delay: t_d >= 0, from the sample to its torque acting, without the current loop's lag [s].
         velocity_samples: N of the velocity difference, >= 1.
         encoder: The side that is measured: ``output`` or ``motor``.
-        bandwidth: Of the current loop, whose torque lags by the first order > 0 [Hz]; None: none.
-        velocity_filter: Of the velocity that damps; None: none.
+        bandwidth: Bandwidth of the current loop, whose torque lags by the first order > 0 [Hz];
+            None: none.
+        velocity_filter: Filter of the velocity that damps; None: none.
 
     Returns:
         The boundary in the broadcast shape: the end of the stable interval that begins at 0.
@@ -210,5 +211,8 @@ def _groups(
         every = np.flatnonzero((whole == d) & (velocity_samples == n))
         for start in range(0, every.size, _CHUNK):
             part = every[start : start + _CHUNK]
-            chains = sampled(chain.take(rows[part]), period[part], late[part] - d)
+            servos = np.stack([rows[part], period[part], late[part] - d], axis=1)
+            own, which = np.unique(servos, axis=0, return_inverse=True)
+            chains = sampled(chain.take(own[:, 0].astype(np.int64)), own[:, 1], own[:, 2])
+            chains = chains.take(which.ravel())
             yield part, Loops(chains, period[part], int(d), int(n), velocity_filter)

@@ -1,4 +1,4 @@
-"""Limits of a wall on many two-mass servos at once, on a grid of frequencies: quick, to some 2 %.
+"""Computes limits on many two-mass servos at once, on a frequency grid: quick, accurate to 2 %.
 
 As ``flexible``, but crossings of the unit circle are found between the points of a grid, which is
 dense near the transmission's resonance and antiresonance, instead of as roots of polynomials. The
@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
+from haptic_wall.controller.theory.chain import one_mass, sampled, two_masses
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -82,7 +82,7 @@ class FlexibleScan:
         """Return the stiffness up to which every stiffness from 0 on is stable [N·m/rad].
 
         Args:
-            virtual_damping: Of all, or of each servo [N·m·s/rad].
+            virtual_damping: Virtual damping of all, or of each servo [N·m·s/rad].
         """
         big_b = np.broadcast_to(virtual_damping, self._ceiling.shape)
         left = self._inverse - big_b[:, None] * self._difference
@@ -105,8 +105,7 @@ class RigidScan:
         """Prepare; all arrays of shape (n,), arguments as of ``FlexibleScan``."""
         late = delay / period
         whole = np.floor(late + 1e-12)
-        none = np.empty((inertia.size, 0))
-        chain = Chain(inertia[:, None], damping[:, None], none, none)
+        chain, _ = one_mass(inertia, damping)
         self._parts: list[tuple[IntArray, ComplexArray, ComplexArray]] = []
         self._ceiling, self._floor = np.zeros(inertia.size), np.zeros(inertia.size)
         for d in np.unique(whole).tolist():

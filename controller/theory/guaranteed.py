@@ -1,4 +1,4 @@
-"""Limits that hold for every servo in a range, proved over the whole range and not at samples.
+"""Proves limits that hold for every servo in a range, not only at samples of it.
 
 The uncertainty of a servo is a range each of inertia, damping, delay and torque gain. The least
 critical stiffness is nearly always at the least safe corner of the range, but not always, and no
@@ -92,7 +92,7 @@ def is_stable_over(
     A proof covers every lower stiffness too, down to 0, and every lower torque gain.
 
     Args:
-        ranges: What is known of the servo.
+        ranges: The ranges of the servo's values.
         stiffness: K > 0, commanded [N·m/rad].
         virtual_damping: B, commanded [N·m·s/rad].
         period: T > 0 [s].
@@ -122,7 +122,7 @@ def guaranteed_limit(
     """Return the stiffness up to which a two-sided wall is stable on every servo of a range.
 
     Args:
-        ranges: What is known of the servo.
+        ranges: The ranges of the servo's values.
         virtual_damping: B, commanded [N·m·s/rad].
         period: T > 0 [s].
         velocity_samples: N of the velocity difference, >= 1.
@@ -142,7 +142,7 @@ def guaranteed_damping_ceiling(
     """Return the virtual damping up to which every servo of a range is stable with some stiffness.
 
     Args:
-        ranges: What is known of the servo.
+        ranges: The ranges of the servo's values.
         period: T > 0 [s].
         velocity_samples: N of the velocity difference, >= 1.
         tolerance: As for ``guaranteed_limit``.
@@ -169,7 +169,7 @@ def cost_of_each_unknown(
     """Return the stiffness lost because parameters are known only as ranges.
 
     Args:
-        ranges: What is known of the servo.
+        ranges: The ranges of the servo's values.
         nominal: Its likely values, each within its range.
         virtual_damping: B, commanded [N·m·s/rad].
         period: T > 0 [s].

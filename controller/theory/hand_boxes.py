@@ -1,4 +1,4 @@
-"""Shows that no hand of a range can put a pole on the unit circle, for all hands at once.
+"""Proves for a whole range of hands that no hand in it puts a pole on the unit circle.
 
 At the angle ``theta`` the device with its hand responds at the aliases
 ``w_n = (theta + 2 pi n) / T`` with the admittances ``Y_n = 1 / (R + j X_n)``,
@@ -31,7 +31,7 @@ _CELL_HALVINGS = 8
 
 
 class Box(NamedTuple):
-    """Combined ranges of device and hand, each from the least to the most."""
+    """Ranges of mass, damping and spring of device and hand together, as (lowest, highest)."""
 
     mass: tuple[float, float]
     """> 0 [kg·m²]"""
@@ -54,10 +54,10 @@ class HeldWall(NamedTuple):
 
 
 def doubt(wall: HeldWall, box: Box) -> float | None:
-    """Find the frequency [rad/s] where some hand of the box comes nearest to 1 + L = 0.
+    """Return the frequency [rad/s] at which some hand of the box comes nearest to 1 + L = 0.
 
-    Returns None where no hand can reach it at any angle. Cells of angles in which this cannot be
-    shown are halved, unless the width of the box prevents it.
+    Returns None if it is proved that no hand reaches 1 + L = 0 at any angle. Cells of angles in
+    which the proof fails are halved, unless the width of the box is the reason.
 
     Args:
         wall: The wall.
@@ -80,7 +80,7 @@ def doubt(wall: HeldWall, box: Box) -> float | None:
 
 
 def _clear(wall: HeldWall, box: Box, theta: FloatArray, half_cell: FloatArray) -> FloatArray:
-    """Return the least distance of 1 + L from 0 over the hands of the box, for each angle's cell.
+    """Return a lower bound of abs(1 + L) over the hands of the box, for each cell of angles.
 
     Args:
         wall: The wall.

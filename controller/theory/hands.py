@@ -1,10 +1,9 @@
 """Decides whether a wall is stable with every hand of a range of mass, damping and spring.
 
-If the loop is stable with one hand, it is stable with all hands of a range in which none puts a
-pole on the unit circle (module ``hand_boxes``). Where that cannot be shown, the range is halved,
-until it is shown or an unstable hand is found. Without upper bounds on the damping and bounds on
-the reactance this is the condition of ``passivity``, which is tried first: a passive wall is shown
-stable with every hand at once.
+Suppose that the loop is stable with one hand, and that no hand of a range puts a pole on the unit
+circle (module ``hand_boxes``): then it is stable with all hands of the range. Where this cannot be
+shown, the range is halved, until it is shown or an unstable hand is found. The condition of
+``passivity`` is tried first, because a passive wall is stable with every hand.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _REFINEMENTS = 12
 
 @dataclass(frozen=True, slots=True)
 class HandRange:
-    """Range of hands, from the least to the most of each property; see ``Hand``."""
+    """Range of hands: lowest and highest value of each property; see ``Hand``."""
 
     mass: tuple[float, float] = (0.0, 0.0)
     """[kg·m²]"""
@@ -67,8 +66,8 @@ def stable_hands(
 ) -> HandVerdict:
     """Decide whether a two-sided wall is stable with every linear hand of a range; find the worst.
 
-    ``stable=True`` is shown for all the hands of the range at once, over all angles around the unit
-    circle. ``stable=False`` is shown by the poles with the hand named.
+    ``stable=True`` is proved for all hands of the range. ``stable=False`` is proved by the poles
+    with the hand ``worst``.
 
     Args:
         inertia: m > 0 of the device [kg·m²].
@@ -145,7 +144,7 @@ def _limit(wall: HeldWall, hand: Hand) -> float:
 
 
 def _at(wall: HeldWall, box: Box, share: FloatArray) -> tuple[float, float, float]:
-    """Return the hand at the given fractions (0 to 1) of the ranges, on a geometric scale."""
+    """Return mass, damping and spring at fractions (0 to 1) of a box, on a geometric scale."""
     (m0, m1), (b0, b1), (k0, k1) = box
     x0, x1 = math.asinh(k0 / wall.stiffness), math.asinh(k1 / wall.stiffness)
     return (
@@ -160,7 +159,7 @@ def _middle(wall: HeldWall, box: Box) -> tuple[float, float, float]:
 
 
 def _halves(wall: HeldWall, box: Box, w: float) -> tuple[Box, Box] | None:
-    """Halve the box along the side that spreads the impedance most at ``w``; None for a point."""
+    """Halve the box along the side that varies the impedance most at frequency ``w``."""
     (m0, m1), (b0, b1), (k0, k1) = box
     spread = ((m1 - m0) * w, b1 - b0, (k1 - k0) / w)
     widest = int(np.argmax(spread))

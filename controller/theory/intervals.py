@@ -1,4 +1,4 @@
-"""Guaranteed ranges of complex functions: discs with their derivatives, vectorised over boxes.
+"""Computes guaranteed ranges of complex functions and their derivatives, for many boxes at once.
 
 A ``Jet`` holds, for each of many boxes of a few real variables, a disc that contains every value of
 a function over the box, and one disc for each of its first derivatives. The sum of two jets
@@ -27,7 +27,7 @@ _TAYLOR_BELOW = 0.01  # the next term is 1e-16; the closed form loses 1e-14 to c
 
 @dataclass(frozen=True, slots=True)
 class Jet:
-    """Discs of a function's value (row 0) and of its derivatives (rows 1, ...), for each box.
+    """Discs that contain a function's value (row 0) and derivatives (rows 1, ...) over each box.
 
     Without derivatives there is row 0 only. Shapes: rows × boxes.
     """
@@ -57,13 +57,13 @@ class Jet:
         return Jet(centre, radius + 4 * SLACK * largest)
 
     def plus(self, value: float | FloatArray) -> Jet:
-        """Return the sum with a real number, or with one for each box."""
+        """Return the sum with a real number, or with a real number for each box."""
         centre = self.centre.copy()
         centre[0] += value
         return _widened(centre, self.radius)
 
     def scaled(self, factor: complex | FloatArray) -> Jet:
-        """Return the product with a number, or with a real one for each box."""
+        """Return the product with a complex number, or with a real number for each box."""
         return _widened(self.centre * factor, self.radius * np.abs(factor))
 
     def conjugate(self) -> Jet:
@@ -138,7 +138,7 @@ def _composed(
     slope: FloatArray | ComplexArray,
     largest: tuple[float, float],
 ) -> Jet:
-    """Return the jet of f(x) from value and slope at the centre and bounds of the derivatives."""
+    """Return the jet of f(x) from f, f' at the centre and bounds of ``|f'|``, ``|f''|``."""
     reach = x.radius[0] * largest[1] + _SLACK_OF_SERIES
     centre = slope * x.centre
     radius = np.abs(x.centre) * reach + x.radius * (np.abs(slope) + reach)

@@ -1,4 +1,4 @@
-"""The sampled loop on the unit circle, ``z = exp(j w)``, in real arithmetic without cancellation.
+"""Computes the sampled loop's frequency response, ``z = exp(j w)``, without cancellation.
 
 Dimensionless (period 1, inertia 1). The plant with a held torque that acts ``d = n + f`` periods
 late has the pulse transfer ``G_d = z^-(n+1) (b2 z² + b1 z + b0) / ((z - 1) (z - eps))``; a fraction
@@ -8,7 +8,7 @@ of a period splits the hold (modified z-transform). With ``s = 2 sin(w/2)``, ``c
     F = -1/G_d = s (P + j Q) / M,    P = q X + r Y,  Q = q Y - r X
     q = (1 + eps) s / 2,             r = (1 - eps) c
 
-in which no term is the small difference of large ones, for any damping.
+For any damping, no term of F is a small difference of large numbers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from haptic_wall.controller.theory.response import held_response
 
 
 class PlantCurve(NamedTuple):
-    """The inverse plant and its derivatives at one frequency each: F = s (P + j Q) / M."""
+    """The inverse plant F = s (P + j Q) / M and its derivatives, each at one frequency."""
 
     s: FloatArray
     """2 sin(w/2)"""
@@ -49,7 +49,7 @@ class HeldLoop:
     delay: FloatArray
     samples: FloatArray
     lead: FloatArray
-    """n + 1: the whole periods of the delay, and the one of the pulse transfer"""
+    """n + 1: the whole periods of the delay, and one period of the hold"""
     decay: FloatArray
     """1 - eps: fraction of its speed that the free device loses in a period"""
     b_sum: FloatArray
@@ -84,7 +84,7 @@ class HeldLoop:
         )
 
     def column(self) -> HeldLoop:
-        """Return the loop with a second axis, for the frequencies."""
+        """Return the loop as columns, so that frequencies run along the second axis."""
         return HeldLoop(
             self.delta[:, None],
             self.delay[:, None],
@@ -97,7 +97,7 @@ class HeldLoop:
         )
 
     def curve(self, w: FloatArray) -> PlantCurve:
-        """Return F(w) in its real parts, and their derivatives with respect to w."""
+        """Return the real quantities that F(w) consists of, and their derivatives by w."""
         half = 0.5 * w
         s, c = 2.0 * np.sin(half), np.cos(half)
         angle = self.lead * w

@@ -1,4 +1,4 @@
-"""The paper, equation by equation: where each one is.
+"""Lists the paper's equations, and the function that implements each.
 
 The paper: J. J. Gil, E. Sanchez, T. Hulin, C. Preusche, G. Hirzinger, "Stability Boundary for
 Haptic Rendering: Influence of Damping and Delay", IEEE ICRA 2007.

@@ -1,20 +1,21 @@
-"""Finds the speeds at which a wall that never pulls returns no device faster than it came.
+"""Computes the entry speeds at which a one-sided wall returns no device faster than it came.
 
-Below its limit such a wall takes energy from every contact, in proportion to the square of the
-speed. Two effects break the proportion. One encoder count commands a torque of its own; the work of
-that error grows with the speed itself, so at low speeds it exceeds the energy taken. At high speeds
-the torque saturates, which makes another wall.
+Below its limit such a wall takes energy in every contact, in proportion to the square of the speed.
+Two effects disturb this. Each encoder count causes an error of the torque; the work of this error
+is proportional to the speed, so at low speeds it exceeds the energy that the wall takes. At high
+speeds the torque saturates, so that the wall is no longer the one of the theory.
 
 **The low end.** Along a contact the torque differs from the ideal wall's by at most one count's
 torque, e = g (K q + |B| q / (N T)). Over a depth v/w its work is about 2 e v / w, against a loss of
 (1 - r²) m v² / 2, with r the ideal restitution and w = sqrt(g K / m). So the contact loses energy
 above a speed of the order of e / (m w (1 - r)). This estimate gives the start of the search, not
-the result. From there downwards, contacts are simulated with counts, over phases of entry and
-places of the surface within a count, until counts give half of the contact's loss. Single speeds
-lie above their neighbours, so the ratios of the tried speeds must not approach 1. Coulomb friction
-c does the work -2 c v / w along the same path, so it reduces the speed by (1 - c / e); friction as
-strong as one count leaves no such speed. (The true speed is often far lower, but jagged: with
-friction some single speeds return faster than their neighbours.)
+the result. From there on, contacts with encoder counts are simulated at lower and lower speeds, for
+several phases of entry and several positions of the surface within a count, until the counts return
+half of the ideal contact's loss. The ratio of speeds is not smooth: single speeds have larger
+ratios than their neighbours, so the ratios at the tried speeds must stay well below 1. Coulomb
+friction c does the work -2 c v / w along the same path, so it reduces the speed by (1 - c / e);
+friction as strong as one count's torque prevents every gain of speed. (The true speed is often far
+lower, but jagged: with friction some single speeds return faster than their neighbours.)
 
 **The high end** is proved. On the way in the device is never faster than at the entry, and after
 the lag t_d + T the torque is at least the spring's at the position one lag earlier. So the depth is
@@ -56,7 +57,7 @@ class Servos:
 
 @dataclass(frozen=True, slots=True)
 class OneSidedWall:
-    """A commanded wall that never pulls, with its encoder, period and torque limit; SI units."""
+    """A commanded one-sided wall with its encoder, period and torque limit; SI units."""
 
     stiffness: float
     damping: float
@@ -79,7 +80,7 @@ def never_faster(wall: OneSidedWall, servos: Servos) -> bool:
 
     Args:
         wall: The wall.
-        servos: The condition must hold for every one.
+        servos: Servos for which the condition must hold.
     """
     if _longest(wall, servos) > _SIMULATED:
         return True  # any friction outweighs a spring this soft
@@ -87,16 +88,16 @@ def never_faster(wall: OneSidedWall, servos: Servos) -> bool:
 
 
 def lowest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float | None:
-    """Return the entry speed above which counts make no contact return the device faster [rad/s].
+    """Return the entry speed above which encoder counts make no device return faster [rad/s].
 
     Args:
         wall: The wall; its torque limit has no effect.
-        servos: The result is the highest speed of them.
+        servos: Servos; the result is the highest of their speeds.
         friction: Least Coulomb friction that acts [N·m].
 
     Returns:
-        None where there is no such speed: friction takes at every speed what counts give, or the
-        position is exact.
+        The speed; None if no speed is critical, because friction takes the energy that counts give
+        at every speed, or the position is exact.
     """
     if wall.position_step == 0 or wall.count_torque == 0:
         return None
@@ -129,12 +130,12 @@ def highest_speed(wall: OneSidedWall, servos: Servos, friction: float) -> float:
 
     Args:
         wall: The wall.
-        servos: The result is the lowest speed of them.
-        friction: Greatest Coulomb friction that acts [N·m]; it has slowed the device down before
-            the entry, and the damper uses the speed before.
+        servos: Servos; the result is the lowest of their speeds.
+        friction: Greatest Coulomb friction that acts [N·m]. It slows the device down before the
+            entry, but the velocity estimate still contains the higher speed before.
 
     Returns:
-        0 where one encoder count already saturates the torque.
+        The speed; 0 if one encoder count already saturates the torque.
     """
     s, t = servos, wall.period
     span = wall.velocity_samples * t
@@ -169,7 +170,7 @@ def _longest(wall: OneSidedWall, s: Servos) -> float:
 
 
 def _lost(wall: OneSidedWall, s: Servos) -> FloatArray:
-    """Return the fraction of the speed that an ideal contact takes, at least 0.001."""
+    """Return the fraction of its speed that a device loses in an ideal contact, at least 0.001."""
     if _longest(wall, s) > _SIMULATED:
         # with little stiffness the loss comes from the viscous and half of the virtual damping
         damping = s.damping + 0.5 * s.gain * max(wall.damping, 0.0)
@@ -194,7 +195,7 @@ def _restitution(wall: OneSidedWall, s: Servos) -> FloatArray:
 
 
 def _worst(wall: OneSidedWall, s: Servos, speeds: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Return each servo's greatest excess over the allowed ratio at each speed, no friction."""
+    """Return each servo's greatest excess over the allowed ratio at each speed, frictionless."""
     shape = (speeds.size, s.inertia.size, _PHASES.size, _FIRSTS.size)
 
     def of_servo(values: FloatArray) -> FloatArray:

@@ -20,8 +20,8 @@ def refined(
 
     The method is bisection, then false position (Illinois).
 
-    Where a bracket begins at 0 the function may vanish there too, and the zero can have any
-        magnitude: the search first finds its power of two.
+    If a bracket begins at 0, the function may vanish there too, and the zero can have any
+    magnitude; the search then first finds its power of two.
 
     Args:
         function: Takes and gives arrays of the shape of ``low``.

@@ -45,12 +45,12 @@ class RoundedContacts:
     first: FloatArray
     """Penetration measured in the first count inside [counts], 0 (excluded) to 1"""
     speed: FloatArray
-    """Of entry, where the first count inside begins, > 0 [counts per period]"""
+    """Speed of entry, where the first count inside begins, > 0 [counts per period]"""
     phase: FloatArray
     """From the entry to the first sample inside [periods], 0 to 1"""
 
     def take(self, index: NDArray[np.bool_] | IntArray) -> RoundedContacts:
-        """The contacts at ``index``."""
+        """Return the contacts at ``index``."""
         return RoundedContacts(*(getattr(self, field.name)[index] for field in fields(self)))
 
 

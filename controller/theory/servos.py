@@ -56,7 +56,7 @@ def servo(name: str) -> ServoFacts | None:
     """Return the servo of that name, or None; case and hyphens do not matter.
 
     Args:
-        name: Of a servo.
+        name: Name of a servo.
 
     Returns:
         None where the name is none of ``SERVOS``.
@@ -68,7 +68,7 @@ def sister(name: str) -> tuple[str, str] | None:
     """Return a servo without published parameters, and the known one of the same build.
 
     Args:
-        name: Of a servo, as for ``servo``.
+        name: Name of a servo, as for ``servo``.
 
     Returns:
         Both names as their maker writes them; None where no such servo is known.

@@ -25,7 +25,7 @@ EMULATED_FIRMWARE: Final = 48
 
 
 def _models() -> Mapping[str, TorqueModel]:
-    """The models that can be commanded in torque."""
+    """Return the models that can be commanded in torque."""
     from haptic_wall.hw.dynamixel.tables import MODELS
 
     return {
@@ -91,7 +91,7 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
 def _memory_line(
     settings: ServoSettings, driver: DriverSettings, true: TrueServo, clock: SimulatedClock
 ) -> Line:
-    """An emulated bus in memory with the configured servo on it."""
+    """Return an emulated bus in memory with the configured servo on it."""
     from haptic_wall.hw.dynamixel.drivable import drivable
     from haptic_wall.hw.emulated.bus import EmulatedBus
     from haptic_wall.hw.emulated.injection import Faults

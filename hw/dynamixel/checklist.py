@@ -9,7 +9,7 @@ from haptic_wall.hw.servo import Check
 
 
 def remedy(what: str, advice: str) -> Problem:
-    """Return a fault with its remedy, told as ``WHAT: ADVICE``."""
+    """Return a fault with its remedy, printed as ``WHAT: ADVICE``."""
     return Problem(what, advice=advice, mark=ServoError.mark)
 
 
@@ -20,7 +20,7 @@ class Checklist:
         """Create an empty list.
 
         Args:
-            name: Of the servo, for the message.
+            name: Name of the servo, for the message.
         """
         self.checks: list[Check] = []
         self._name = name
@@ -32,11 +32,11 @@ class Checklist:
         """Record one check.
 
         Args:
-            name: Of the check.
+            name: Name of the check.
             ok: Whether it passed.
             found: The found value.
             wanted: The wanted value.
-            fault: What is wrong if it did not pass, and its remedy.
+            fault: The fault if the check did not pass, and its remedy.
         """
         self.checks.append(Check(name, ok, found, wanted))
         if not ok and fault is not None:

@@ -34,5 +34,5 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
 
 
 def _drivable_kinds() -> list[str]:
-    """Return what the names of models with a current mode begin with, such as XM430."""
+    """Return the first parts of the names of models with a current mode, such as XM430."""
     return list(dict.fromkeys(m.name.partition("-")[0] for m in MODELS.values() if m.current_mode))

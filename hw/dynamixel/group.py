@@ -1,9 +1,9 @@
-"""Several servos on one bus as one object: read in one cycle, commanded in one frame.
+"""Drives several servos on one bus: reads all in one cycle, commands all in one frame.
 
-Each is started and stopped by its own driver, checks and probe included. In between the group reads
-them in the fastest way that all of them support; a servo that does not reply loses only its own
-reading. While a group runs, health is not watched, except for the alert in a reply: a latched
-hardware error.
+Each servo is started and stopped by its own driver, with checks and probe. In between the group
+reads them by the fastest instruction that all of them support; if a servo does not reply, only its
+own reading is lost. While a group runs, health is not polled; only the alert in a reply shows a
+latched hardware error.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class DynamixelGroup:
     """Servos on a line, in the order of their settings.
 
     Args:
-        settings: Of each; the ids differ.
+        settings: Settings of each servo; the ids must differ.
         line: The bus; ``close`` closes it.
 
     Raises:
-        UnfitServoError: Two have the same id, or a model cannot be driven in torque.
+        UnfitServoError: Two servos have the same id, or a model has no current control.
     """
 
     def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
@@ -66,9 +66,9 @@ class DynamixelGroup:
 
     @property
     def restarted(self) -> list[int]:
-        """Return the ids of servos that have restarted and so have no torque, nor good readings.
+        """Return the ids of servos that have restarted, so that their torque is off.
 
-        The others go on. Stop the group and start it again to have all.
+        The other servos go on. Stop and start the group to use all again.
         """
         return self._together.restarted
 
@@ -78,13 +78,13 @@ class DynamixelGroup:
         return self._together.waited_ns
 
     def start(self) -> list[list[Check]]:
-        """Run the checked start-up of each in sequence; then determine how to read them.
+        """Check and set up each servo in sequence; then determine how to read them.
 
         Returns:
-            The checks of each.
+            The checks of each servo.
 
         Raises:
-            ServoError: One could not be started; the torque of all is off.
+            ServoError: A servo could not be started; the torque of all servos is off.
         """
         checks: list[list[Check]] = []
         try:
@@ -103,7 +103,7 @@ class DynamixelGroup:
         return checks
 
     def request(self) -> None:
-        """Request all positions. Does not wait.
+        """Request all positions, without waiting.
 
         Raises:
             ServoLostError: The port is gone.
@@ -111,11 +111,11 @@ class DynamixelGroup:
         self._together.request()
 
     def collect(self, deadline_ns: int) -> list[Reading]:
-        """Return the replies to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+        """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
 
         Raises:
             ServoLostError: The port is gone.
-            TorqueLostError: A servo that was away is back without its torque.
+            TorqueLostError: A servo that did not reply for a while has lost its torque.
         """
         samples = self._together.collect(deadline_ns)
         readings = []
@@ -126,7 +126,7 @@ class DynamixelGroup:
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
-        """Send each its torque [N·m], limited and rounded, in one frame.
+        """Send the torques of all servos [N·m] in one frame, limited and rounded.
 
         Returns:
             The torques really sent [N·m].
@@ -141,7 +141,7 @@ class DynamixelGroup:
         return [servo.torque(goal) for servo, goal in zip(self._servos, goals, strict=True)]
 
     def stop(self) -> bool:
-        """Send zero torque to all at once, then switch the torque of each off and read it back.
+        """Send zero torque to all at once; then switch each torque off and read it back.
 
         Returns:
             Whether torque off was read back from all.
@@ -153,14 +153,14 @@ class DynamixelGroup:
         return _stopped(self._servos)
 
     def close(self) -> None:
-        """Stop all, and close the line."""
+        """Stop all servos, and close the line."""
         try:
             self.stop()
         finally:
             self._line.close()
 
     def _quickest(self) -> Together:
-        """Return the fastest way to read them to which all reply."""
+        """Return the fastest instruction to which all servos reply."""
         for way in Way:
             together = Together(self._line, self._ids, way)
             for _ in range(_TRIES):
@@ -189,6 +189,6 @@ class _SharedLine:
 
 
 def _stopped(servos: Sequence[DynamixelServo]) -> bool:
-    """Stop every servo, whatever the others' results; return whether all read back torque off."""
+    """Stop every servo, even if another one fails; return whether all read back torque off."""
     stopped = [servo.stop() for servo in servos]
     return all(stopped)

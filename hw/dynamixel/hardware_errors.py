@@ -1,4 +1,4 @@
-"""Hardware Error Status: names the latched errors of a servo, and the remedy of each.
+"""Names the latched errors of a servo (Hardware Error Status), and the remedy of each.
 
 Source: ROBOTIS e-Manual, Hardware Error Status (70) of the X series.
 """
@@ -27,11 +27,11 @@ _STATUS: Final = REGISTERS["hardware_error_status"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
 """Time allowed for each attempt to read the latched error [ns]"""
 _ASKED_BYTES: Final = 3
-"""From Hardware Error Status on: a length that no other request has"""
+"""Bytes to read from Hardware Error Status on: a length that no other request has"""
 
 
 def error_names(error: int) -> str:
-    """Return the names of the latched errors, for people; empty where no known bit is set.
+    """Return the names of the latched errors, for messages; empty if no known bit is set.
 
     Args:
         error: The register's value.
@@ -40,7 +40,7 @@ def error_names(error: int) -> str:
 
 
 def what_to_do(error: int) -> str:
-    """Return advice on the latched errors: words after a colon.
+    """Return advice on the latched errors, to be put after a colon.
 
     Args:
         error: The register's value.
@@ -51,12 +51,12 @@ def what_to_do(error: int) -> str:
 
 
 def latched(link: Link, clock: Clock, name: str) -> str:
-    """Return the latched errors of a servo and advice, for people; empty: none, or no reply.
+    """Read the latched errors of a servo; return names and advice, or an empty text.
 
     Args:
         link: The servo, with its torque off.
         clock: Tells the time.
-        name: Of the servo.
+        name: Name of the servo.
     """
     for patience in _PATIENCE_NS:
         try:

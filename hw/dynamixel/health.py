@@ -1,9 +1,9 @@
 """Polls the health of a running servo: torque enable, Bus Watchdog, supply and temperature.
 
-Every 200 ms a request reads a wider block than the sample, which also contains these registers. It
-adds bytes on the wire, but no transaction and no period. It delays the torque of its period, so the
-widest block is read least often. Baud rate and period limit the width; where no block can contain
-all registers, two blocks alternate.
+Every 200 ms the request for a sample reads a wider block, which also contains these registers. This
+needs no additional request, but its bytes delay the torque of that period, so the widest block is
+read least often. Baud rate and period limit the width; if no block can contain all registers, two
+blocks alternate.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from haptic_wall.hw.errors import Problem, ServoHealthError, TorqueLostError
 EVERY_NS: Final = 200_000_000
 """Period of the polls"""
 _SHARE: Final = 0.65
-"""Largest fraction of a period for a wide request and its reply on the wire: a goal follows, and a
-reply is given up at 0.8"""
+"""Largest fraction of a period for a wide request and its reply on the wire: a goal follows, and
+after 0.8 a reply is given up"""
 _TWICE: Final = 2
-"""Consecutive polls that confirm a supply or a temperature fault: a peak of current makes a supply
-dip"""
+"""Consecutive polls that confirm a fault of supply or temperature, because a current peak makes the
+supply voltage dip"""
 _HEAT_MARGIN: Final = 2
 """Distance below Temperature Limit at which the run ends, before the servo shuts down [°C]"""
 
@@ -50,12 +50,12 @@ _BLOCKS: Final = (
     (_WATCHDOG, _SUPPLY_AND_HEAT),
     (_SUPPLY_AND_HEAT,),
 )
-"""Sets of alternating blocks, from the most complete; each block from ... to"""
+"""Sets of alternating blocks, the most complete set first; each block as (from, to)"""
 
 
 @dataclass(frozen=True, slots=True)
 class DrivingRange:
-    """The range in which a servo may be driven: its own limits, read at the start."""
+    """The range in which a servo may be driven: the limits in its registers, read at the start."""
 
     watchdog: int
     """Setting of Bus Watchdog [20 ms]"""
@@ -68,11 +68,11 @@ class DrivingRange:
 
     @property
     def warmest(self) -> int:
-        """Return the highest temperature at which it is driven [°C]."""
+        """Return the highest temperature at which the servo is driven [°C]."""
         return self.hottest - _HEAT_MARGIN
 
     def supply_fault(self, volts: int) -> Problem | None:
-        """Return what is wrong with a supply [0.1 V]; None: nothing."""
+        """Return the fault of a supply voltage [0.1 V]; None if it is in range."""
         if self.lowest <= volts <= self.highest:
             return None
         return remedy(
@@ -82,7 +82,7 @@ class DrivingRange:
         )
 
     def heat_fault(self, celsius: int) -> Problem | None:
-        """Return what is wrong with a temperature [°C]; None: nothing."""
+        """Return the fault of a temperature [°C]; None if it is low enough."""
         if celsius <= self.warmest:
             return None
         return remedy(
@@ -96,10 +96,10 @@ class HealthWatch:
     """Decides which request asks for a wider block, and judges its reply.
 
     Args:
-        link: The servo; the blocks are registered with it.
+        link: Link to the servo; the lengths of the blocks are registered with it.
         registers: The model's.
         baud: The bus's rate [bit/s].
-        period_s: Of the loop [s].
+        period_s: Period of the loop [s].
     """
 
     def __init__(
@@ -129,14 +129,15 @@ class HealthWatch:
         self.due_ns = 0
         """Time of the next poll [ns]"""
         self.bounds: DrivingRange | None = None
-        """Set by the start; no poll before"""
+        """The servo's limits; None until the start has read them, and until then there are no
+        polls"""
 
     def forget(self) -> None:
         """Restart: faults of an earlier run no longer count."""
         self._strikes = dict.fromkeys(self._strikes, 0)
 
     def describe(self) -> tuple[str, str]:
-        """Describe what is watched and how often, and all that could be watched, for people."""
+        """Describe the watched values with their intervals; also list all that could be watched."""
         everything = ", ".join(item.name for item in _ITEMS)
         turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
         looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}
@@ -158,18 +159,18 @@ class HealthWatch:
         return self.asked
 
     def judge(self, block: bytes, name: str) -> bool:
-        """Judge a good reply to the last request, if that was a poll.
+        """Check the values in a valid reply to the last request, if the request was a poll.
 
         Args:
             block: The reply's data.
-            name: Of the servo, for messages.
+            name: Name of the servo, for messages.
 
         Returns:
-            Whether its Bus Watchdog has its setting; otherwise it must be examined.
+            Whether the Bus Watchdog still has its setting; otherwise it must be examined.
 
         Raises:
-            TorqueLostError: Torque is off.
-            ServoHealthError: It must not be driven any longer.
+            TorqueLostError: The servo's torque is off.
+            ServoHealthError: The servo must not be driven any longer.
         """
         asked, bounds = self.asked, self.bounds
         if not asked or len(block) != asked or bounds is None:

@@ -1,7 +1,7 @@
-"""Parses the joint reply to a fast sync read: all of it in one step, or the received parts.
+"""Parses the joint reply to a fast sync read: a complete one in one step, else its valid parts.
 
-Every servo appends its part with a checksum over all before it. So parts before a missing or broken
-one are valid, and one checksum validates a complete reply.
+Every servo appends its part and a checksum over everything before it. So the last checksum
+validates a complete reply, and parts before a missing or broken one are valid.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class JointReply:
     """Recognises a complete joint reply, and extracts its fields.
 
     Args:
-        ids: Of the requested servos, in the requested order.
+        ids: Ids of the requested servos, in the requested order.
         size: Requested bytes of each, from the sample on.
     """
 
@@ -44,7 +44,7 @@ class JointReply:
         self._layout = struct.Struct(f"<{_HEAD_BYTES}x" + f"{_SHARE}{rest}x" * len(ids))
 
     def values(self, data: bytes) -> Iterator[int] | None:
-        """Return error, tick, current and position of each, in order; None for any other data."""
+        """Return error, tick, current and position of each servo; None for any other data."""
         if not self._expected.match(data):
             return None
         return iter(self._layout.unpack(data))
@@ -58,7 +58,7 @@ class Shares(NamedTuple):
     begun: int
     """Number of received parts, partial ones included"""
     whole: bool
-    """The last byte was received"""
+    """Whether the last byte was received"""
 
 
 def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
@@ -83,12 +83,13 @@ def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
 
 
 def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]:
-    """Yield valid parts that no request waits for: of late replies, or copies.
+    """Yield valid parts of late or duplicate replies, which no request waits for.
 
     Args:
         raw: The bytes.
         count: Number of requested servos.
-        size: Requested bytes of each in the reply that is awaited first; 0: none is.
+        size: Requested bytes of each servo in the reply that is awaited first; 0: no reply is
+            awaited.
     """
     for other in LENGTHS:
         head = _head(count, other)
@@ -101,12 +102,12 @@ def strays(raw: bytes | bytearray, count: int, size: int) -> Iterator[FastReply]
 
 
 def joint_bytes(count: int, size: int) -> int:
-    """Return the length of a joint reply [bytes]: ``count`` servos, ``size`` bytes of each."""
+    """Return the length of a joint reply of ``count`` servos, ``size`` bytes each [bytes]."""
     return _HEAD_BYTES + count * (size + 4)
 
 
 def spoilt(raw: bytes | bytearray, size: int) -> int:
-    """Return the number of parts in a joint reply with a damaged header."""
+    """Return the number of received parts if the joint reply's header is damaged."""
     return max(0, -(-(len(raw) - _HEAD_BYTES) // (size + 4)))
 
 

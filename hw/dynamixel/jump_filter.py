@@ -1,4 +1,4 @@
-"""The jump filter: refuses positions that the servo cannot have reached since the last one."""
+"""Refuses positions that the servo cannot have reached since the last accepted one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SLACK: Final = 2
 
 
 class JumpFilter:
-    """Refuses a position that jumps: a broken reply that looks valid, or an encoder fault.
+    """Detects position jumps: broken replies that look valid, or an encoder fault.
 
     Args:
         max_speed: The fastest possible motion [rad/s]; 0: unlimited.
@@ -31,17 +31,17 @@ class JumpFilter:
         self._refused = _REFUSALS
 
     def forget(self) -> None:
-        """Accept any next position."""
+        """Restart: accept any next position."""
         self._refused = _REFUSALS
 
-    def holds(self, counts: int, sampled_ns: int) -> bool:
-        """Whether a position is plausible; an accepted one is the reference of the next.
+    def accepts(self, counts: int, sampled_ns: int) -> bool:
+        """Return whether a position is plausible; if so, it becomes the reference for the next one.
 
-        The longer ago the last one was sampled, the further it may be.
+        The allowed distance grows with the time since the last accepted sample.
 
         Args:
             counts: The position.
-            sampled_ns: Its instant [ns].
+            sampled_ns: Instant of the sample [ns].
         """
         if self._refused < _REFUSALS:
             moved = abs(counts - self._counts)

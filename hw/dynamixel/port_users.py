@@ -1,15 +1,15 @@
-"""Keeps other programs from a port in use: refuses them where possible, else finds them.
+"""Keeps other programs off a port in use: prevents their access if possible, else finds them.
 
 A second program on the bus garbles frames and takes replies away. Three measures are combined,
-since none is enough:
+because none of them suffices alone:
 
 1. **Exclusive use** (TIOCEXCL). The kernel refuses further openings, but not those of root.
    It is released at the end; where this process is killed, the last close of the port does it.
    A pseudo-terminal would stay refused, because its users do not close it last: there the measure
    is omitted.
-2. **Detection of openings** (inotify), those of root too, but without the program.
-3. **Search of open files** (``/proc``), a few processes at each look, so that all processes visible
-to this user are searched within a second, and sooner after an opening.
+2. **Detection of openings** (inotify), also by root, without the name of the program. 3. **Search
+of open files** (``/proc``), a few processes at each look, so that all processes visible to this
+user are searched within a second, and sooner after an opening.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class PortUsers:
         descriptor: The open port; it stays open.
 
     Attributes:
-        brief: Another program opened and closed the port without being identified.
+        brief: Whether another program opened and closed the port without being identified.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -64,7 +64,7 @@ class PortUsers:
         self._events = _openings(descriptor)
 
     def look(self) -> str:
-        """Search a little; return other users of the port, for people. Empty: none was found."""
+        """Search some processes; return a text about other users of the port, or an empty one."""
         if self._opening_noticed():
             self._begin(URGENT)
         elif not self._left:
@@ -129,7 +129,7 @@ def exclusive(descriptor: int, wanted: bool) -> None:
 
     Args:
         descriptor: The open port; no effect if its adapter is gone.
-        wanted: They are to be refused.
+        wanted: Whether further openings are to be refused.
     """
     with suppress(OSError):
         fcntl.ioctl(descriptor, termios.TIOCEXCL if wanted else termios.TIOCNXCL)

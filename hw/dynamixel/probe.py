@@ -76,7 +76,7 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
         clock: Tells the time; the probe cycles at 1 kHz, or as fast as the bus can, which also
             keeps the Bus Watchdog from tripping.
         limit: Largest goal current, with the sign of the push [current units].
-        name: Of the servo, for messages.
+        name: Name of the servo, for messages.
 
     Raises:
         UnfitServoError: The shaft does not rest.

@@ -22,7 +22,7 @@ _HALF: Final = TICK_MODULUS // 2
 _TICK_SLACK_MS: Final = 5.0
 """Tolerance [ms]: two consecutive requests may wait in the adapter"""
 _TICK_DRIFT: Final = 0.02
-"""Relative drift of the servo's clock against ours"""
+"""Largest relative drift of the servo's clock against this machine's"""
 _TICK_TRUST_NS: Final = 10_000_000_000
 """Pause after which a tick, which wraps every 33 s, proves nothing"""
 _NEAR_NS: Final = 5_000_000

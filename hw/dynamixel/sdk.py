@@ -106,7 +106,7 @@ class _Packets(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no 
         self._other = None
 
     def rxPacket(self, port: LinePort, fast_option: bool) -> tuple[list[int], int]:  # noqa: N802
-        """The next status that holds what is expected, or refuses; the SDK's result if none."""
+        """Return the next status with the expected data or a refusal, with the SDK's result."""
         while True:
             packet, result = super().rxPacket(port, fast_option)
             if result != COMM_SUCCESS:

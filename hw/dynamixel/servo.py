@@ -1,4 +1,4 @@
-"""A Dynamixel servo behind the servo interface: torque in N·m, current units on the bus."""
+"""Drives one Dynamixel servo: converts torques [N·m] to goal currents, and checks its health."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ missed the timer comes with its next expiry"""
 
 
 class DynamixelServo:
-    """One servo on a line, real or emulated."""
+    """Driver of one servo on a line; the servo may be real or emulated."""
 
     facts: Facts
     bus: Bus
@@ -46,11 +46,11 @@ class DynamixelServo:
     """See ``HasTrouble``"""
 
     def __init__(self, settings: DriverSettings, line: Line) -> None:
-        """Take over ``line``; ``close`` closes it. Nothing is sent yet.
+        """Take over ``line``, which ``close`` closes. Nothing is sent yet.
 
         Raises:
-            UnfitServoError: The model is unknown, cannot be driven in torque, or not as weakly as
-                the limit requires.
+            UnfitServoError: The model is unknown, has no current control, or its smallest torque
+                exceeds the torque limit.
         """
         model, constant = drivable(settings)
         self._settings = settings
@@ -86,7 +86,7 @@ class DynamixelServo:
         self._jump_filter = self._new_jump_filter()
 
     def start(self) -> list[Check]:
-        """Run the checked start-up; then torque is on, at zero torque.
+        """Check and set up the servo, then switch the torque on at a goal of zero.
 
         From here on the servo needs an instruction within every Bus Watchdog period; otherwise it
         drops its torque and silently refuses goals. ``request`` detects such a pause.
@@ -144,10 +144,10 @@ class DynamixelServo:
         return ready.checks
 
     def request(self) -> None:
-        """Request the position. Does not wait, except where the Bus Watchdog may have tripped.
+        """Request the position, without waiting unless the Bus Watchdog may have tripped.
 
-        That is when no request was answered for most of its time. If it has tripped while the
-        torque was zero, nothing is lost: it is armed again.
+        It may have tripped if no request was answered for most of its time. It is armed again if it
+        tripped while the torque was zero.
 
         Raises:
             ServoLostError: The port is gone.
@@ -166,11 +166,11 @@ class DynamixelServo:
         self._link.request(wide)
 
     def collect(self, deadline_ns: int) -> Reading:
-        """The answer to the last ``request``, waiting until ``deadline_ns`` [ns] at most.
+        """Return the reply to the last ``request``; wait until ``deadline_ns`` [ns] at most.
 
-        A position that implies a speed above ``max_speed`` is refused: a broken reply with a valid
-            checksum, or an encoder fault. A persistent one is passed on, because it is no hiccup,
-            and the speed limit ends the run.
+        A position that implies a speed above ``max_speed`` is refused: the reply is broken in spite
+        of a valid checksum, or the encoder has a fault. If such positions persist they are passed
+        on, so that the speed limit ends the run.
 
         Raises:
             ServoLostError: The port is gone.
@@ -187,7 +187,7 @@ class DynamixelServo:
         return self._reading(sample)
 
     def read_from(self, sample: Sample) -> Reading:
-        """Return a reading from a sample that a group of servos has collected.
+        """Convert a sample that a group of servos has collected to a reading.
 
         Raises:
             ServoLostError: The port is gone.
@@ -209,7 +209,7 @@ class DynamixelServo:
                 self._raise_restarted()
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
         self._watchdog.heard_ns = sampled_ns
-        if not self._jump_filter.holds(counts, sampled_ns):
+        if not self._jump_filter.accepts(counts, sampled_ns):
             self.bus.counts.refused += 1
             return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
         self._alert = self._alert or alert
@@ -220,8 +220,8 @@ class DynamixelServo:
     def write(self, torque: float) -> float:
         """Send a torque [N·m], limited and rounded to the servo's current unit.
 
-        A servo that senses its supply's current gives this torque at a standstill, less when moving
-        along it, more against it.
+        A servo that senses its supply current gives this torque only at a standstill: it gives less
+        when it moves with the torque, more when it moves against it.
 
         Returns:
             The torque really sent [N·m].
@@ -236,7 +236,7 @@ class DynamixelServo:
         return self._law.torque(goal)
 
     def goal(self, torque: float) -> int:
-        """Return the goal current for a torque [N·m], for a caller who sends it at once.
+        """Return the goal current for a torque [N·m]; the caller must send it at once.
 
         Raises:
             ValueError: The torque is not a finite number.
@@ -255,11 +255,11 @@ class DynamixelServo:
         return self._law.torque(goal)
 
     def stop(self) -> bool:
-        """Send zero torque, then switch torque off and read it back. Safe at any time, and twice.
+        """Send zero torque, switch torque off and read it back; safe to call at any time.
 
         Returns:
-            Whether torque off was read back; False too when the port is gone, and when no known
-            model has replied, to which nothing is written.
+            Whether torque off was read back. False if the port is gone. False if no known model has
+            replied: then nothing was written.
         """
         if not self._confirmed_off:
             if not self._known:  # never started: its torque may belong to another program
@@ -279,7 +279,7 @@ class DynamixelServo:
             self._line.close()
 
     def stand_in(self, clock: Clock) -> DynamixelServo:
-        """See ``HasStandIn``: the same driver on a line that nobody else is on."""
+        """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
         other._most = other.facts.torque_limit
         other._watchdog.heard_ns = clock.now_ns()
@@ -290,13 +290,13 @@ class DynamixelServo:
         return Startup(self._settings, self._model, self._line, self._link, self._constant)
 
     def _meet(self, startup: Startup) -> int:
-        """Read the model number, and note whether its control table is known."""
+        """Read the model number; record whether its control table is known."""
         number = startup.model_number()
         self._known = model_by_number(number) is not None
         return number
 
     def _off(self) -> bool:
-        """Set a zero goal if torque is ours, switch torque off, and read it back.
+        """Send a zero goal if this driver switched the torque on; switch it off and read it back.
 
         Nothing is written to a servo with an unknown control table.
         """
@@ -334,7 +334,7 @@ class DynamixelServo:
         return JumpFilter(self.facts.fastest if most is None else most)
 
     def _facts(self, current_limit: int, volts: float) -> Facts:
-        """Return the facts, with the torque limit a whole number of steps within every limit."""
+        """Return the facts; the torque limit is rounded down to a whole number of torque steps."""
         steps = current_limit
         if self._settings.torque_limit > 0.0:
             steps = min(steps, self._law.within(self._settings.torque_limit))

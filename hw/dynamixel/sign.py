@@ -1,4 +1,4 @@
-"""Verifies the torque's sign by a small push, as a line of the start-up checks."""
+"""Verifies the torque's sign by a small push during the start-up checks."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def prove_the_sign(
     """Check that a small torque away from the wall moves the shaft away from the wall.
 
     Args:
-        settings: Torque and direction.
-        law: Between torque and goal current.
-        current_limit: The servo's own.
+        settings: Contains torque and direction of the push.
+        law: Converts torque to goal current.
+        current_limit: Current limit of the servo.
         table: The servo, with torque on at zero torque.
-        link: The same, for goals and positions.
+        link: Link to the same servo, for goals and positions.
         checklist: Receives the result.
         clock: Tells the time.
-        name: Of the servo, for messages.
+        name: Name of the servo, for messages.
 
     Raises:
-        ServoLostError: It stops replying.
+        ServoLostError: The servo stops replying.
     """
     if settings.probe_torque <= 0.0:
         checklist.add("torque sign", True, "not probed", "not asked for")

@@ -1,4 +1,4 @@
-"""A dry-run line with a servo that replies at once and moves slowly: for cache warm-ups only."""
+"""Simulates a line with a servo that replies at once, for cache warm-ups only."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 
 _MIDDLE: Final = 2048
 _SPAN: Final = 256
-"""Amplitude of the motion [counts], at a count per request: as slow as a hand"""
+"""Amplitude of the simulated motion [counts]; its speed, one count per request, is that of a
+hand"""
 _READ_BYTES: Final = 14
 
 
 class StandInLine:
-    """Accepts requests for a sample, and replies at once.
+    """A line in memory: answers each request for a sample at once.
 
     Args:
         servo_id: Id in the replies.
@@ -33,7 +34,7 @@ class StandInLine:
         self._step = 1
 
     def write(self, data: bytes) -> None:
-        """Take a frame; see ``Line``."""
+        """Accept a frame; see ``Line``."""
         if len(data) != _READ_BYTES or data[7] != Instruction.READ:
             return
         self._counts += self._step
@@ -49,7 +50,7 @@ class StandInLine:
         return answer
 
     def wait(self, deadline_ns: int) -> bool:  # noqa: ARG002 - the answer is there or never will be
-        """See ``Line``."""
+        """Return whether a reply is there, without waiting; see ``Line``."""
         return bool(self._answer)
 
     def close(self) -> None:

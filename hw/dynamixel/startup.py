@@ -105,7 +105,7 @@ class Startup:
         """Check everything, set what the driver may set, and enable torque at zero torque.
 
         Args:
-            number: From ``model_number``.
+            number: Number from ``model_number``.
             watch: Descriptions of what is watched, and of what would be with enough time.
 
         Raises:

@@ -54,7 +54,7 @@ class Together:
 
     Args:
         line: The bus.
-        ids: Of the servos; readings and goals are in this order.
+        ids: Ids of the servos; readings and goals are in this order.
         way: How they are read.
     """
 

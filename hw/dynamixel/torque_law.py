@@ -89,7 +89,7 @@ def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
     Args:
         model: Its unit of current, the sensed current, and its published stall current.
         constant: k_t, torque per current of the motor [N·m/A].
-        volts: Of the supply [V], where the supply's current is sensed.
+        volts: Voltage of the supply [V], where the supply's current is sensed.
     """
     if not model.senses_supply_current:
         return Proportional(constant * model.current_unit_ma * 1e-3)
@@ -116,9 +116,9 @@ def supply_current(
     It has the sign of the motor's, as a direction; the manual's Goal Current has one too.
 
     Args:
-        current: Of the motor [A].
-        volts: Of the supply [V].
-        speed: Of the output [rad/s].
+        current: Current of the motor [A].
+        volts: Voltage of the supply [V].
+        speed: Speed of the output [rad/s].
         resistance: R [ohm].
         back_emf: k_e at the output [V·s/rad].
     """
@@ -136,8 +136,8 @@ def motor_current(
 
     Args:
         sensed: Current of the supply [A].
-        volts: Of the supply [V].
-        speed: Of the output [rad/s].
+        volts: Voltage of the supply [V].
+        speed: Speed of the output [rad/s].
         resistance: R [ohm].
         back_emf: k_e at the output [V·s/rad].
     """

@@ -17,7 +17,7 @@ class Turns:
     """Tracks which servos have replied lately.
 
     Args:
-        ids: Of the servos, in the usual order.
+        ids: Ids of the servos, in the usual order.
     """
 
     def __init__(self, ids: Sequence[int]) -> None:

@@ -101,7 +101,7 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
 
     Args:
         found: Its state.
-        name: Of the servo.
+        name: Name of the servo.
         silence_ns: Time without an instruction [ns]; 0: there was none.
         watchdog_s: Its setting [s].
     """

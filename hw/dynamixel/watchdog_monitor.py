@@ -1,4 +1,4 @@
-"""Monitors a servo's time without instructions, and examines its Bus Watchdog after a pause."""
+"""Measures how long a servo was without instructions; examines its Bus Watchdog after a pause."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _NEVER_NS: Final = 1 << 62
 
 
 class WatchdogMonitor:
-    """Examines the Bus Watchdog of one servo after a silence of most of the watchdog's time.
+    """Examines the Bus Watchdog of one servo after a pause in which it may have tripped.
 
     Args:
-        settings: With the setting of the Bus Watchdog.
+        settings: Contains the time of the Bus Watchdog.
         link: The servo.
         clock: Tells the time.
-        name: Of the servo, for messages.
+        name: Name of the servo, for messages.
 
     Raises:
         UnfitServoError: No servo has such a Bus Watchdog.
@@ -51,31 +51,31 @@ class WatchdogMonitor:
         self.called_ns = 0
         """When the last request was sent, where a reply takes several periods [ns]"""
         self.most_ns = _NEVER_NS
-        """Silence after which the Bus Watchdog may have tripped; never before ``begin``"""
+        """Pause after which the Bus Watchdog may have tripped [ns]; not reached before ``begin``"""
 
     def begin(self) -> None:
-        """Start: torque is on from now."""
+        """Start monitoring: the torque is on from now."""
         self.called_ns = self._clock.now_ns()
         self._suspension = Suspension(self._clock)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def end(self) -> None:
-        """Stop: torque is off from now, and the servo may be silent for ever."""
+        """Stop monitoring: the torque is off from now, and pauses may have any length."""
         self.most_ns = _NEVER_NS
 
     def resume(self, now_ns: int, *, under_torque: bool) -> None:
-        """Examine the Bus Watchdog if the servo was silent for long; see ``look``."""
+        """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
         silence_ns = now_ns - self.heard_ns
         if silence_ns > self.most_ns + self._link.patience_ns:
             self.look(silence_ns, under_torque=under_torque)
             self.heard_ns = now_ns
 
     def call(self, now_ns: int, *, under_torque: bool) -> None:
-        """Examine the Bus Watchdog after a stall; see ``look``.
+        """Examine the Bus Watchdog if the last request was sent long ago; see ``look``.
 
-        Where each reply takes several periods, the last answer does not show how long the pause
-        was.
+        For a bus on which each reply takes several periods: there the last answered request does
+        not show the length of a pause.
         """
         pause_ns = now_ns - self.called_ns
         self.called_ns = now_ns
@@ -84,7 +84,7 @@ class WatchdogMonitor:
             self.heard_ns = self.called_ns = self._clock.now_ns()
 
     def look(self, silence_ns: int, *, under_torque: bool) -> None:
-        """Check whether the servo still accepts goals; arm its watchdog again if nothing was lost.
+        """Check whether the servo still has torque; then arm its Bus Watchdog again.
 
         Args:
             silence_ns: Time without an instruction [ns]; 0: there was none.
@@ -99,7 +99,7 @@ class WatchdogMonitor:
             raise self.explained(lost(armed, self._name, silence_ns, self._watchdog_s))
 
     def explained(self, error: ServoLostError) -> ServoLostError:
-        """Return the error, or a suspension as its true cause if there was one since ``begin``.
+        """Return the error; if the computer was suspended, an error that names this cause.
 
         After a suspension the servo's clock and its registers look like a supply failure, and the
         silence on this computer's clock is short.

@@ -1,4 +1,4 @@
-"""The emulated bus: bytes in and out at given times, as one half-duplex wire carries them.
+"""The emulated bus: takes and gives bytes at given times, as on one half-duplex wire.
 
 It has no clock: the caller gives the time, in nanoseconds that never decrease. Between two calls
 every event happens at its own instant.

@@ -1,4 +1,4 @@
-"""The servo's own controllers: compute a duty from goals, gains and profiles, once a millisecond.
+"""Simulates the servo's own controllers: a duty from goals, gains and profiles each millisecond.
 
 The manual gives the structure (a profile leads, a PID or PI follows, Goal PWM limits) and the
 scales of the gains. Assumptions, where it is silent:
@@ -114,7 +114,7 @@ class Controllers:
                 self._start(goal, ramp_to(present, wanted, self._ramp_s(wanted - present)), now_ns)
 
     def stop(self, position: int, now_ns: int) -> None:
-        """Hold the position, without a profile, as after a trip of the Bus Watchdog.
+        """Hold the present position without a profile, as after a trip of the Bus Watchdog.
 
         The manual says "stop". The change of the goals is an assumption; it avoids a motion when
         the watchdog is cleared.
@@ -131,7 +131,7 @@ class Controllers:
         self._since_ns = now_ns
 
     def renumber(self, counts: int, now_ns: int) -> None:
-        """Shift the goals by ``counts``, after Present Position has shifted without a motion.
+        """Shift the goals by ``counts``, because the zero of Present Position has shifted.
 
         The manual is silent about Goal Position when turns are cleared. An unchanged goal would
         turn the servo by as many turns as were cleared.

@@ -1,4 +1,4 @@
-"""The drive of an emulated servo: controllers and motor, acting on its mechanism, in time.
+"""Simulates the drive of an emulated servo: controllers and motor that act on its mechanism.
 
 In current mode the motor's torque is Goal Current times the torque constant, held between
 instructions; ``haptic_wall.hw.plant.current_loop`` computes what a loop of current control makes of
@@ -45,9 +45,9 @@ class Drive:
         mechanism: The mechanism that the motor moves.
         encoder: The encoder that the controllers read.
         current_unit: [A] per unit of current; 0 where there is none.
-        stall_current: Of the motor, at its nominal voltage [A].
+        stall_current: Stall current of the motor, at its nominal voltage [A].
         now_ns: The time [ns].
-        current_offset: Of the current sensor [A].
+        current_offset: Offset of the current sensor [A].
     """
 
     __slots__ = (

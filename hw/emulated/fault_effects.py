@@ -1,4 +1,4 @@
-"""Applies a fault to a servo: its measurements, errors, supply, ambient, power or cable."""
+"""Applies a fault to an emulated servo: to measurements, errors, supply, ambient or cable."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Temperature, supply and load of an emulated servo, and the errors that they latch.
+"""Simulates temperature and overload of an emulated servo, and the hardware errors that they latch.
 
 The manual gives neither thermal constants nor the condition of an overload ("persistent load that
-exceeds maximum output"). Assumptions: one thermal mass, heated by the motor's losses, which would
-settle ``STALL_RISE`` above ambient at stall current; an overload when a controller's output has
-been at its limit for ``OVERLOAD_NS`` while the shaft stood still. In current and PWM mode full
-output is the request, and no overload.
+exceeds maximum output"). Two assumptions replace them. The servo is one thermal mass, heated by the
+motor's losses; at stall current it would settle ``STALL_RISE`` above ambient. An overload occurs if
+a controller's output is at its limit for ``OVERLOAD_NS`` while the shaft stands still. Current and
+PWM mode have no overload, because there a user requests full output.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ HEALTH_NS = 100_000_000
 
 
 class Health:
-    """Overload and heat of a servo.
+    """Temperature and overload of a servo.
 
     Args:
         table: Its registers, which hold the supply's voltage and the temperature.
-        stall_current: Of the motor [A].
+        stall_current: Stall current of the motor [A].
         now_ns: The time [ns].
     """
 

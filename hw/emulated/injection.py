@@ -75,7 +75,7 @@ class Faults:
 
     Args:
         specs: Faults from the beginning, see ``parse_fault``.
-        seed: Of every random choice.
+        seed: Seed of every random choice.
 
     Raises:
         ValueError: One of them is no fault.

@@ -1,4 +1,4 @@
-"""The memory behind a control table: maps bytes to registers for reads and writes.
+"""Stores a control table: maps bytes to registers for reads and writes.
 
 Indirect Data maps the bytes that Indirect Address names, for reads and writes, so that scattered
 registers can be accessed in one block.
@@ -15,7 +15,7 @@ _DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 
 
 class Memory:
-    """Bytes at addresses, and their registers.
+    """The bytes of a control table, and their registers.
 
     Reads may cover addresses between registers, which hold zeros; writes may not.
 
@@ -58,7 +58,7 @@ class Memory:
             self._values[name] = value
 
     def get(self, name: str) -> int:
-        """Return the register's value; 0 where the model or its firmware has no such register."""
+        """Return the register's value; 0 if the model or its firmware lacks the register."""
         value = self._values.get(name)
         if value is not None:
             return value
@@ -69,7 +69,7 @@ class Memory:
         self._bytes[self._measured.start : self._measured.stop] = data
 
     def read(self, address: int, size: int) -> bytes | None:
-        """Return the bytes there; None when they reach beyond the table."""
+        """Return the bytes from ``address`` on; None if they reach beyond the table."""
         end = address + size
         if end > len(self._bytes):
             return None
@@ -78,7 +78,7 @@ class Memory:
         return bytes(self._bytes[self._target(at)] for at in range(address, end))
 
     def shows_measured(self, address: int, size: int) -> bool:
-        """Whether a read of these bytes contains measured values."""
+        """Whether these bytes contain measured values."""
         end = address + size
         if address < self._measured.stop:
             return end > self._measured.start
@@ -95,10 +95,10 @@ class Memory:
         )
 
     def split(self, address: int, data: bytes) -> list[tuple[Register, int]] | ErrorCode:
-        """Return the registers and values that a write of ``data`` sets, or why it cannot be done.
+        """Return the registers and values that a write of ``data`` sets, or the error code.
 
-        It checks only what depends on the table alone: the write covers whole, writable registers,
-        and the values lie in their ranges.
+        It checks only that the write covers whole, writable registers, and that the values lie in
+        their ranges.
         """
         if not data:
             return ErrorCode.DATA_LENGTH
@@ -124,6 +124,6 @@ class Memory:
         return values
 
     def _target(self, address: int) -> int:
-        """Return the real address of the byte at ``address``."""
+        """Return the address of a byte after indirect addressing."""
         name = self._names_of.get(address)
         return address if name is None else self[name]

@@ -1,13 +1,13 @@
-"""The motor of an emulated servo, as seen at its output: relates duty, current and torque.
+"""Converts between duty, current and torque of an emulated servo's motor, as seen at the output.
 
-A DC motor without inductance: ``duty U = R i + k_e w``, ``torque = k_t i``. ``R`` and ``k_e`` come
-from the published stall current and no-load speed, ``k_t`` from stall torque over stall current.
-The gear's losses make ``k_t`` smaller than ``k_e`` (except for XL330-M077 and XC430-W150, whose
-figures are less consistent). The no-load speed is that of a motor without friction: the mechanism's
-own friction is a load like any other.
+A DC motor without inductance at the supply voltage U: ``duty * U = R i + k_e w``,
+``torque = k_t i``. ``R`` and ``k_e`` come from the published stall current and no-load speed,
+``k_t`` from stall torque over stall current. The gear's losses make ``k_t`` smaller than ``k_e``
+(except for XL330-M077 and XC430-W150, whose figures are less consistent). The no-load speed is that
+of a motor without friction: the mechanism's own friction is a load like any other.
 
-Models of the X330 family measure the current of the supply, by the law of
-``haptic_wall.hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 by its
+Models of the X330 family measure the supply current, not the motor current; see
+``haptic_wall.hw.dynamixel.torque_law``. The Rhoban "bam" identification of an XL330-M288 driven by
 duty (k_t 0.370 N·m/A, R 3.50 ohm, Apache-2.0) agrees with its stall figures (0.354 N·m/A, 3.40 ohm)
 within 5 %.
 
@@ -25,7 +25,7 @@ from haptic_wall.hw.plant.current_loop import Winding
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """A motor with its gear; all values are those at the output."""
+    """A motor with its gear; all values hold at the output."""
 
     torque_constant: float
     """k_t [N·m/A]"""
@@ -38,11 +38,11 @@ class Motor:
 
     @property
     def braking(self) -> float:
-        """Return the loss of torque with speed under a held duty [N·m·s/rad]."""
+        """Return by how much the torque falls per speed at constant duty [N·m·s/rad]."""
         return self.torque_constant * self.back_emf / self.resistance
 
     def winding(self, volts: float) -> Winding:
-        """Return what the mechanism's current loop must know of it, at this supply [V]."""
+        """Return stall torque and no-load speed at this supply voltage [V]."""
         stall = self.torque_constant * volts / self.resistance
         return Winding(stall, volts / self.back_emf)
 
@@ -51,17 +51,17 @@ class Motor:
 
         Args:
             duty: -1 to 1.
-            volts: Of the supply [V].
-            speed: Of the output [rad/s].
+            volts: Voltage of the supply [V].
+            speed: Speed of the output [rad/s].
         """
         return (duty * volts - self.back_emf * speed) / self.resistance
 
     def duty(self, current: float, volts: float, speed: float) -> float:
-        """Return the duty that gives this motor current [A] at this speed [rad/s]; may exceed 1."""
+        """Return the duty for a motor current [A] at a speed [rad/s]; it may exceed 1."""
         return (self.resistance * current + self.back_emf * speed) / volts
 
     def sensed(self, current: float, volts: float, speed: float) -> float:
-        """Return the measured current [A] at a motor current ``current`` [A]."""
+        """Return the current that the servo measures [A] at a motor current ``current`` [A]."""
         if not self.senses_supply:
             return current
         return supply_current(current, volts, speed, self.resistance, self.back_emf)

@@ -1,4 +1,4 @@
-"""Profiles: the path of a servo's goal from its present position to the commanded one.
+"""Computes profiles: the path of a servo's goal from its present position to the commanded one.
 
 A plan is a sequence of stretches with linearly changing velocity. A new plan begins with the
 velocity of the old one, so that the velocity never jumps where an acceleration is set.

@@ -132,7 +132,7 @@ class ControlTable:
         """Check a write: return what it would store, or why it is refused; all of it or nothing.
 
         Args:
-            address: Of the first byte.
+            address: Address of the first byte.
             data: The bytes.
             ram_only: EEPROM is out of reach, as for instructions to the Secondary ID.
         """

@@ -1,7 +1,7 @@
 """Runs the emulated bus in real time, behind a pseudo-terminal that any serial client can open.
 
-One process, one thread: it sleeps until the next event of the bus, the next byte of the client or
-the next line on the console, spins shortly before a reply must leave, and writes the record in
+It is one process with one thread. The thread sleeps until the next event of the bus, byte of the
+client or line on the console. It spins shortly before a reply must leave, and writes the record in
 between.
 """
 
@@ -40,7 +40,7 @@ _TERMIOS2 = struct.Struct("=4I20s2I")
 
 
 class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
-    """Both ends of a raw pseudo-terminal; clients may open ``path`` and leave at any time.
+    """Both ends of a raw pseudo-terminal; clients may open and close ``path`` at any time.
 
     Args:
         link: Path of a symbolic link to it; an existing link is replaced.
@@ -65,7 +65,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
 
     @property
     def connected(self) -> bool:
-        """Whether clients can open it."""
+        """Whether the terminal exists, so that clients can open it."""
         return bool(self._ends)
 
     @property
@@ -78,7 +78,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         return speed
 
     def close(self) -> None:
-        """Remove the link, if it is still ours, and close both ends."""
+        """Close both ends; remove the link if it still points here."""
         if self._link is not None:
             with suppress(OSError):
                 if str(self._link.readlink()) == self.path:
@@ -90,7 +90,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         self._ends = ()
 
     def replug(self) -> None:
-        """Open it again after ``close``, perhaps at another path.
+        """Open a new terminal after ``close``, perhaps at another path.
 
         Raises:
             OSError: There are no more terminals, or the link cannot be made.
@@ -143,13 +143,13 @@ def serve(
     console: Console | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
-    """Run ``bus`` on the monotonic clock until ``stopped`` returns true, noticed within 10 ms.
+    """Run ``bus`` on the monotonic clock until ``stopped`` returns true, checked every 10 ms.
 
     Args:
-        bus: Begun on the monotonic clock.
+        bus: The bus, started on the monotonic clock.
         terminal: The client's end of the line.
         stopped: Called between events.
-        witness: Of the bus; its rows are written here.
+        witness: Witness of the bus; its rows are written here.
         console: Changes the bus while it runs.
         announce: Called with the terminal's path when an unplugged adapter is back.
     """

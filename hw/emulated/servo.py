@@ -26,6 +26,7 @@ from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.restoring import factory_reset
 from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.errors import SpecError
+from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
 
@@ -34,6 +35,10 @@ BOOT_NS = 200_000_000
 
 _NEVER_NS = 1 << 62
 """Time of the replies of a disconnected servo [ns]"""
+
+_BEHIND_NS = 50_000_000
+"""The motion of two masses is computed at least this often [ns]: after an idle bus that of seconds
+would take longer than a client waits for a reply"""
 
 
 class TrueState(NamedTuple):
@@ -101,6 +106,7 @@ class EmulatedServo:
             own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
         self.mechanism.feed(motor.winding(self.true_supply).stall_torque)
+        self._hand: SharedHand | None = None
         self._held = False
         self.registered: tuple[int, bytes] | None = None
         """The write that a reg write has stored for the next action"""
@@ -158,7 +164,7 @@ class EmulatedServo:
 
     @property
     def watchdog_from_ns(self) -> int:
-        """Return a time before which the Bus Watchdog does not trip, whatever it is set to [ns]."""
+        """Return a time before which the Bus Watchdog does not trip at any setting [ns]."""
         return self._heard_ns + WATCHDOG_UNIT_NS
 
     @property
@@ -182,6 +188,8 @@ class EmulatedServo:
         open whether packets for other servos count too, and here they do not.
         """
         self._heard_ns = now_ns
+        if self._hand is not None:
+            self._feel(self._hand, now_ns)
         if now_ns >= self.drive.next_ns:
             self.keep_up(now_ns)
 
@@ -190,8 +198,21 @@ class EmulatedServo:
 
         Apart from faults and errors this has no effect on the results.
         """
-        if now_ns >= self.drive.next_ns:
+        if self._hand is not None:
+            self._feel(self._hand, now_ns)
+        mechanism = self.drive.mechanism
+        behind = mechanism.two_masses and now_ns - mechanism.time_ns > _BEHIND_NS
+        if behind or now_ns >= self.drive.next_ns:
             self.drive.advance(now_ns)
+
+    def take_hand(self, hand: SharedHand) -> None:
+        """Let a person hold the shaft from now on, whenever the hand holds on."""
+        self._hand = hand
+
+    def _feel(self, hand: SharedHand, now_ns: int) -> None:
+        """Look whether a person's hand holds on, and where it is."""
+        self.drive.advance(now_ns)
+        self.mechanism.grasp(hand.look(now_ns))
 
     def set_supply(self, volts: float, now_ns: int) -> None:
         """Set the supply voltage [V] from ``now_ns`` [ns] on; out of limits it is an error."""

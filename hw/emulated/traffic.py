@@ -1,4 +1,4 @@
-"""Units of traffic on the wire: pieces of instructions one way, replies the other."""
+"""Defines the units of traffic on the wire: pieces of instructions, and replies."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _INSTRUCTION_AT: Final = 7
 
 
 class Piece(NamedTuple):
-    """Bytes on their way to the servos: at most one frame, with its end."""
+    """Bytes on their way to the servos, split so that a piece contains at most one header."""
 
     arrival_ns: int
-    """When they were put on the wire [ns]"""
+    """Time at which the bytes were put on the wire [ns]"""
     wire_ns: int
     """Their travel time [ns]"""
     baud: int
@@ -40,7 +40,7 @@ class Reply(NamedTuple):
 
 
 def pieces(data: bytes) -> Iterator[bytes]:
-    """Split the host's bytes before every header."""
+    """Split the host's bytes into pieces, before every header."""
     start = 0
     while start < len(data):
         end = data.find(HEADER, start + 1)
@@ -51,5 +51,5 @@ def pieces(data: bytes) -> Iterator[bytes]:
 
 
 def instruction_of(piece: bytes) -> int | None:
-    """Return the instruction of a frame; None where it is truncated before it."""
+    """Return the instruction code of a frame; None if the frame is truncated before it."""
     return piece[_INSTRUCTION_AT] if len(piece) > _INSTRUCTION_AT else None

@@ -83,9 +83,9 @@ class Bodies:
             inertia: [kg·m²].
             damping: Viscous friction [N·m·s/rad].
             coulomb: Coulomb friction [N·m].
-            position: At the start [rad].
-            velocity: At the start [rad/s].
-            effects: What the bodies have besides; None: nothing.
+            position: Position at the start [rad].
+            velocity: Velocity at the start [rad/s].
+            effects: Further effects of the bodies; None: none.
 
         Raises:
             ValueError: A value is out of range.
@@ -126,7 +126,7 @@ class Bodies:
         """Move all bodies under torques [N·m] held for the step's length.
 
         Args:
-            torque: Of the motors, shape (n,).
+            torque: Torque of the motors, shape (n,).
             over: From ``held``, for this length.
             out: Array for the new positions, which becomes ``position``; None: in place.
             outside: Torque of an operator [N·m].

@@ -1,4 +1,4 @@
-"""The loop that controls a motor's current: from a commanded torque to the one that acts.
+"""Simulates the current loop of a motor: computes the acting torque from the commanded one.
 
 Everything is in units of torque: a current times the torque constant, and ``u``, the motor's
 voltage times torque constant over resistance. The motor makes ::
@@ -27,7 +27,7 @@ return cancel, so that many changes leave no more than the largest one. Back-EMF
 speed predicted for the middle of the step, an error of second order too.
 
 A step begins where a goal is taken over, or where the last one ended, so that the motion does not
-depend on when somebody looks.
+depend on the times at which it is read.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ class Winding(NamedTuple):
     """The motor as its supply sees it, at the output."""
 
     stall_torque: float
-    """What the whole supply makes at a standstill [N·m]"""
+    """Torque of the full supply voltage at a standstill [N·m]"""
     no_load_speed: float
-    """At which the back-EMF equals the supply [rad/s]"""
+    """Speed at which the back-EMF equals the supply [rad/s]"""
 
 
 class CurrentLoop:
-    """Current control of one motor, which drives a body that somebody else moves.
+    """Current control of one motor; the caller moves the body that it drives.
 
     The caller moves the body in steps: ``hold`` gives a torque and a braking to hold until a given
     time, at most until ``end_ns``; ``moved`` ends a step.
@@ -158,7 +158,7 @@ class CurrentLoop:
             goal: Torque [N·m].
             braking: 0: ``goal`` is a current's; above 0: a voltage is held, with this loss of
                 torque with the velocity [N·m·s/rad]; None: the motor is limp.
-            velocity: Of the body [rad/s].
+            velocity: Velocity of the body [rad/s].
             now_ns: The time [ns].
         """
         torque = self.torque(velocity)
@@ -210,7 +210,7 @@ class CurrentLoop:
         """Return the torque that acts where the last motion ended [N·m].
 
         Args:
-            velocity: Of the body there [rad/s].
+            velocity: Velocity of the body there [rad/s].
         """
         return self._value() - self._braking * velocity
 
@@ -225,7 +225,7 @@ class CurrentLoop:
         return self._target + (self._u - self._target) * math.exp(-self._rate * self._duration)
 
     def _begin(self, velocity: float, now_ns: int) -> None:
-        """Begin a step: what u tends to, at the speed expected for its middle."""
+        """Begin a step: compute the target of u for the speed expected in its middle."""
         self.begin_ns = now_ns
         self._duration = 0.0
         self._speed = velocity

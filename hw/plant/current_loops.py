@@ -41,7 +41,7 @@ class CurrentLoopParameters:
 
 
 class CurrentLoops:
-    """The loops of many bodies that somebody else moves."""
+    """The current loops of many servos; the caller moves the bodies."""
 
     __slots__ = ("_lost", "_parameters", "_rate", "_speed", "_u")
 
@@ -49,8 +49,8 @@ class CurrentLoops:
         """Create loops without torque, on bodies that move.
 
         Args:
-            parameters: Of each.
-            velocity: Of the bodies [rad/s].
+            parameters: Parameters of each.
+            velocity: Velocity of the bodies [rad/s].
         """
         self._parameters = parameters
         self._rate = 2.0 * np.pi * parameters.bandwidth
@@ -65,7 +65,7 @@ class CurrentLoops:
 
         Args:
             goal: [N·m].
-            velocity: Of the bodies at its start [rad/s].
+            velocity: Velocity of the bodies at its start [rad/s].
             duration: Its length [s], > 0; for the prediction, also that of the last one.
         """
         p = self._parameters

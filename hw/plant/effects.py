@@ -1,4 +1,4 @@
-"""Effects of a real servo's mechanics that the ideal body lacks: friction at rest, loads, cogging.
+"""Describes effects that the ideal body lacks: friction at rest, gear load, weight, cogging.
 
 The whole equation of motion is ::
 
@@ -64,9 +64,9 @@ class Effects:
     load_friction_external: float | None = None
     """l_e: as ``load_friction``, of the external torque; None: as much"""
     load_friction_at_rest: float = 0.0
-    """r_m: what is added to ``load_friction`` at rest; both together up to 0.9"""
+    """r_m: increase of ``load_friction`` at rest; both together up to 0.9"""
     load_friction_at_rest_external: float | None = None
-    """r_e: what is added to ``load_friction_external`` at rest; None: as for the motor's"""
+    """r_e: increase of ``load_friction_external`` at rest; None: ``load_friction_at_rest``"""
     load_friction_square: float = 0.0
     """q_m: share of the square of the motor's torque, at rest [1/(N·m)], >= 0"""
     load_friction_square_external: float = 0.0
@@ -160,7 +160,7 @@ class Effects:
         return static
 
     def none(self, damping: float, coulomb: float) -> bool:
-        """Whether a body with this friction [N·m·s/rad, N·m] moves as without any effect."""
+        """Whether none of the effects acts, for a body with viscous and Coulomb friction."""
         return (
             self.breakaway(coulomb) == coulomb
             and self.damping_back in (None, damping)
@@ -183,7 +183,7 @@ class Effects:
         return -self.cogging * math.sin(self.cogging_periods * position + self.cogging_phase)
 
     def ripple_at(self, position: float) -> float:
-        """Return the share by which the motor makes more torque than its mean at a position."""
+        """Return the torque ripple at a position, as a fraction of the motor's mean torque."""
         if self.torque_ripple == 0.0:
             return 0.0
         phase = self.torque_ripple_periods * position + self.torque_ripple_phase

@@ -1,4 +1,4 @@
-"""Errors of an encoder: eccentricity of its magnet, once a turn, and noise."""
+"""Simulates the errors of an encoder: eccentricity of its magnet, and noise."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _UNIT = 2.0**-53
 
 
 class EncoderErrors:
-    """What an encoder reads of a true position.
+    """Computes the reading of an encoder from the true position.
 
-    A magnet off the axis by d turns the field at a sensor at the radius r by d / r times the sine
-    of the angle between them: an error once a turn.
+    A magnet that is off the axis by d turns the field at a sensor of radius r by d / r times the
+    sine of the shaft's angle: an error of one period a turn.
     """
 
     __slots__ = ("_amplitude", "_noise", "_phase", "_seed")
@@ -24,10 +24,11 @@ class EncoderErrors:
         """Create the errors of one encoder.
 
         Args:
-            amplitude: Of the error once a turn [rad], from 0 to below 1: it then never runs back.
-            phase: Of that error at position 0 [rad].
+            amplitude: Amplitude of the error once a turn [rad], from 0 to below 1: it then never
+                runs back.
+            phase: Phase of that error at position 0 [rad].
             noise: Standard deviation [counts], >= 0.
-            seed: Decides what the noise is.
+            seed: Seed of the noise.
 
         Raises:
             ValueError: A value is out of range.
@@ -45,7 +46,7 @@ class EncoderErrors:
 
     @property
     def none(self) -> bool:
-        """Whether it reads the true position."""
+        """Whether the encoder has no errors."""
         return self._amplitude == 0.0 and self._noise == 0.0
 
     def position(self, position: float) -> float:
@@ -53,7 +54,7 @@ class EncoderErrors:
         return position + self._amplitude * math.sin(position + self._phase)
 
     def noise(self, elapsed_ns: int) -> float:
-        """Return the noise at a time [counts]: normally distributed, and always the same there."""
+        """Return the normally distributed noise at a time [counts]; it depends on time and seed."""
         if self._noise == 0.0:
             return 0.0
         index = elapsed_ns // NOISE_NS
@@ -62,7 +63,7 @@ class EncoderErrors:
 
 
 def _uniform(seed: int, index: int) -> float:
-    """Return a number above 0 up to 1 that depends on both arguments as if it were random.
+    """Return a pseudo-random number above 0 up to 1, a function of the two arguments.
 
     Source: SplitMix64, Steele et al., "Fast splittable pseudorandom number generators" (2014).
     """

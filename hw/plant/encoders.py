@@ -1,4 +1,4 @@
-"""Errors of many encoders at once; the array form of ``haptic_wall.hw.plant.encoder``."""
+"""Simulates errors of many encoders at once; the array form of ``haptic_wall.hw.plant.encoder``."""
 
 from __future__ import annotations
 

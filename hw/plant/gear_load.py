@@ -1,4 +1,4 @@
-"""Friction that a gear adds under load, which is the motor's torque u and an external torque e.
+"""Computes the friction that a gear adds under load: motor torque u and external torque e.
 
 The friction in motion and what is added to it at rest are ::
 

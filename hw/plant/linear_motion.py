@@ -1,4 +1,4 @@
-"""Linear motion of two masses under held torques: exact responses, and the course within a step.
+"""Computes the linear motion of two masses under held torques, exactly.
 
 The state is the twist of the transmission, the motor's speed, the output's, and the stretch of the
 operator's spring; the inputs are the held torques on motor and output and the speed of the
@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
-
-import numpy as np
 
 _SMALL = 1e-16
 """Terms of a course that are this small no longer count [rad, rad/s]"""
@@ -34,7 +32,7 @@ class Moving(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """What is held during a step."""
+    """The inputs, held during a step."""
 
     motor: float
     """Torque on the motor's side [N·m]"""
@@ -63,15 +61,17 @@ class LinearMotion:
         """Prepare.
 
         Args:
-            inertia: Of the motor's side [kg·m²].
+            inertia: Inertia of the motor's side [kg·m²].
             load_inertia: [kg·m²]
-            stiffness: Of the transmission; 0 within its backlash [N·m/rad].
-            damping: Likewise [N·m·s/rad].
+            stiffness: Stiffness of the transmission; 0 within its backlash [N·m/rad].
+            damping: Damping [N·m·s/rad], at the same place as the stiffness.
             viscous: Friction of the motor [N·m·s/rad].
-            hand_stiffness: Of the operator's spring at the output [N·m/rad].
-            hand_damping: Of the operator's damper [N·m·s/rad].
+            hand_stiffness: Stiffness of the operator's spring at the output [N·m/rad].
+            hand_damping: Damping of the operator's damper [N·m·s/rad].
             sticks: The motor's side stands still.
         """
+        import numpy as np  # not at the top: of an emulated bus it is half the start
+
         rates = np.zeros((7, 7))
         rates[0, 1:3] = 1.0, -1.0
         if not sticks:

@@ -1,8 +1,8 @@
-"""Moves many servos with effects at once; the array form of ``haptic_wall.hw.plant.substeps``.
+"""Simulates many bodies with effects at once; the array form of ``haptic_wall.hw.plant.substeps``.
 
-The formulas are those of ``Substeps`` without an operator, and each servo takes its own substeps.
-NumPy's functions may differ from ``math``'s in the last bit: a servo moves as it would alone up to
-rounding, which a motion that hardly stops or hardly breaks away can enlarge.
+The formulas are those of ``Substeps`` without an operator model. Each body has substeps of its own.
+A body moves as in ``Substeps`` up to rounding, because NumPy's functions may differ from ``math``'s
+in the last bit. Rounding matters where a body only just stops or breaks away.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Bools = NDArray[np.bool_]
 
 
 class Turned(NamedTuple):
-    """Bodies whose velocity reached zero within a step, at most once each."""
+    """Bodies that came to rest within a step; each body at most once."""
 
     bodies: Indices
     position: Floats
@@ -65,7 +65,7 @@ class ManyEffects:
 
     @classmethod
     def alike(cls, effects: Effects, damping: float, coulomb: float, count: int) -> ManyEffects:
-        """Return the effects of ``count`` equal servos with this friction [N·m·s/rad, N·m]."""
+        """Return the effects of ``count`` equal servos with viscous and Coulomb friction."""
         back = damping if effects.damping_back is None else effects.damping_back
         values = {field.name: getattr(effects, field.name) for field in fields(cls)}
         values |= {"static_friction": effects.breakaway(coulomb), "damping_back": back}
@@ -75,7 +75,7 @@ class ManyEffects:
 
     @classmethod
     def none(cls, damping: Floats, coulomb: Floats, **effects: Floats) -> ManyEffects:
-        """Return these effects, and no others, of servos with this friction, arrays of (n,)."""
+        """Return only the named effects, for servos with this friction; arrays of (n,)."""
         found = cls.alike(Effects(), 0.0, 0.0, damping.size)
         values = {"static_friction": coulomb, "damping_back": damping, **effects}
         for part in ("load_friction", "load_friction_at_rest"):
@@ -89,7 +89,7 @@ class ManyEffects:
 
 
 class ManySubsteps:
-    """Moves many bodies with effects."""
+    """Moves many bodies with effects, substep by substep."""
 
     __slots__ = (
         "_coulomb",
@@ -108,7 +108,7 @@ class ManySubsteps:
     def __init__(
         self, inertia: Floats, damping: Floats, coulomb: Floats, effects: ManyEffects
     ) -> None:
-        """Prepare for these bodies, arrays of (n,).
+        """Prepare the bodies; arrays of (n,).
 
         Raises:
             ValueError: A static friction lies below the Coulomb friction.
@@ -144,12 +144,13 @@ class ManySubsteps:
         Args:
             position: [rad], shape (n,).
             velocity: [rad/s], shape (n,).
-            torque: Of the motors, held [N·m], shape (n,).
+            torque: Torque of the motors, held [N·m], shape (n,).
             duration: Length of the step [s], shape (n,).
             outside: Torque from outside, held [N·m].
 
         Returns:
-            The bodies that came to rest on the way, each at most once an entry, in order of time.
+            The bodies that came to rest within the step, in order of time; each body at most once
+            in an entry.
         """
         left = duration.copy()
         grain = duration / np.maximum(1.0, np.ceil(duration / self._longest(torque) - 1e-9))
@@ -174,7 +175,7 @@ class ManySubsteps:
         return turned
 
     def _longest(self, torque: Floats) -> Floats:
-        """Return the longest substeps [s] under these torques of the motors [N·m]."""
+        """Return the longest substep of each body [s] at this motor torque [N·m]."""
         stiffness, effects = self._stiffness, self._effects
         if self._rippled:
             ripple = effects.torque_ripple * effects.torque_ripple_periods
@@ -189,7 +190,7 @@ class ManySubsteps:
 
 
 class _Some:
-    """Some of the bodies, during one substep."""
+    """Computes one substep of some of the bodies."""
 
     def __init__(self, many: ManySubsteps, index: Indices, torque: Floats, outside: Floats) -> None:
         self.inertia, self.forth = many._inertia[index], many._forth[index]
@@ -202,7 +203,7 @@ class _Some:
     def moved(
         self, position: Floats, velocity: Floats, most: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return distances [rad], velocities [rad/s], times taken and meant [s]; 0, 0: it stays."""
+        """Return distance [rad], end velocity [rad/s], time moved and substep [s]; 0 if stuck."""
         effects, inertia = self.effects, self.inertia
         push, steady, excess = self._torques(position)
         at_rest = velocity == 0.0
@@ -254,7 +255,7 @@ class _Some:
         return result
 
     def _torques(self, position: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return what pushes, and the friction in motion and what is added at rest [N·m]."""
+        """Return the driving torque, the friction in motion, and its increase at rest [N·m]."""
         motor, outside = self.torque, self.outside + self._weight(position)
         if self.rippled:
             effects = self.effects
@@ -267,7 +268,7 @@ class _Some:
         return push, self.coulomb + in_motion, self.excess + at_rest
 
     def _loads(self, motor: Floats, external: Floats) -> tuple[Floats, Floats | float]:
-        """Return the loads of ``haptic_wall.hw.plant.gear_load`` [N·m], in motion and at rest."""
+        """Return the gear's load friction in motion, and its increase at rest [N·m]."""
         e = self.effects
         in_motion = np.abs(e.load_friction * motor - e.load_friction_external * external)
         if not self.rests:
@@ -289,14 +290,14 @@ class _Some:
         return friction
 
     def _left(self, speed: Floats, near: Bools) -> Floats:
-        """Return the share of the excess that is left at these speeds, of those that are near."""
+        """Return the Stribeck factor at these speeds, for the bodies selected by ``near``."""
         effects = self.effects
         relative = speed[near] / effects.stribeck_speed[near]
         result: Floats = np.exp(-(relative ** effects.stribeck_exponent[near]))
         return result
 
     def _length(self, grain: Floats, speed: Floats, gain: Floats, excess: Floats) -> Floats:
-        """Return the longest substeps [s]."""
+        """Return the longest substep of each body at this speed and acceleration [s]."""
         effects = self.effects
         for size, periods in (
             (effects.cogging, effects.cogging_periods),

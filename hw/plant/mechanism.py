@@ -1,4 +1,4 @@
-"""The moving servo in time: delayed torques, an operator, and an encoder with backlash.
+"""Simulates the moving servo in time: delayed torques, operator model, encoder with backlash.
 
 It moves ``haptic_wall.hw.plant.body``, or ``haptic_wall.hw.plant.substeps`` for a servo with
 effects that the ideal body lacks, or ``haptic_wall.hw.plant.two_masses`` with a load behind a
@@ -12,11 +12,12 @@ import math
 from collections import deque
 from dataclasses import replace
 
+from haptic_wall.hw.hand import Grasp
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.plant.current_loop import Winding, current_loop
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.operator_model import OperatorModel, operator_of
+from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.substeps import Substeps
 from haptic_wall.hw.plant.two_masses import TwoMasses
 from haptic_wall.hw.settings import TrueServo
@@ -42,6 +43,7 @@ class Mechanism:
         "_effects",
         "_errors",
         "_followed",
+        "_grasped",
         "_kept",
         "_loop",
         "_on_motor",
@@ -77,7 +79,7 @@ class Mechanism:
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
-            velocity: Of the shaft at that time, of both masses [rad/s].
+            velocity: Velocity of the shaft at that time, of both masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
@@ -98,6 +100,7 @@ class Mechanism:
         self._true = true
         scripted = None if operator_waits else operator_of(true)
         self._operator: OperatorModel | None = scripted if operator is None else operator
+        self._grasped: Grasped | None = None
         self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
@@ -166,6 +169,14 @@ class Mechanism:
         """Whether something lies between a commanded torque and the one that acts."""
         return self._loop is not None
 
+    def grasp(self, grasp: Grasp | None) -> None:
+        """Let a person's hand hold the shaft from now on, in place of the scripted operator.
+
+        Args:
+            grasp: On the clock of ``time_ns``; None: it lets go.
+        """
+        self._grasped = None if grasp is None else Grasped(grasp)
+
     def engage_operator(self, now_ns: int) -> None:
         """Let the scripted operator take the shaft, ``OPERATOR_WAIT_S`` after ``now_ns`` [ns].
 
@@ -174,6 +185,11 @@ class Mechanism:
         """
         self.advance(now_ns)
         self._operator_ns = now_ns + round(OPERATOR_WAIT_S * 1e9)
+
+    @property
+    def two_masses(self) -> bool:
+        """Whether a load lies behind a transmission: its motion is computed in substeps."""
+        return self._two is not None
 
     def advance(self, now_ns: int) -> None:
         """Advance to ``now_ns`` [ns].
@@ -350,6 +366,8 @@ class Mechanism:
             self._operator,
         )
         now_ns, start_ns = self.time_ns, self._start_ns
+        if self._grasped is not None:
+            operator, start_ns = self._grasped, 0
         if operator is None:
             state = self._step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
         else:
@@ -373,6 +391,8 @@ class Mechanism:
         """Move both masses, divided where the operator changes its slope."""
         motor, output, operator = self._state, self._output, self._operator
         now_ns, start_ns = self.time_ns, self._start_ns
+        if self._grasped is not None:
+            operator, start_ns = self._grasped, 0
         while now_ns < until_ns:
             pull, cut_ns = None, until_ns
             if operator is not None:

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from haptic_wall.hw.hand import EVERY_NS, Grasp
 from haptic_wall.hw.settings import HandName, TrueServo
 
 STIFFNESS = 4.0
@@ -27,6 +28,9 @@ LEAD_IN_S = 0.5
 
 LEAD_IN_SPEED = 2.0
 """[rad/s] Largest speed of the lead-in; in ``LEAD_IN_S`` that is 1 rad."""
+
+FOREVER_NS = 1 << 62
+"""Later than every time [ns]"""
 
 
 class ReferenceStretch(NamedTuple):
@@ -45,7 +49,7 @@ class ReferenceStretch(NamedTuple):
 
 
 class OperatorModel(Protocol):
-    """What moves a servo's output."""
+    """Interface of an operator model: a hand that moves a servo's output."""
 
     def pull(self, elapsed_ns: int) -> ReferenceStretch:
         """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
@@ -70,6 +74,34 @@ SCRIPTS: dict[HandName, Script] = {
 }
 
 
+class Grasped:
+    """A person's hand that holds the shaft, and lets go; its time is that of the clock.
+
+    Args:
+        grasp: As it is now.
+    """
+
+    __slots__ = ("_grasp",)
+
+    def __init__(self, grasp: Grasp) -> None:
+        self._grasp = grasp
+
+    def pull(self, elapsed_ns: int) -> ReferenceStretch:
+        """Return the stretch of the hand's motion at a time of the clock [ns]."""
+        grasp = self._grasp
+        if elapsed_ns >= grasp.until_ns:
+            return ReferenceStretch(grasp.target, 0.0, FOREVER_NS, 0.0, 0.0)
+        arrives_ns = grasp.begin_ns + EVERY_NS
+        moving = elapsed_ns < arrives_ns
+        return ReferenceStretch(
+            grasp.position(elapsed_ns),
+            grasp.slope if moving else 0.0,
+            arrives_ns if moving else grasp.until_ns,
+            grasp.stiffness,
+            grasp.damping,
+        )
+
+
 class ScriptedOperator:
     """The reference of an operator over time."""
 
@@ -88,8 +120,8 @@ class ScriptedOperator:
 
         Args:
             script: Depths over time.
-            position: Of the servo at the start [rad].
-            origin: Of the wall [rad].
+            position: Position of the servo at the start [rad].
+            origin: Origin of the wall [rad].
             direction: +1: depths count upward; -1: downward.
         """
         self._knots_ns = [round(time * 1e9) for time in script.times_s]

@@ -1,4 +1,4 @@
-"""Closed forms of a damped oscillator: its response over time, and the instant it comes to rest.
+"""Computes a damped oscillator's response and its time until rest, in closed form.
 
 Everything is per unit inertia: ``h'' + decay h' + spring h = 0`` with ``h(0) = 0, h'(0) = 1``.
 A body that starts with velocity v, pushed by ``push + ramp t``, then has ::
@@ -86,7 +86,7 @@ def _series(decay: float, spring: float, time: float) -> Response:
 
 
 def _two_rates(half: float, discriminant: float, spring: float, time: float) -> Response:
-    """Return the clearly overdamped response: two decaying exponentials, one perhaps constant."""
+    """Return the response if it is clearly overdamped: a sum of two exponentials."""
     root = math.sqrt(discriminant)
     fast, gap = half + root, 2.0 * root
     slow = spring / fast
@@ -117,10 +117,10 @@ def _integrals(rate: float, time: float) -> tuple[float, float]:
 
 
 class Slide(NamedTuple):
-    """Initial speed and acting pushes of a motion, per unit inertia."""
+    """Initial velocity and acting torques of a motion, per unit inertia."""
 
     velocity: float
-    """At the start [rad/s]"""
+    """Velocity at the start [rad/s]"""
     push: float
     """Acceleration that the body would have at rest at the start [rad/s²]"""
     ramp: float
@@ -138,9 +138,9 @@ class Slide(NamedTuple):
 
 
 def time_to_rest(slide: Slide, limit: float) -> float | None:
-    """Return when the velocity first reaches zero, in (0, limit); None: not before ``limit`` [s].
+    """Return the time [s] at which the velocity first reaches zero; None if not before ``limit``.
 
-    The start of a body at rest does not count.
+    For a body that starts at rest, time 0 does not count.
     """
     velocity, push, ramp, decay, spring = slide
     if spring == 0.0:
@@ -161,7 +161,7 @@ def time_to_rest(slide: Slide, limit: float) -> float | None:
 def _time_to_rest_without_spring(
     velocity: float, push: float, decay: float, limit: float
 ) -> float | None:
-    """Solve for the zero of a velocity that is one exponential, by a logarithm."""
+    """Return the time at which the velocity reaches zero, for a spring of 0."""
     # Signs, not a product: that would underflow, and a body almost at rest would never stop.
     if velocity == 0.0 or push == 0.0 or (velocity > 0.0) == (push > 0.0):
         return None

@@ -136,9 +136,9 @@ class Substeps:
 
         Args:
             state: Position [rad] and velocity [rad/s] at the start.
-            parameters: As given at the start, but for more damping: that is the fall of the motor's
-                torque with the velocity.
-            torque: Of the motor at rest, held over the whole step [N·m].
+            parameters: Parameters as given at the start, but for more damping: that is the fall of
+                the motor's torque with the velocity.
+            torque: Torque of the motor at rest, held over the whole step [N·m].
             duration: Length of the step [s], >= 0.
             pull: The operator; None: no operator.
             turns: If given, the positions [rad] at which the velocity reached zero are appended.
@@ -212,7 +212,7 @@ class Substeps:
         hand: Pull,
         most: float,
     ) -> tuple[Slide, float]:
-        """Return the motion with held torques, and for how long that may be taken [s]."""
+        """Return the motion under held torques, and how long it is accurate [s]."""
         stiffness, grip, reference, slope = hand
         inertia, load, loaded = self._inertia, self._load, self._loaded
         viscous = (self._forth if direction > 0.0 else self._back) + braking
@@ -268,7 +268,7 @@ class Substeps:
         return self._ripple * math.sin(self._ripple_periods * position + self._ripple_phase)
 
     def _left(self, speed: float) -> float:
-        """Return the share of the friction's excess at rest that is left at this speed."""
+        """Return the fraction of the static friction's excess that is left at this speed."""
         if speed > self._faded:
             return 0.0
         if self._exponent == 1.0:

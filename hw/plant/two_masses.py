@@ -71,6 +71,8 @@ class TwoMasses:
         Raises:
             ValueError: A value is out of range.
         """
+        import scipy.linalg  # noqa: F401 - here, or the first step takes as long as ten replies
+
         for name in ("load_inertia", "transmission_stiffness"):
             if not 0.0 < getattr(true, name) < math.inf:
                 raise SpecError(
@@ -127,9 +129,9 @@ class TwoMasses:
         Args:
             motor: State of the motor's side at the start.
             output: State of the output.
-            parameters: Of the motor's side as given at the start, but for more damping: that is the
-                fall of the motor's torque with its velocity.
-            torque: Of the motor at rest, held over the whole step [N·m].
+            parameters: Parameters of the motor's side as given at the start, but for more damping:
+                that is the fall of the motor's torque with its velocity.
+            torque: Torque of the motor at rest, held over the whole step [N·m].
             length_ns: Length of the step [ns], >= 0.
             pull: The operator, at the output; None: no operator.
         """

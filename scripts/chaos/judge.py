@@ -1,8 +1,7 @@
-"""Judges what chaos did to one run: torque, reason of its end, log, memory. Pure functions."""
+"""Judges one run under chaos: torque, reason of its end, log, memory. Pure functions."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import inf
 from statistics import median
 
@@ -64,7 +63,7 @@ class Ending:
     goals: int = 0
     """Goals that arrived, those of the start-up's probe among them"""
     goal_times: list[float] = field(default_factory=list)
-    """Of the goals [s]"""
+    """Times of the goals [s]"""
     duplicates: int = 0
     """Instructions that the bus has doubled on request"""
     torque_until_s: float | None = None
@@ -72,20 +71,20 @@ class Ending:
     offences: list[str] = field(default_factory=list)
     """Torque, or orders to make torque, behind the cut"""
     ended_s: float = 0.0
-    """Of the record"""
+    """End of the record"""
 
 
 def ending(rows: Iterable[BusRow], watchdog_s: float) -> Ending:
-    """Follow a record to its end: when was the torque cut, and did any come after it?
+    """Find in a record when the torque was cut, and whether any torque came after it.
 
-    Until Torque Enable 0 has come through the servo's Bus Watchdog stands for it: ``watchdog_s``
-    after a frame that no other follows no torque may act, whether a cut comes later or never. A
-    watchdog that has tripped at zero torque may be armed again, so that what acts after the next
-    frame is no offence. The start-up is left alone: there it is not always armed.
+    Until Torque Enable 0 has arrived, the servo's Bus Watchdog must end the torque: no torque may
+    act later than ``watchdog_s`` after the last frame. A watchdog that has tripped at zero torque
+    may be armed again, so that torque after the next frame is allowed. The start-up is not judged,
+    because there the watchdog is not always armed.
 
     Args:
-        rows: Of the record, in order.
-        watchdog_s: What the Bus Watchdog is set to [s].
+        rows: Rows of the record, in order.
+        watchdog_s: Setting of the Bus Watchdog [s].
     """
     found = Ending()
     armed_until_s, late_s = inf, 0.0
@@ -178,7 +177,7 @@ def stalled(reason: str, stopped_s: float, stalls: Sequence[Stall], least_s: flo
     Args:
         reason: The stop reason.
         stopped_s: When the loop last spoke, on the monotonic clock [s].
-        stalls: What was seen.
+        stalls: The observed stalls.
         least_s: Shorter stalls explain nothing [s].
     """
     return reason in STALLED and any(
@@ -228,7 +227,7 @@ def growth_mb(samples: Sequence[tuple[float, float]]) -> float | None:
     """By how much a process has grown [MB]; None: it was not watched for long enough.
 
     Args:
-        samples: Of one process: time since it was first seen [s], resident memory [MB].
+        samples: Samples of one process: time since it was first seen [s], resident memory [MB].
     """
     settled = [(t, size) for t, size in samples if t >= SETTLED_S]
     if not settled or settled[-1][0] - settled[0][0] < 2 * WINDOW_S:
@@ -236,8 +235,3 @@ def growth_mb(samples: Sequence[tuple[float, float]]) -> float | None:
     begin, end = settled[0][0] + WINDOW_S, settled[-1][0] - WINDOW_S
     first = median(size for t, size in settled if t <= begin)
     return median(size for t, size in settled if t >= end) - first
-
-
-def stalls_of(wakes: Sequence[float], period_s: float, least_s: float) -> list[Stall]:
-    """Stalls between the wakes of a thread that wanted to wake every ``period_s`` [s]."""
-    return [Stall(a, b) for a, b in pairwise(wakes) if b - a - period_s >= least_s]

@@ -1,6 +1,7 @@
 """Loads that chaos starts beside a run, each in a process of its own that dies with its parent.
 
-busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; watch CORE; strangers
+busy CORE; hog CORE SECONDS; memory MB SECONDS; clock STEP SECONDS; flood PORT SECONDS; watch CORE;
+strangers; clients LOG SECONDS
 """
 
 import contextlib
@@ -8,13 +9,17 @@ import ctypes
 import ctypes.util
 import mmap
 import os
+import resource
 import signal
+import socket
 import sys
 import time
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from haptic_wall.controller.processes import run_socket
 from haptic_wall.controller.runtime import realtime
 
 HOG_PRIORITY, WATCH_PRIORITY = 85, 99
@@ -28,6 +33,9 @@ RAN_MS = 10
 _PARENT, _USER, _SYSTEM, _START, _VIRTUAL_SIZE, _POLICY = 1, 11, 12, 19, 20, 38
 """Places in /proc/PID/stat, counted from the state on"""
 _REAL_TIME = (str(os.SCHED_FIFO), str(os.SCHED_RR))
+CLIENTS, CLIENT_BYTES = 1000, 100_000_000
+"""Connections at a time, and the longest that one of them sends"""
+NOBODY = 65534
 LEAST_S = 0.005
 """Shorter stalls are not written down [s]"""
 
@@ -47,6 +55,70 @@ def hog(core: int, seconds: float) -> None:
     print(f"{held_s:.6f}", flush=True)
     while time.monotonic() < held_s + seconds:
         pass
+
+
+def clients(log: Path, seconds: float) -> Counter[str]:
+    """Open a thousand connections to a running wall, which ask for nothing that can be granted.
+
+    Some send half a line, some 100 MB without one, some garbage, some a change that is refused, and
+    some nothing.
+
+    Returns:
+        How many connections were taken, and how many of them closed from the other side.
+    """
+    end = time.monotonic() + seconds
+    contents = (
+        b'{"set": ["wall.st',
+        bytes(CLIENT_BYTES),
+        b"\xff\x00\n" * 1000,
+        b'{"set": ["loop.rate_hz=1"]}\n',
+        b"",
+    )
+    found: Counter[str] = Counter()
+    place = str(run_socket.socket_of(log))
+    open_ones: list[tuple[socket.socket, memoryview]] = []
+    number = 0
+    while time.monotonic() < end:
+        if len(open_ones) < CLIENTS:
+            one = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+            try:
+                one.connect(place)
+            except OSError:  # too many wait already, or the wall's process is dead
+                one.close()
+            else:
+                open_ones.append((one, memoryview(contents[number % len(contents)])))
+                found["taken"] += 1
+                number += 1
+        for at, (one, rest) in enumerate(open_ones):
+            try:
+                open_ones[at] = one, rest[one.send(rest[:65536]) :] if len(rest) else rest
+                if not one.recv(65536):
+                    raise ConnectionResetError
+            except BlockingIOError:
+                continue
+            except OSError:
+                one.close()
+                found["closed"] += 1
+        open_ones = [each for each in open_ones if each[0].fileno() >= 0]
+    for one, _ in open_ones:
+        one.close()
+    return found
+
+
+def try_as_nobody(log: Path) -> None:
+    """Fail where another user can connect to a running wall; needs root's rights.
+
+    Raises:
+        RuntimeError: The other user was let in.
+    """
+    os.seteuid(NOBODY)
+    try:
+        run_socket.connected(run_socket.socket_of(log)).close()
+    except OSError:
+        return
+    finally:
+        os.seteuid(0)
+    raise RuntimeError(f"another user could connect to {run_socket.socket_of(log)}")
 
 
 def memory(megabytes: int, seconds: float) -> None:
@@ -157,6 +229,30 @@ def _descends(pid: int, ancestor: int, parents: dict[int, int]) -> bool:
     return False
 
 
+def flood(port: int, seconds: float) -> None:
+    """Connect to a live page again and again, send nonsense and large messages, read nothing."""
+    asks = b"GET /rows HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    asks += b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    large = b"\x82\xff" + (100_000_000).to_bytes(8, "big") + bytes(100_000)
+    kinds = (
+        b"",
+        bytes(range(256)) * 40,
+        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 5000,
+        asks,
+        asks + large,
+    )
+    kept: deque[socket.socket] = deque(maxlen=200)
+    end, count = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        count += 1
+        if len(kept) == kept.maxlen:
+            kept[0].close()
+        with contextlib.suppress(OSError):
+            kept.append(socket.create_connection(("127.0.0.1", port), timeout=0.2))
+            kept[-1].send(kinds[count % len(kinds)])
+        time.sleep(0.002)
+
+
 def own_mounts() -> bool:
     """Give this process mounts of its own, which end with it; whether that was granted."""
     libc = ctypes.CDLL(None, use_errno=True)
@@ -189,6 +285,14 @@ def main() -> None:
             memory(int(numbers[0]), float(numbers[1]))
         case "clock":
             clock(float(numbers[0]), float(numbers[1]))
+        case "flood":
+            flood(int(numbers[0]), float(numbers[1]))
+        case "clients":
+            _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+            if os.geteuid() == 0:
+                try_as_nobody(Path(numbers[0]))
+            clients(Path(numbers[0]), float(numbers[1]))
         case "watch":
             watch(int(numbers[0]))
         case "strangers":

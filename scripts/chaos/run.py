@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import time
 from collections import defaultdict
@@ -16,7 +17,7 @@ from haptic_wall.controller.bench.loops import FORGIVING
 from haptic_wall.controller.runtime.telemetry import ROW
 from scripts.chaos.judge import Thrown
 from scripts.chaos.shots import NO_REPORT
-from scripts.chaos.stage import Lasting, Shot, Stage
+from scripts.chaos.stage import PROCESSES, Lasting, Shot, Stage
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
@@ -72,7 +73,8 @@ class Run:
     ended_s: float = 0.0
     """When its last process had ended, the report and the picture made [s]"""
     memory: dict[tuple[str, int], list[tuple[float, float]]] = field(default_factory=dict)
-    """Of each process, by name and pid: time since it was first seen [s], resident memory [MB]"""
+    """Memory of each process, by name and pid: time since it was first seen [s], resident memory
+    [MB]"""
     strangers: int = 0
     """How often programs of others were seen at real-time priority"""
     cause: str | None = None
@@ -115,20 +117,22 @@ def promptly() -> Iterator[None]:
 
 
 def perform(course: Course, folder: Path, room: Path | None, core: int, random: Random) -> Run:
-    """Start a bus and a run, throw at it what the course says, see it end.
+    """Start a bus and a run, inject the kills and faults of the course, and await the end.
 
     Args:
-        course: What is to happen.
-        folder: For the witness, and for the log where there is no room for it.
+        course: The kills and faults of the run.
+        folder: Folder for the witness, and for the log where there is no room for it.
         room: A small file system for the log; None: there is none.
         core: The loop's.
-        random: Decides when what is thrown.
+        random: Decides which fault is injected when.
     """
     run = Run()
     log = (room or folder) / "run.hwlog"
     log.unlink(missing_ok=True)
     cores = tuple(sorted(os.sched_getaffinity(0)))
     sets = (*FORGIVING, *WALL) if course.patient else (*SETTINGS, *WALL)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        page_port: int = free.getsockname()[1]
     output, said = folder / "report.json", folder / "said.txt"
     with (
         emulated_bus("--record", folder / "witness.csv", *with_sets(TRUTH)) as bus,
@@ -139,14 +143,14 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
         process = subprocess.Popen(
             [
                 *[*PROGRAM, "run", "xm430-w350", "--json", "--log", str(log)],
-                *["--plot", str(folder / "run.png")],
+                *["--plot", str(folder / "run.png"), "--live", f"127.0.0.1:{page_port}"],
                 *with_sets((f"servo.port={bus.port}", *sets)),
             ],
             stdin=subprocess.DEVNULL,
             stdout=report_file,
             stderr=said_file,
         )
-        stage = Stage(bus, process, log, room, core, cores, random)
+        stage = Stage(bus, process, log, room, core, cores, random, page_port)
         pending: list[tuple[float, Lasting]] = []
         try:
             with promptly():
@@ -157,7 +161,7 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
             if process.poll() is None:
                 process.kill()
             process.wait()
-            for name in ("loop", "recorder"):
+            for name in PROCESSES:
                 if not _gone(stage.pids.get(name)):
                     run.other_problems.append(f"the {name} outlived the run")
                     stage.send(name, signal.SIGKILL)
@@ -184,7 +188,7 @@ def _last_line(said: str) -> str:
 def _under_fire(
     course: Course, stage: Stage, run: Run, pending: list[tuple[float, Lasting]]
 ) -> None:
-    """From the start of a run to its end; what is to be undone is left in ``pending``."""
+    """Inject faults from the start of a run to its end; leave those to be undone in ``pending``."""
     process, random = stage.run, stage.random
     if not _begun(stage):
         return

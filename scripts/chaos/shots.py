@@ -131,6 +131,13 @@ def hog(least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
     return throw
 
 
+def hostile_clients(stage: Stage) -> Lasting:
+    """Clients of the running wall that do it no good."""
+    seconds = stage.random.uniform(2.0, 5.0)
+    process = load("clients", str(stage.log), f"{seconds}")
+    return Lasting(seconds, lambda: end(process), f"{seconds:.1f} s")
+
+
 def memory(stage: Stage) -> Lasting:
     """A share of the memory that is available."""
     lines = Path("/proc/meminfo").read_text().splitlines()
@@ -139,6 +146,13 @@ def memory(stage: Stage) -> Lasting:
     seconds = stage.random.uniform(3.0, 6.0)
     process = load("memory", str(megabytes), f"{seconds}")
     return Lasting(seconds + 1.0, lambda: end(process), f"{megabytes} MB")
+
+
+def flood(stage: Stage) -> Lasting:
+    """Clients of the live page that send nonsense, large messages, or nothing, and do not read."""
+    seconds = stage.random.uniform(1.0, 4.0)
+    process = load("flood", str(stage.page_port), f"{seconds}")
+    return Lasting(seconds + 0.5, lambda: end(process), f"{seconds:.1f} s")
 
 
 def disk_full(stage: Stage) -> Lasting:
@@ -196,6 +210,12 @@ GENTLE: Final = (
     Shot("loop's core held for 5 to 20 ms", hog(0.005, 0.02), allowed=may_take_priority),
     Shot(RECORDER_KILLED, kill("recorder")),
     Shot("recorder stopped for 1 to 5 s", stop("recorder", 1.0, 5.0)),
+    Shot("live page's server killed", kill("page")),
+    Shot("live page's server stopped for 1 to 5 s", stop("page", 1.0, 5.0)),
+    Shot("live page's server flooded for 1 to 4 s", flood),
+    Shot("dial killed", kill("dial")),
+    Shot("dial stopped for 1 to 5 s", stop("dial", 1.0, 5.0)),
+    Shot("a thousand hostile clients for 2 to 5 s", hostile_clients),
     Shot("disk full for 1 to 4 s", disk_full),
     Shot("loop stopped for 3 to 15 ms", stop("loop", 0.003, 0.015)),
     Shot("supervisor stopped for 1 to 3 s", stop("supervisor", 1.0, 3.0)),

@@ -12,7 +12,12 @@ from typing import Final
 
 from scripts.whole_program import Bus, child_of
 
-PROCESSES: Final = {"loop": "loop_process", "recorder": "recorder"}
+PROCESSES: Final = {
+    "loop": "processes.loop_process",
+    "recorder": "processes.recorder",
+    "dial": "processes.dial",
+    "page": "live.process",
+}
 
 
 @dataclass(slots=True)
@@ -28,6 +33,8 @@ class Stage:
     """The loop's"""
     cores: tuple[int, ...]
     random: Random
+    page_port: int = 0
+    """Port of the live page"""
     pids: dict[str, int] = field(default_factory=dict)
     """The last known: children of a dead supervisor cannot be found any more"""
     killed: set[int] = field(default_factory=set)

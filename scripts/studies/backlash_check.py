@@ -8,15 +8,14 @@ Takes some minutes.
 """
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.backlash import backlash_limit
-from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
+from scripts.kicked_walls import kicked, least_bad
 from scripts.study import Found, Option, Part, Study, table
 
 PERIOD = 1e-3
@@ -45,18 +44,8 @@ def sustains(true: TrueServo, stiffness: float, virtual_damping: float) -> bool:
     """Whether some kick ends in an oscillation of more than four counts."""
     count = math.ceil(CYCLES * 2 * math.pi * math.sqrt(true.inertia / stiffness) / PERIOD)
     for kick in KICKS:
-        servo = Mechanism(replace(true, position=kick), 0)
-        before, positions = servo.measured_position(), []
-        for k in range(count):
-            servo.advance(k * 1_000_000)
-            x = servo.measured_position()
-            torque = -stiffness * x - virtual_damping * (x - before) / PERIOD
-            servo.command(torque, k * 1_000_000)
-            before = x
-            positions.append(servo.position)
-            if abs(x) > 5.0:
-                return True
-        if np.ptp(positions[-count // 10 :]) > 2 * COUNTS * COUNT:
+        positions = kicked(true, stiffness, virtual_damping, kick, count, furthest=5.0)
+        if positions is None or np.ptp(positions[-count // 10 :]) > 2 * COUNTS * COUNT:
             return True
     return False
 
@@ -81,16 +70,7 @@ def outcome(case: tuple[int, int]) -> Outcome:
         delay=delay,
         torque_limit=1e3,
     )
-    low = 0.0
-    high = SHARES[-1]
-    for share in SHARES:
-        if sustains(true, share * exact, virtual):
-            high = share
-            break
-        low = share
-    for _ in range(3 if high > low else 0):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if sustains(true, middle * exact, virtual) else (middle, high)
+    high = least_bad(lambda share: sustains(true, share * exact, virtual), SHARES, halvings=3)
     return Outcome(min(predicted / exact, SHARES[-1]), high, width / COUNT, of_ceiling)
 
 

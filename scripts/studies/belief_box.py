@@ -118,7 +118,7 @@ class Searched(NamedTuple):
     side: Side
     samples: int
     top: float
-    """Of b T/m at the corner"""
+    """Upper bound of b T/m at the corner"""
     corner_only: bool
     rounds: int
     seed: int

@@ -2,9 +2,9 @@
 
     scripts/study bus_soak [--cycles N] [--frames N] [--seconds S] [--seed N]
 
-In memory, on the simulated clock, every run with the same seed is the same. What was done to each
-reply is known there, so each cycle's outcome is set against it; positions are set against the true
-ones. The status is 1 where something that is promised did not hold.
+In memory, on the simulated clock, every run with the same seed is the same. There the damage to
+each reply is known, so each cycle's outcome is compared to it, and positions are compared to the
+true ones. The exit status is 1 if a promise was broken.
 """
 
 import tempfile

@@ -29,6 +29,8 @@ _BEHIND = 20
 MOST_J = 1e-3
 PRESETS = "xm430-w350", "xl330-m288"
 HANDS = "push", "tap", "lean"
+SEED = 1000
+"""Of the first run; the rule was tuned on runs with smaller ones"""
 LAWS = "wall", "spring", "stops", "detents", "texture", "friction", "profile"
 KINDS = (
     "stiffness up",
@@ -74,7 +76,7 @@ def benches(given: Given) -> list[Bench]:
     """Return the runs."""
     return [
         Bench(preset, hand, seed)
-        for seed in range(given.runs)
+        for seed in range(SEED, SEED + given.runs)
         for preset in PRESETS
         for hand in HANDS
     ]

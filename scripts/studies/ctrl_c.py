@@ -356,7 +356,7 @@ def cells(tries: Sequence[Try]) -> list[str]:
 
 
 def tell(strange: Try) -> None:
-    """Show what went wrong, to whoever waits."""
+    """Print the facts of a failed try on standard error."""
     facts = f"{strange.status} {strange.ended_s:.2f} s later, torque {strange.torque}"
     said = "\n    ".join(strange.said.splitlines()[-20:])
     print(

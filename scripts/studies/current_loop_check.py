@@ -43,7 +43,7 @@ class Servos(NamedTuple):
     late: FloatArray
     lag: FloatArray
     share: FloatArray
-    """Of the ceiling of a delay of the same time"""
+    """Share of the ceiling of a delay of the same time"""
 
     @classmethod
     def of(cls, unit: FloatArray, *, whole: bool = True) -> "Servos":
@@ -65,13 +65,6 @@ class Servos(NamedTuple):
         damping = np.repeat(self.delta / PERIOD, repeats)[:, None]
         bandwidth = np.repeat(1 / (2 * math.pi * self.lag * PERIOD), repeats)
         return Chain(ones, damping, none, none, bandwidth)
-
-
-class Ratios(NamedTuple):
-    """What the lag truly allows over what the delay says, of each servo."""
-
-    ceiling: list[float]
-    stiffness: list[float]
 
 
 def ratios(servos: Servos) -> tuple[FloatArray, FloatArray]:
@@ -159,13 +152,13 @@ def contact_lines(found: Found[tuple[int, int], list[float]]) -> list[str]:
 
 
 def searches(given: Given) -> list[tuple[str, int]]:
-    """What is looked for, with a seed."""
+    """Return the searched quantities, each with a seed."""
     wanted = ("stiffness", "ceiling", "contact")
     return [(what, given.seed + i) for what in wanted for i in range(given.searches)]
 
 
 def searched(case: tuple[str, int]) -> list[float]:
-    """The worst found (least ratio, or greatest return), and the servo's four numbers."""
+    """Return the worst result (least ratio, or greatest return) and the servo's numbers."""
     what, seed = case
 
     def cost(unit: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta
 
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.experiments.identify.identification import identify
@@ -23,6 +22,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.errors import ExplainedError
 from scripts.real_servos import ALL, IDEAL, KINDS, drawn_servo
 from scripts.study import Found, Option, Part, Study, table
+from scripts.trials.rates import lower_bound
 
 HERTZ, RATIO, LOADS = (8.0, 200.0), (0.005, 0.1), (0.05, 2.0)
 """Ranges of frequency, damping ratio and load over motor inertia, drawn in equal ratios"""
@@ -31,7 +31,7 @@ NAMES = ("flexible_hz", "flexible_damping_ratio", "inertia", "load_inertia")
 
 
 class Result(NamedTuple):
-    """What was found of a servo."""
+    """The identified vibration of a servo."""
 
     hertz: float
     """True [Hz]"""
@@ -95,11 +95,6 @@ def found_of(case: Case) -> Result:
     return Result(hertz, ratio, load, found.vibration.seen, ends[0], ends[1], "")
 
 
-def least_share(held: int, count: int) -> float:
-    """Return the lower bound of a share by Clopper and Pearson, at 95 %."""
-    return float(beta.ppf(0.05, held, count - held + 1)) if held else 0.0
-
-
 def lines(found: Found[Case, Result]) -> list[str]:
     """The part of the page: by frequency, how often a mode is seen and bounds hold the truth."""
     head = [
@@ -129,9 +124,9 @@ def lines(found: Found[Case, Result]) -> list[str]:
         *(f"No result, {count} of {len(found)}: {text}." for text, count in why.items()),
         *[""] * bool(why),
         f"Of {len(good)} results all bounds hold the truth in {held}: in"
-        f" {100 * least_share(held, len(good)):.1f} % at least. Those that the ceiling depends on"
+        f" {100 * lower_bound(held, len(good)):.1f} % at least. Those that the ceiling depends on"
         f" (the frequency's, the lower ones of ratio and inertia) hold it in {safe}: in"
-        f" {100 * least_share(safe, len(good)):.1f} % at least.",
+        f" {100 * lower_bound(safe, len(good)):.1f} % at least.",
     ]
 
 

@@ -46,7 +46,7 @@ MOTOR, FRICTION, COULOMB = 0.011951, 0.011692, 0.002
 
 
 class Load(NamedTuple):
-    """What is on the servo."""
+    """A load on the servo."""
 
     name: str
     inertia: float
@@ -62,6 +62,11 @@ class Load(NamedTuple):
         """Return stiffness and damping of the transmission."""
         moving = MOTOR * self.inertia / (MOTOR + self.inertia)
         return self.stiffness, 2.0 * self.ratio * math.sqrt(self.stiffness * moving)
+
+    @property
+    def servo(self) -> tuple[float, float, float, float, float]:
+        """Return the first arguments of the theory's functions of two masses."""
+        return (MOTOR, FRICTION, self.inertia, *self.transmission)
 
     @property
     def velocity_filter(self) -> VelocityFilter | None:
@@ -114,7 +119,7 @@ Case = tuple[int, str, float]
 
 
 def cases(points: int) -> list[Case]:
-    """Return what is simulated and measured, at so many dampings of each load."""
+    """Return the cases to simulate and to measure, at ``points`` dampings of each load."""
     found: list[Case] = []
     for number, load in enumerate(LOADS):
         dampings = load.dampings[:: max(1, len(load.dampings) // points)]
@@ -127,7 +132,7 @@ def point(case: Case) -> Point:
     """Compute or measure one point."""
     number, way, damping = case
     load = LOADS[number]
-    servo = (MOTOR, FRICTION, load.inertia, *load.transmission)
+    servo = load.servo
     if way == "ceiling":
         exact = float(flexible_ceiling(*servo, PERIOD, DELAY, velocity_filter=load.velocity_filter))
         with tempfile.TemporaryDirectory() as folder:
@@ -241,9 +246,8 @@ def draw(found: Found[Case, Point]) -> None:
     with picture(Path(__file__).parents[2] / "docs" / PICTURE, PAGE, 4.0) as figure:
         ax = figure.subplots()
         for number, load in enumerate(LOADS):
-            servo = (MOTOR, FRICTION, load.inertia, *load.transmission)
             exact = flexible_boundary(
-                *servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
+                *load.servo, damping, PERIOD, DELAY, velocity_filter=load.velocity_filter
             ).stiffness
             ax.plot(damping, exact, color=load.colour, label=f"{load.name}: theory")
             for way, marker, size in (("sweep", "o", 7.0), ("simulation", "x", 4.0)):

@@ -34,6 +34,7 @@ from haptic_wall.controller.theory.flexible import (
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
+from scripts.trials.links import LinkTrial, link_trials
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
@@ -313,7 +314,7 @@ class Way(NamedTuple):
     """B starts above the ceiling, and K where it is stable all the same"""
     ways: int
     unstable: tuple[int, ...]
-    """Of each of ``ORDERS``"""
+    """Number of unstable ways of each of ``ORDERS``"""
 
 
 def ways(case: tuple[int, int, EncoderSide, bool]) -> list[Way]:
@@ -511,44 +512,67 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
     ]
 
 
-def _filtered(kind: Kind) -> Part[Search, Outcome]:
+def _searched(name: str, kind: Kind, seed: int, case_s: float) -> Part[Search, Outcome]:
+    """Return the part that searches beliefs of a kind; ``seed`` is added to the study's."""
     return Part(
-        kind,
+        name,
         lambda given: [
-            Search(given.seed + 300, i, given.truths, given.steps, kind)
+            Search(given.seed + seed, i, given.truths, given.steps, kind)
             for i in range(given.beliefs)
         ],
         outcome,
         lines,
-        case_s=4.0,
+        case_s=case_s,
     )
 
+
+def beyond(task: tuple[int, int, float]) -> list[LinkTrial]:
+    """Run some walls beyond the ceiling: seed, number, virtual damping over the ceiling."""
+    return link_trials(*task)
+
+
+def beyond_lines(found: Found[tuple[int, int, float], list[LinkTrial]]) -> list[str]:
+    """A table of what was noticed."""
+    every = [trial for _, trials in found for trial in trials]
+    rows = []
+    for share in BEYOND:
+        own = [t for t in every if t.share == share]
+        seen = [t for t in own if not math.isnan(t.alarm_s)]
+        missed = [t for t in own if math.isnan(t.alarm_s) and t.last > 0.9 * t.largest > 4.0]
+        size, when = (np.array([getattr(t, n) for t in seen]) for n in ("last", "alarm_s"))
+        rows.append(
+            (
+                f"{share:g}",
+                str(len(own)),
+                str(len(own) - len(seen) - len(missed)),
+                str(len(seen)),
+                str(len(missed)),
+                f"{np.median(size):.0f}, {np.percentile(size, 95):.0f}" if seen else "",
+                f"{np.median(when):.1f}, {np.percentile(when, 95):.1f}" if seen else "",
+            )
+        )
+    head = (
+        "B / ceiling",
+        "servos",
+        "dies, or stays below 4 counts",
+        "alarm",
+        "goes on above 4 counts without an alarm",
+        "amplitude at the alarm [counts], median and 95 %",
+        "time to it [s]",
+    )
+    return table(head, *rows)
+
+
+BEYOND = (0.8, 1.2, 1.5, 2.0)
+"""Virtual dampings, over the ceiling of the vibration"""
 
 STUDY = Study(
     "flexible-guard.md",
     (
-        Part(
-            "truths",
-            lambda given: [
-                Search(given.seed, i, given.truths, given.steps, "known")
-                for i in range(given.beliefs)
-            ],
-            outcome,
-            lines,
-            case_s=4.0,
-        ),
-        Part(
-            "wide",
-            lambda given: [
-                Search(given.seed + 200, i, given.truths, given.steps, "wide")
-                for i in range(given.beliefs)
-            ],
-            outcome,
-            lines,
-            case_s=8.0,
-        ),
-        _filtered("lowpass"),
-        _filtered("notch"),
+        _searched("truths", "known", 0, case_s=4.0),
+        _searched("wide", "wide", 200, case_s=8.0),
+        _searched("lowpass", "lowpass", 300, case_s=4.0),
+        _searched("notch", "notch", 300, case_s=4.0),
         Part(
             "contacts",
             lambda given: [(given.seed + 100, i) for i in range(given.contacts)],
@@ -567,6 +591,15 @@ STUDY = Study(
             way_lines,
             case_s=30.0,
         ),
+        Part(
+            "beyond",
+            lambda given: [
+                (given.seed + 10 * i, given.links, share) for i in range(4) for share in BEYOND
+            ],
+            beyond,
+            beyond_lines,
+            case_s=5.0,
+        ),
     ),
     (
         Option("beliefs", 110, "random beliefs", quick=3),
@@ -574,6 +607,7 @@ STUDY = Study(
         Option("steps", 12, "generations of the search", quick=2),
         Option("contacts", 200, "servos whose contacts are simulated", quick=4),
         Option("servos", 2000, "servos of each kind and seed on the way to lower gains", quick=40),
+        Option("links", 15, "servos of each seed and share beyond the ceiling", quick=2),
         Option("seed", 1, "seed of the beliefs"),
     ),
 )

@@ -6,8 +6,8 @@ Each seed draws a servo: inertia, damping and friction up to 20 % from those of 
 from 0 to 5 ms, and a position between two counts of the encoder. The belief stays that of the
 model. On the simulated clock: the same seeds give the same figures on every machine.
 
-Then servos with the effects of real ones, each alone and all together: what matters is whether the
-bounds that the guard works with hold the truth jointly, and how wide they are.
+Then servos with the effects of real ones, each alone and all together. The study counts how often
+the guard's bounds jointly contain the truth, and how wide they are.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta
 
 from haptic_wall.controller.experiments.commission.verdict import ASKED, GuardQuestion
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
@@ -31,6 +30,7 @@ from scripts.real_servos import ALL, EFFECTS, IDEAL, drawn_servo
 from scripts.real_servos import KINDS as REAL_KINDS
 from scripts.real_servos import Kind as RealKind
 from scripts.study import Found, Option, Part, Study, table
+from scripts.trials.rates import lower_bound
 
 SEEDS = 50
 FIRST = 7000
@@ -197,11 +197,6 @@ def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
     return decided.stiffness
 
 
-def least_share(held: int, count: int) -> float:
-    """Return the lower bound of a share by Clopper and Pearson, at 95 %."""
-    return float(beta.ppf(0.05, held, count - held + 1)) if held else 0.0
-
-
 def effect_cells(effect: str, rows: list[Bounded | str]) -> list[str]:
     """How often the bounds hold the truth, how wide they are, what they allow, what is said."""
     good = [each for each in rows if isinstance(each, Bounded)]
@@ -216,7 +211,7 @@ def effect_cells(effect: str, rows: list[Bounded | str]) -> list[str]:
     said = Counter(name for each in good for name in each.named)
     return [
         *(effect, f"{len(good)} of {count}", f"{held} of {count}"),
-        f"{100 * least_share(held, count):.0f} %",
+        f"{100 * lower_bound(held, count):.0f} %",
         *(f"{width:.2f}" for width in widths),
         *(f"{low:.2f}", f"{np.median(stiffness):.2f}", f"{min(stiffness):.2f}"),
         ", ".join(f"{name} {number}" for name, number in said.most_common()) or "none",
@@ -238,7 +233,7 @@ def effect_lines(found: Found[Drawn, Bounded | str]) -> list[str]:
         *table(head, *cells),
         "",
         f"Of all {len(found)} the bounds hold the truth jointly in {held}: in"
-        f" {100 * least_share(held, len(found)):.1f} % at least.",
+        f" {100 * lower_bound(held, len(found)):.1f} % at least.",
     ]
 
 

@@ -4,8 +4,8 @@
 
 The whole tree of processes on an emulated bus of its own, a hand leaning on the wall, the Bus
 Watchdog at 40 ms as for hardware. From the shot to zero torque by the witness: the true torque
-that acts, recorded every millisecond. What the program said of it, its exit status, the rows that
-the log lacks and the processes that stayed behind are in the table.
+that acts, recorded every millisecond. The table has the program's message, its exit status, the
+rows missing from the log, and the processes left behind.
 """
 
 import contextlib
@@ -123,14 +123,14 @@ def one_shot(shot: Shot, folder: Path) -> Hit | None:
 def torque_of(
     shot: Shot, report: dict[str, Any] | None, ending: tuple[float, str], *, lived: bool
 ) -> tuple[float | None, str]:
-    """Find how long the torque lasted [ms], and who ended it.
+    """Return how long the torque lasted [ms], and the cause of its end.
 
-    Of a run that goes on, nothing did, and only its report can say so: one that a trip has ended
-    is still there while its report and its picture are made.
+    A run that goes on has no such cause. Only its report shows that it went on, because a run that
+    a trip has ended still exists while its report and its picture are made.
 
     Args:
-        shot: What was thrown at it.
-        report: Of the run; None: it was killed.
+        shot: The injected kill or fault.
+        report: Report of the run; None: it was killed.
         ending: By the witness.
         lived: Its supervisor was there when it was asked to end.
     """

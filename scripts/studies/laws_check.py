@@ -5,8 +5,10 @@ scripts/study laws_check [--blocks N] [--rounds N]
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,9 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from scripts.sampled_laws import Array, Found, Kind, Law, Servos, lasting, moved
+from haptic_wall.controller.theory.flexible import flexible_boundary
+from haptic_wall.hw.settings import EncoderSide
+from scripts.sampled_laws import Array, Found, Kind, Law, Loads, Servos, lasting, moved
 from scripts.study import Given, Option, Part, Study, table
 
 PERIOD = 1e-3
@@ -39,6 +43,8 @@ LASTS = 0.97
 MULTIPLES = 1.0, 1.25, 1.5, 2.0, 3.0, 5.0
 """Of the commanded stiffness, tried at the belief's worst corner"""
 CORNER_LAWS = 60
+FLEXIBLE_LAWS = 100
+"""Laws in a block on servos of two masses"""
 KINDS: dict[str, tuple[Kind, bool]] = {
     "periodic": ("periodic", True),
     "profile": ("bounded", True),
@@ -59,6 +65,13 @@ class Block:
 
     kind: str
     seed: int
+    flexible: bool = False
+    """On servos of two masses"""
+
+    @property
+    def name(self) -> str:
+        """Return the row of the table that it belongs to."""
+        return f"{self.kind}, two masses" if self.flexible else self.kind
 
 
 class Row(NamedTuple):
@@ -69,14 +82,20 @@ class Row(NamedTuple):
     longest: float
     """Largest fraction of the energy that is left"""
     back: float
-    """Largest kinetic energy over that of the start; of stops alone"""
+    """Largest energy of the servo over that of the start; of stops alone"""
     timid: tuple[float, ...]
     """Commanded stiffness over the least multiple of it that the worst corner does not bear"""
 
 
 def drawn(given: Given) -> list[Block]:
     """Return the blocks."""
-    return [Block(kind, seed) for kind in KINDS for seed in range(given.blocks)]
+    counts = {False: given.blocks, True: given.flexible}
+    return [
+        Block(kind, seed, flexible)
+        for flexible, count in counts.items()
+        for kind in KINDS
+        for seed in range(count)
+    ]
 
 
 def tables(random: np.random.Generator, kind: Kind, falls: bool, count: int) -> Array | None:
@@ -108,21 +127,18 @@ def shaped(slopes: Array, kind: Kind, falls: bool) -> Array:
 def block(case: Block) -> Row:
     """Try the laws of a block."""
     kind, falls = KINDS[case.kind]
-    random = np.random.default_rng([case.seed, *case.kind.encode()])
-    table_of = tables(random, kind, falls, LAWS)
-    one = [_servo(random, kind) for _ in range(LAWS)]
-    servos = Servos(*np.array([each[0] for each in one]).T)
-    found, floor = _tried(random, kind, table_of, servos, PERIODS)
-    left = lasting(found, floor).reshape(LAWS, STARTS).max(1)
+    random = np.random.default_rng([case.seed, *[1] * case.flexible, *case.kind.encode()])
+    laws = FLEXIBLE_LAWS if case.flexible else LAWS
+    table_of = tables(random, kind, falls, laws)
+    one = [_servo(random, kind, case.flexible) for _ in range(laws)]
+    found, floor = _tried(random, kind, table_of, _servos([each[0] for each in one]), PERIODS)
+    left = lasting(found, floor).reshape(laws, STARTS).max(1)
     back = found.kinetic.max(0) / found.start if kind == "stops" else np.zeros(1)
-    corner = Servos(*np.array([each[1] for each in one[:CORNER_LAWS]]).T)
+    corner = _servos([each[1] for each in one[:CORNER_LAWS]])
     few = None if table_of is None else table_of[:CORNER_LAWS]
-    timid = np.ones(CORNER_LAWS) / MULTIPLES[-1]
+    timid = np.ones(corner.damping.size) / MULTIPLES[-1]
     for multiple in reversed(MULTIPLES):
-        more = Servos(
-            corner.damping, multiple * corner.stiffness, corner.virtual_damping, corner.delay
-        )
-        tried, rest = _tried(random, kind, few, more, PERIODS)
+        tried, rest = _tried(random, kind, few, corner.stiffer(multiple), PERIODS)
         bad = lasting(tried, rest) > LASTS
         if kind == "stops":
             bad |= tried.kinetic.max(0) > 1.001 * tried.start
@@ -140,23 +156,29 @@ def _tried(
     def each(values: Array) -> Array:
         return np.repeat(values, STARTS, axis=0)
 
-    many = Servos(
-        each(servos.damping),
-        each(servos.stiffness),
-        each(servos.virtual_damping),
-        each(servos.delay),
-    )
+    many = servos.mapped(each)
     count = many.damping.size
     swing = np.sqrt(many.stiffness)
     speed = swing * 10.0 ** random.uniform(-1.0, 0.7, count) * random.choice([-1.0, 1.0], count)
     x = random.uniform(-1.0, 1.0, count)
     if kind == "periodic":
         speed = np.clip(speed, -0.4, 0.4)
+    if many.loads is not None:
+        shake = speed * random.choice([0.0, -1.0, 1.0], count)
+        many = replace(many, loads=replace(many.loads, shake=shake))
     law = Law(kind, count, None if table_of is None else each(table_of))
     return moved(law, many, x, speed, periods), 1e-7 * many.stiffness
 
 
-def _servo(random: np.random.Generator, kind: Kind) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _servos(numbers: Sequence[tuple[float, ...]]) -> Servos:
+    """Return servos from the numbers that ``_servo`` gives."""
+    b, stiffness, damping, delay, *load = np.array(numbers).T
+    return Servos(b, stiffness, damping, delay, Loads(*load) if load else None)
+
+
+def _servo(
+    random: np.random.Generator, kind: Kind, flexible: bool
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return a true servo inside a belief, and its worst corner, both with the guard's gains."""
     delta = 10.0 ** random.uniform(*np.log10(DELTA))
     low = delta * INERTIA / PERIOD
@@ -172,9 +194,13 @@ def _servo(random: np.random.Generator, kind: Kind) -> tuple[tuple[float, ...], 
         delay=bounded(0.0, random.uniform(0.0, 2.0) * PERIOD),
         torque_gain=bounded(1.0, 1.0 + 0.3 * width),
     )
+    if flexible:
+        belief = _with_load(random, belief, width)
     late = random.choice([0.0, 0.3, 1.0, 2.5]) * PERIOD
     ceiling = float(max_virtual_damping(INERTIA, low, PERIOD, late + belief.delay.high))
     damping = random.choice([-0.5 * low, 0.0, *(ceiling * random.uniform(0.0, 0.7, 3))])
+    if flexible:
+        damping = max(damping, 0.0)
     side: Side = "above" if kind == "stops" else "both"
     request = Request(1e12, float(damping), side, law=kind, linear=False)
     (decision,) = decide(
@@ -185,35 +211,89 @@ def _servo(random: np.random.Generator, kind: Kind) -> tuple[tuple[float, ...], 
         explained=False,
     )
 
-    def pure(m: float, b: float, gain: float, delay: float) -> tuple[float, ...]:
-        return (
+    def pure(m: float, b: float, gain: float, delay: float, *load: float) -> tuple[float, ...]:
+        numbers = (
             b * PERIOD / m,
             gain * decision.stiffness * PERIOD**2 / m,
             gain * decision.damping * PERIOD / m,
             (late + delay) / PERIOD,
         )
+        if not load:
+            return numbers
+        inertia, hertz, ratio = load
+        at_motor = float(belief.encoder == "motor")
+        return (*numbers, inertia / m, math.tau * hertz * PERIOD, ratio, at_motor, 0.0)
 
+    uncertain = [belief.inertia, belief.damping, belief.torque_gain, belief.delay]
+    loads = [belief.load_inertia, belief.flexible_hz, belief.flexible_damping_ratio]
+    uncertain += loads if flexible else []
     at = [
         (each.low, each.high)[random.integers(2)]
         if random.random() < 0.5
         else random.uniform(each.low, each.high)
-        for each in (belief.inertia, belief.damping, belief.torque_gain, belief.delay)
+        for each in uncertain
     ]
-    return pure(*at), pure(INERTIA, low, belief.torque_gain.high, belief.delay.high)
+    worst = (INERTIA, low, belief.torque_gain.high, belief.delay.high)
+    if not flexible:
+        return pure(*at), pure(*worst)
+    corners = [
+        pure(*worst, *load)
+        for load in itertools.product(*((each.low, each.high) for each in loads))
+    ]
+    return pure(*at), min(corners, key=_borne)
+
+
+def _with_load(random: np.random.Generator, belief: Belief, width: float) -> Belief:
+    """Return a belief with a load behind a transmission, whose vibration is sampled."""
+
+    def bounded(least: float, most: float) -> Bounded:
+        return Bounded(0.5 * (least + most), least, most)
+
+    share, hertz = random.uniform(0.05, 0.7), 10.0 ** random.uniform(1.3, 2.4)
+    ratio = 10.0 ** random.uniform(-2.0, -1.0)
+    encoder: EncoderSide = "output" if random.random() < 0.5 else "motor"
+    return replace(
+        belief,
+        load_inertia=bounded(share * INERTIA, share * INERTIA * (1.0 + 0.2 * width)),
+        flexible_hz=bounded(hertz, hertz * (1.0 + 0.2 * width)),
+        flexible_damping_ratio=bounded(ratio, 2.0 * ratio),
+        encoder=encoder,
+    )
+
+
+def _borne(numbers: tuple[float, ...]) -> float:
+    """Return the linear limit of a servo of two masses over its stiffness."""
+    b, stiffness, virtual, delay, share, rate, ratio, at_motor, _ = numbers
+    moving = share * (1.0 - share)
+    limit = flexible_boundary(
+        1.0 - share,
+        b,
+        share,
+        moving * rate**2,
+        2.0 * ratio * moving * rate,
+        virtual,
+        1.0,
+        delay,
+        encoder="motor" if at_motor else "output",
+    ).stiffness
+    return float(limit) / max(stiffness, 1e-30)
 
 
 def kinds(found: Sequence[tuple[Block, Row]]) -> Iterable[str]:
     """Return the table of the drawn laws."""
     rows = []
-    for kind in KINDS:
-        some = [row for case, row in found if case.kind == kind]
-        count, bad = LAWS * len(some), sum(row.lasting for row in some)
+    for name in dict.fromkeys(case.name for case, _ in found):
+        cases = [case for case, _ in found if case.name == name]
+        kind = cases[0].kind
+        some = [row for case, row in found if case.name == name]
+        count = (FLEXIBLE_LAWS if cases[0].flexible else LAWS) * len(some)
+        bad = sum(row.lasting for row in some)
         most = float(beta_distribution.ppf(0.95, bad + 1, count - bad)) if count else 1.0
         timid = float(np.median([each for row in some for each in row.timid]))
         back = f"{max(row.back for row in some):.3f}" if kind == "stops" else ""
         rows.append(
             [
-                kind,
+                name,
                 str(count),
                 str(bad),
                 f"{1e3 * most:.1f} in 1000",
@@ -228,7 +308,7 @@ def kinds(found: Sequence[tuple[Block, Row]]) -> Iterable[str]:
         "a motion lasts",
         "at most, with 95 %",
         "energy left, largest",
-        "kinetic energy over that of the start, largest",
+        "energy of the servo over that of the start, largest",
         "commanded over borne, median",
     )
     yield from table(head, *rows)
@@ -290,7 +370,7 @@ def searched(case: Search) -> Worst:
         slopes = np.clip(genes[:, 4:], -1.0 if falls else 0.0, 1.0)
         flat = np.abs(slopes - slopes.mean(1, keepdims=True) * (kind == "periodic")).max(1) < 1e-6
         slopes[flat, 0] += 0.5
-        many = Servos(*(np.repeat(each, STARTS) for each in (delta, stiffness, virtual, delay)))
+        many = Servos(delta, stiffness, virtual, delay).mapped(lambda each: np.repeat(each, STARTS))
         count = many.damping.size
         v = np.sqrt(many.stiffness) * 10.0 ** (
             np.repeat(speed, STARTS) + random.uniform(-0.5, 0.5, count)
@@ -346,6 +426,9 @@ STUDY = Study(
     ),
     (
         Option("blocks", 7, f"blocks of {LAWS} laws of each kind", quick=1),
+        Option(
+            "flexible", 2, f"blocks of {FLEXIBLE_LAWS} laws of each kind on two masses", quick=1
+        ),
         Option("rounds", 25, "rounds of each search", quick=2),
         Option("seeds", 2, "searches of each kind and stiffness", quick=1),
     ),

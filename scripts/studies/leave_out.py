@@ -97,7 +97,7 @@ CRITERIA: Tries = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a case came to."""
+    """The result of a case."""
 
     label: str
     rank: int
@@ -122,7 +122,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """What some cases came to with another value of one number."""
+    """The results of some cases with another value of one number."""
 
     may: int
     """Cases that the value may change"""

@@ -52,8 +52,8 @@ status = main(sys.argv[1:])
 sys.stderr.write(Path("/proc/self/status").read_text())
 sys.exit(status)
 """
-"""A command that tells its memory at the end: what the system tells of a child that has ended
-includes its parent's."""
+"""A command that prints its own memory at the end, because the system's figure for an ended child
+includes its parent's memory"""
 DISK_S = 20
 RATES_HZ = (1000, 10_000)
 _FIELDS = len(ROW.names or ()) - 1
@@ -101,7 +101,7 @@ def write_log(path: Path, seconds: float) -> None:
 
 
 def read(way: str, command: str, log: Path) -> Read:
-    """Read a log one way; what it took."""
+    """Read a log in one way; return time and memory."""
     words = [sys.executable, "-c", TELLING, command, str(log)]
     out = log.with_name("out.png")
     for word in way.split():

@@ -81,7 +81,7 @@ class Case:
     hand_size: float
     """Depth [rad], amplitude [rad]"""
     hand_speed: float
-    """Of the jerk [rad/s], of the shaking [Hz]"""
+    """Speed of the jerk [rad/s], frequency of the shaking [Hz]"""
     sign: int = 1
     """-1: the torque is commanded with the wrong sign"""
 

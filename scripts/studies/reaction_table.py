@@ -208,7 +208,7 @@ def _play(config: Config, case: Case) -> Outcome:
     allowed = guard_schedule(config, servo, simulated=True)
     decision: Decision = _as_asked(allowed.decision, case)
     schedule = GainSchedule([[decision]], [0], [1_000_000], 90.0, 1000)
-    law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
+    law, injected = rendered(config, clock, servo, ()), most_injected(config, servo, schedule)
     parts = tick_parts(config, clock, servo, telemetry, schedule, law, injected)
     tick = Tick(parts)
     tick.wall_on()

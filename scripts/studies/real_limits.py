@@ -10,7 +10,7 @@ alone, without its margin. Takes some minutes.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +21,9 @@ from haptic_wall.controller.report.style import BLUE, GREY, ORANGE, PAGE, grid, 
 from haptic_wall.controller.theory import critical_stiffness, one_sided_limit
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
+from scripts.kicked_walls import PERIOD_NS, PERIOD_S, kicked, least_bad
 from scripts.study import Found, Given, Option, Part, Study, table
 
-PERIOD_NS = 1_000_000
 DELAY = 1e-3
 """Of every servo, beside what its current loop adds [s]"""
 KICKS = (0.004, 0.03, 0.3)
@@ -115,7 +115,7 @@ def loads(base: Base) -> Iterator[Effect]:
 
 
 def encoders(base: Base) -> Iterator[Effect]:
-    """What lies between the shaft and its reading."""
+    """Yield the effects between the shaft and its reading."""
     for error in (0.003, 0.01, 0.05):
         yield Effect("eccentric encoder", f"{error:g} rad", {"encoder_eccentricity": error})
     counts = {"counts_per_rev": 4096, "coulomb": base.coulomb}
@@ -185,22 +185,12 @@ def counted_delay(true: TrueServo) -> float:
 
 def grows(true: TrueServo, stiffness: float, virtual_damping: float, kick: float) -> bool:
     """Whether the motion of a kick on a two-sided wall does not die."""
-    servo = Mechanism(replace(true, position=kick), 0)
-    period = PERIOD_NS * 1e-9
     frequency = math.sqrt(stiffness / true.inertia) / (2 * math.pi)
-    count = math.ceil(CYCLES / frequency / period)
+    count = math.ceil(CYCLES / frequency / PERIOD_S)
     part = count * 3 // CYCLES
-    positions = []
-    before = servo.measured_position()
-    for k in range(count):
-        servo.advance(k * PERIOD_NS)
-        x = servo.measured_position()
-        torque = -stiffness * x - virtual_damping * (x - before) / period
-        servo.command(torque, k * PERIOD_NS)
-        positions.append(servo.position)
-        before = x
-        if abs(x) > 20 * kick + 0.5:
-            return True
+    positions = kicked(true, stiffness, virtual_damping, kick, count, furthest=20 * kick + 0.5)
+    if positions is None:
+        return True
     first, last = (float(np.ptp(at)) for at in (positions[:part], positions[-part:]))
     counts = 8 * 2 * math.pi / true.counts_per_rev if true.counts_per_rev else 0.0
     return last >= first and last > max(counts, 1e-3 * kick)
@@ -210,7 +200,7 @@ def throws(
     true: TrueServo, stiffness: float, virtual_damping: float, speed: float, phase: float
 ) -> bool:
     """Whether a shaft thrown into a one-sided wall leaves with more energy than it came with."""
-    period = PERIOD_NS * 1e-9
+    period = PERIOD_S
     start = -speed * period * (1 + phase)
     servo = Mechanism(replace(true, position=start), 0, velocity=speed)
     before, outside, came, went = start - speed * period, 0, energy(true, start, speed), -math.inf
@@ -235,21 +225,6 @@ def energy(true: TrueServo, position: float, velocity: float) -> float:
     return 0.5 * true.inertia * velocity * velocity + weight + teeth
 
 
-def least(bad: Callable[[float], bool]) -> float:
-    """The least share that is bad: the first of ``SHARES``, then by halving; their last if none."""
-    low = 0.0
-    for high in SHARES:
-        if bad(high):
-            break
-        low = high
-    else:
-        return SHARES[-1]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if bad(middle) else (middle, high)
-    return high
-
-
 def cases(given: Given) -> list[Case]:
     """Every effect of each servo at each virtual damping."""
     return [
@@ -264,16 +239,22 @@ def limits(case: Case) -> Limits:
     """The true limits of a case, as shares of what the guard computes."""
     true, big_b = servo_of(case), case.virtual_damping
     base, delay = BASES[case.servo], counted_delay(true)
-    linear = (base.inertia, base.damping, big_b, PERIOD_NS * 1e-9, delay)
+    linear = (base.inertia, base.damping, big_b, PERIOD_S, delay)
     exact, one_sided = float(critical_stiffness(*linear)), float(one_sided_limit(*linear))
     return Limits(
-        least(lambda share: any(grows(true, share * exact, big_b, kick) for kick in KICKS)),
-        least(
+        least_bad(
+            lambda share: any(grows(true, share * exact, big_b, kick) for kick in KICKS),
+            SHARES,
+            HALVINGS,
+        ),
+        least_bad(
             lambda share: any(
                 throws(true, share * one_sided, big_b, speed, phase)
                 for speed in SPEEDS
                 for phase in PHASES
-            )
+            ),
+            SHARES,
+            HALVINGS,
         ),
     )
 

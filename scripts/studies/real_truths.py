@@ -3,9 +3,9 @@
     scripts/study real_truths [--truths N] [--seed S] [--quick]
 
 A truth lies inside its belief: inertia, viscous friction each way, Coulomb friction, torque gain,
-the lag of drive and current loop, backlash. What no belief knows (friction at rest and of the load,
-weight, cogging, errors of the encoder, dead band, back-EMF) is drawn beside it. Many walls are
-simulated at once, without the rest of the program; those that swing are run with it.
+the lag of drive and current loop, backlash. Effects that no belief contains (friction at rest and
+of the load, weight, cogging, errors of the encoder, dead band, back-EMF) are drawn in addition.
+Many walls are simulated at once, without the rest of the program; those that swing are run with it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
-from scipy.stats import beta
 
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
 from haptic_wall.controller.guard.belief import Belief, Bounded
@@ -33,6 +32,7 @@ from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
 from scripts.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
 from scripts.study import Found, Given, Option, Part, Study, table
+from scripts.trials.rates import upper_bound
 
 PERIOD = 1e-3
 COUNT = math.tau / 4096
@@ -381,7 +381,7 @@ class Share(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What became of the truths of some beliefs."""
+    """Results for the truths of some beliefs."""
 
     tried: int
     """Truths"""
@@ -431,7 +431,7 @@ def drawn(case: tuple[int, int, Side]) -> Row:
 
 
 class Beyond(NamedTuple):
-    """What became of truths at a multiple of the commanded stiffness."""
+    """Results for truths at a multiple of the commanded stiffness."""
 
     tried: int
     grow: int
@@ -564,18 +564,13 @@ def rates(found: Found[tuple[int, int, Side], Row]) -> list[str]:
                 "swing": f"swing on by more than {COUNTS} counts",
                 "throw": "throw back faster than they were hit, at speeds stated",
             }
-            cells.append((name, words[what], tried, bad, f"{100 * bound(bad, tried):.2g} %"))
+            cells.append((name, words[what], tried, bad, f"{100 * upper_bound(bad, tried):.2g} %"))
     head = ("wall", "that", "truths", "number", "rate at most (95 %)")
     return list(table(head, *cells))
 
 
-def bound(bad: int, tried: int) -> float:
-    """Upper end of the rate's one-sided interval of 95 % (Clopper and Pearson)."""
-    return float(beta.ppf(0.95, bad + 1, max(tried - bad, 1))) if tried else 1.0
-
-
 ROUGH = ("quantisation", NOTHING)
-"""What binds where the wall would be rough"""
+"""The limits that bind if the wall would be rough"""
 
 
 def timidity(found: Found[tuple[int, int, Side], Row]) -> list[str]:
@@ -595,7 +590,7 @@ def timidity(found: Found[tuple[int, int, Side], Row]) -> list[str]:
 
 
 class Worst(NamedTuple):
-    """What a search found."""
+    """The result of a search."""
 
     goal: str
     evaluated: int
@@ -667,7 +662,7 @@ def searches(given: Given) -> list[tuple[int, str, int, int]]:
 
 
 def search_lines(found: Found[tuple[int, str, int, int], Worst]) -> list[str]:
-    """What each search ended at."""
+    """Return a table with the result of each search."""
     head = ("searched for", "walls tried", "worst", "above 0 is")
     cells = [
         (

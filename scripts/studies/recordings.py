@@ -42,7 +42,7 @@ class Drop(NamedTuple):
     """A fit of one model to some drops."""
 
     inertia: float
-    """Of all that turns, with a weightless arm [kg·m²]"""
+    """Inertia of all that turns, with a weightless arm [kg·m²]"""
     damping: float
     """[N·m·s/rad]"""
     coulomb: float
@@ -52,7 +52,7 @@ class Drop(NamedTuple):
     left: dict[str, float]
     """Of each drop that was fitted [rad rms]"""
     predicted: dict[str, float]
-    """Of each drop, from its first 0.2 s [rad rms]"""
+    """Prediction error of each drop, from its first 0.2 s [rad rms]"""
 
 
 def swings(names: tuple[str, ...], model: str) -> Shot:
@@ -170,12 +170,12 @@ def condition_lines(found: Found[str, Condition]) -> list[str]:
 
 
 class Left(NamedTuple):
-    """What is left of recordings in position mode."""
+    """Residuals of recordings in position mode."""
 
     fitted: float
-    """Of those that were fitted, in pieces of 0.5 s [rad rms]"""
+    """Residual of the fitted recordings, in pieces of 0.5 s [rad rms]"""
     predicted: float
-    """Of the one left out, in pieces of 1 s, each from its first 0.2 s [rad rms]"""
+    """Error of the predicted recording, in pieces of 1 s, each from its first 0.2 s [rad rms]"""
     load: float | None
     """Share of the gear's load in the friction"""
 

@@ -37,7 +37,7 @@ class Run:
     scheduler: bool
     """The loop had real-time scheduling"""
     load: float = 0.0
-    """Of the machine, mean of a minute"""
+    """Load of the machine, mean of a minute"""
 
 
 def of_report(report: dict[str, Any]) -> Run:

@@ -186,7 +186,7 @@ class Witnessed(NamedTuple):
     exact: float
     """The boundary there [N·m/rad]"""
     load: float
-    """Of the machine, mean of five minutes"""
+    """Load of the machine, mean of five minutes"""
 
 
 def on_the_bus(case: tuple[float, int]) -> Witnessed:

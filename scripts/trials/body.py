@@ -27,12 +27,12 @@ class Body:
     """State of a servo's body, and its motion.
 
     Attributes:
-        position: Of the output [rad].
-        velocity: Of the output [rad/s].
-        motor_position: Of the motor's side [rad]; the output's where it is rigid.
+        position: Position of the output [rad].
+        velocity: Velocity of the output [rad/s].
+        motor_position: Position of the motor's side [rad]; the output's where it is rigid.
         motor_velocity: [rad/s]
         followed: Position of the encoder's side of its backlash [rad].
-        torque: Of the motor, without the effect of back-EMF [N·m].
+        torque: Torque of the motor, without the effect of back-EMF [N·m].
         mass: Mass that an operator adds to the output [kg·m²].
     """
 
@@ -43,8 +43,8 @@ class Body:
 
         Args:
             truth: Its true parameters.
-            position: Of both masses [rad]; the encoder is in the middle of its backlash.
-            velocity: Of both masses [rad/s].
+            position: Position of both masses [rad]; the encoder is in the middle of its backlash.
+            velocity: Velocity of both masses [rad/s].
             step_s: Longest step of the computation [s]; None: the usual one.
         """
         self.truth = truth
@@ -265,11 +265,11 @@ def _through_rest(
     """Return the speed after a step through zero, and the error of the mean speed's motion.
 
     Args:
-        speed: At the start of the step, not 0 [rad/s].
+        speed: Speed at the start of the step, not 0 [rad/s].
         force: Without Coulomb friction, viscous friction counted [N·m].
         drag: Viscous friction [N·m·s/rad].
         coulomb: Coulomb friction [N·m].
-        change: Of the speed, per force [rad/s per N·m].
+        change: Change of the speed, per force [rad/s per N·m].
         step: [s]
 
     Returns:

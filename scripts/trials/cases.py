@@ -86,7 +86,7 @@ class Case:
     operator: str = "none"
     """Kind of operator, see ``draw_operator``; not with a push"""
     seed: int = 0
-    """Of the operator"""
+    """Seed of the operator"""
     stiffness_hz: float = 3.0
     """Natural frequency of the wall, for a resonant operator [Hz]"""
 

@@ -171,7 +171,7 @@ def kick_trials(count: int, seed: int, shares: tuple[float, ...]) -> list[KickTr
 
     Args:
         count: Walls drawn; some have no limit, or none within the bound for the encoder's steps.
-        seed: Of the draw.
+        seed: Seed of the draw.
         shares: K over the limit.
     """
     drawn = draw_kicked(count, np.random.default_rng(seed))
@@ -191,10 +191,10 @@ def kick_trial(
     """Judge one kick.
 
     Args:
-        name: Of the servo.
+        name: Name of the servo.
         share: K over the limit.
-        walls: What was simulated.
-        i: Which of them.
+        walls: The simulated walls.
+        i: Index of the wall.
         kick: [rad]
         trace: Its record.
         alarms: Samples at which an alarm began.
@@ -221,7 +221,7 @@ def sustained_trials(count: int, seed: int) -> list[SustainedTrial]:
 
     Args:
         count: Walls drawn; those whose amplitude does not settle are left out.
-        seed: Of the draw.
+        seed: Seed of the draw.
     """
     random = np.random.default_rng(seed)
     walls, who = _draw(count, random)
@@ -269,7 +269,7 @@ def hand_trials(count: int, seed: int, hand: str, seconds: float) -> list[HandTr
 
     Args:
         count: Walls drawn; see ``kick_trials``.
-        seed: Of the draw.
+        seed: Seed of the draw.
         hand: One of ``hands.HANDS``.
         seconds: For each wall.
     """

@@ -100,7 +100,7 @@ def draw_real(
     """Draw a servo from the whole belief that has every effect of a real one.
 
     Args:
-        bench: With the belief; also of the backlash, 15 arcmin where it has none.
+        bench: Bench with the belief; also of the backlash, 15 arcmin where it has none.
         random: Draws.
         lags: Range of the lag, as multiples of its believed upper bound; half of them are at its
             upper end.
@@ -153,7 +153,7 @@ def draw_truth(
     With probability 1/2 it is a corner; otherwise every quantity is log-uniform, the lag uniform.
 
     Args:
-        bench: With the belief.
+        bench: Bench with the belief.
         random: Draws.
         lag_factor: Largest lag, as a multiple of its believed upper bound.
         back_emf: None: drawn.

@@ -186,7 +186,7 @@ def hand_lines(
 
 
 def needless(trials: list[HandTrial]) -> list[tuple[str, object]]:
-    """Return what was done to walls that did nothing wrong, and the case."""
+    """Return the interventions on walls that were not at fault, each with its case."""
     return [
         (
             f"softened {one.softened}, taken back {one.returned}, suspected {one.believed},"

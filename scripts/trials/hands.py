@@ -65,7 +65,7 @@ def draw_grips(inertia: FloatArray, random: np.random.Generator) -> tuple[FloatA
     """Return stiffness [N·m/rad] and damping [N·m·s/rad] of an operator's grip on each servo.
 
     Args:
-        inertia: Of the servos, shape (n,) [kg·m²].
+        inertia: Inertia of the servos, shape (n,) [kg·m²].
         random: Draws the properties.
     """
     # A finger on a small servo, an arm on a large one.
@@ -79,7 +79,7 @@ def handled(walls: Walls, hands: Hands) -> list[Trace]:
     """Record walls that operators move, from rest.
 
     Args:
-        walls: With an encoder and stiffness > 0.
+        walls: Walls with an encoder and stiffness > 0.
         hands: One for each.
     """
     periods = hands.wanted.shape[0]

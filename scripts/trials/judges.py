@@ -131,7 +131,7 @@ def own_oscillation(
     Args:
         trial: The record.
         belief: Its lowest gain and highest inertia give the slowest frequency.
-        counts_per_rev: Of the encoder.
+        counts_per_rev: Counts per revolution of the encoder.
         since_s: The operator's release [s].
     """
     threshold = large(counts_per_rev)
@@ -179,7 +179,8 @@ class Ending:
     """The motion at the end of a trial, without an operator."""
 
     amplitude: float
-    """Of the smallest half-cycle in the window [rad]; 0 where there were fewer than four"""
+    """Amplitude of the smallest half-cycle in the window [rad]; 0 where there were fewer than
+    four"""
     frequency_hz: float
     """NaN where there were fewer than four"""
     quiet: float
@@ -192,7 +193,7 @@ def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -
     Args:
         trial: The record.
         window_s: Before its end [s].
-        counts_per_rev: Of the encoder; it defines a ripple.
+        counts_per_rev: Counts per revolution of the encoder; it defines a ripple.
     """
     since = max(0.0, trial.output.size * trial.period - window_s)
     cycles = half_cycles(trial, since, _RIPPLE * SMALL_COUNTS * math.tau / counts_per_rev)

@@ -84,10 +84,10 @@ def draw_operator(
 
     Args:
         kind: One of ``OPERATORS``, or ``none``.
-        inertia: Of the servo: says how strong a hand is [kg·m²].
+        inertia: Inertia of the servo: says how strong a hand is [kg·m²].
         duration_s: For which it holds the output [s].
         random: Draws how it is, and how it changes.
-        natural_hz: Of the wall with the servo's inertia [Hz]; a ``resonant`` rhythm is near it.
+        natural_hz: Natural frequency of wall and servo [Hz]; a ``resonant`` rhythm is near it.
 
     Raises:
         ValueError: There is no such kind.

@@ -72,7 +72,7 @@ def jobs(given: Given, number: int) -> list[Job]:
 
     Args:
         given: The options.
-        number: Of the section, for its seeds.
+        number: Number of the section, for its seeds.
     """
     made = []
     for i, preset in enumerate(PRESETS):
@@ -123,7 +123,7 @@ WALL_HEAD = [
 
 
 def late_or_unseen(cells: list[Cell]) -> list[tuple[str, object]]:
-    """Return what went wrong, and the case."""
+    """Return the failures, each with its case."""
     found = [one for some in cells for one in some.found]
     return [(_what(one), one.case) for one in found if not one.in_time or one.unseen]
 

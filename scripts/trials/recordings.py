@@ -38,7 +38,7 @@ class Recorded:
     """The detector's result on one recording."""
 
     name: str
-    """Of the servo"""
+    """Name of the servo"""
     seen: tuple[bool, ...]
     """There was an alarm, for each of ``GIVEN``"""
     early: tuple[bool, ...]

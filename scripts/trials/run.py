@@ -69,7 +69,7 @@ class Trial:
     held: FloatArray
     """Part of the commanded torque that holds a load while the wall is softer [N·m]"""
     state: IntArray
-    """Of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
+    """State of the detector; see ``haptic_wall.controller.detector.oscillation.State``"""
     saturated: NDArray[np.bool_]
     """The torque was limited"""
     first_alarm_s: float
@@ -81,7 +81,7 @@ class Trial:
     taken_back: int = 0
     """Alarms of the detector that a probe attributed to an operator"""
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Of the backstop: probes, operators found, alarms, alarms taken back"""
+    """Counts of the backstop: probes, operators found, alarms, alarms taken back"""
     gave_up: bool = False
     """The backstop ended the run: its reductions did not help"""
 
@@ -130,8 +130,8 @@ def run_trial(
         wall: The rendered wall.
         operator: Holds the output.
         duration_s: [s]
-        position: Of the servo at the start [rad].
-        velocity: Of the servo at the start [rad/s].
+        position: Position of the servo at the start [rad].
+        velocity: Velocity of the servo at the start [rad/s].
         step_s: Longest step of the servo's computation [s]; None: the usual one.
         tuning: Numbers of the detector.
     """
@@ -147,7 +147,7 @@ def run_trial(
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
-    law, injected = rendered(config, servo, ()), most_injected(config, servo, schedule)
+    law, injected = rendered(config, clock, servo, ()), most_injected(config, servo, schedule)
     parts = tick_parts(
         config,
         clock,

@@ -71,7 +71,7 @@ def worst_cases(
         parents: Points that survive each generation.
         children: Points tried in each generation.
         generations: Largest number of generations.
-        seed: Of everything drawn: the same search with any number of workers.
+        seed: Seed of everything drawn: the same search with any number of workers.
         workers: Processes; 0: this one; None: one for each core, at low priority.
         enough: Stop after the generation that has found a value above it.
 

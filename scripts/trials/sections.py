@@ -37,8 +37,8 @@ def section(
     """Return the part of a page.
 
     Args:
-        name: Of the part.
-        jobs: From the options; what is drawn depends on their seed, the section, and the job.
+        name: Name of the part.
+        jobs: Jobs from the options; what is drawn depends on their seed, the section, and the job.
         work: Does a job.
         told: Makes the text from the results of the jobs, in their order.
         case_s: Time for one job on one core, about [s].

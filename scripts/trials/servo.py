@@ -44,8 +44,8 @@ class TrialServo:
             truth: Its true parameters.
             clock: Its time.
             operator: Moves the output, from now on.
-            position: Of both masses [rad]; the encoder is in the middle of its backlash.
-            velocity: Of both masses [rad/s].
+            position: Position of both masses [rad]; the encoder is in the middle of its backlash.
+            velocity: Velocity of both masses [rad/s].
             step_s: Longest step of the computation [s]; None: the usual one.
         """
         self.truth = truth

@@ -58,7 +58,7 @@ class Truth:
     delay: float = 0.0
     """From sending a torque until it acts [s], >= 0"""
     torque_limit: float = 4.1
-    """Of the commanded torque [N·m], > 0"""
+    """Limit of the commanded torque [N·m], > 0"""
     torque_step: float = 0.0
     """Commanded torques are rounded to multiples of it [N·m]; 0: none"""
     counts_per_rev: int = 4096
@@ -145,7 +145,7 @@ class Truth:
 
         Args:
             hertz: Natural frequency [Hz].
-            damping_ratio: Of that mode [1].
+            damping_ratio: Damping ratio of that mode [1].
             load: Fraction of the inertia that is behind the transmission, 0 < load < 1.
             locked: ``hertz`` and ``damping_ratio`` are those with the motor held still; otherwise
                 with both ends free.

@@ -33,7 +33,7 @@ def kicked(walls: Walls, kick: FloatArray, cycles: float, until: float = np.inf)
     """Release servos at rest, ``kick`` from the wall, and record them.
 
     Args:
-        walls: With an encoder and stiffness > 0.
+        walls: Walls with an encoder and stiffness > 0.
         kick: > 0 [rad].
         cycles: Oscillations of the undamped spring to record.
         until: Amplitude in kicks (but at least 20 counts) at which the recording may end.
@@ -76,8 +76,8 @@ def steady_oscillation(position: FloatArray, period: float) -> tuple[float, floa
     """Return frequency [Hz] and amplitude [rad]; None if the amplitude varies by over 3 %.
 
     Args:
-        position: Of several oscillations [rad].
-        period: From sample to sample [s].
+        position: Position of several oscillations [rad].
+        period: Period from sample to sample [s].
     """
     middle = 0.5 * (position.max() + position.min())
     up = np.flatnonzero((position[1:] >= middle) & (position[:-1] < middle))

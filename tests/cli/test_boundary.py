@@ -1,6 +1,7 @@
 """``haptic-wall boundary``: the promised JSON, table and picture, and what wrong input gets."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import (
     critical_point,
     critical_stiffness,
@@ -19,7 +21,10 @@ from haptic_wall.controller.theory import (
     passive_limit,
     peak,
 )
+from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.servos import SERVOS
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--delay", "0.002"]
 POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
@@ -344,6 +349,72 @@ def test_the_picture_of_a_load(tmp_path: Path, capsys: pytest.CaptureFixture[str
     path = tmp_path / "load.png"
     assert call(capsys, *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+NOTCH = ["--velocity-filter=notch", "--velocity-hz=46", "--velocity-q=0.7"]
+
+
+@pytest.mark.parametrize("load", [LOADED, []])
+def test_a_filter_of_the_velocity_is_counted_exactly(
+    load: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    dampings = [0.0, 0.1, 0.3]
+    found = asked(capsys, *LOOP, *load, *NOTCH, "--virtual-damping=0,0.1,0.3")
+    notch = VelocityFilter("notch", math.tau * 46e-3, 0.7)
+    if load:
+        servo = (0.012, 0.0117, 0.003, 200.0, 0.0277)
+        limits = flexible_boundary(*servo, dampings, 1e-3, 2e-3, velocity_filter=notch)
+        ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, velocity_filter=notch)
+    else:
+        chain = one_mass(0.012, 0.0117)
+        limits = chain_boundary(*chain, dampings, 1e-3, 2e-3, 1, notch)
+        ceiling = chain_ceiling(*chain, 1e-3, 2e-3, 1, notch)
+    points = found["points"]
+    assert [point["exact"] for point in points] == pytest.approx(limits.stiffness)
+    assert [point["frequency_hz"] for point in points] == pytest.approx(limits.frequency)
+    assert [(point["one_sided"], point["passive"]) for point in points] == [(None, None)] * 3
+    assert found["max_virtual_damping"] == pytest.approx(float(ceiling))
+    assert found["peak"]["stiffness"] >= max(limits.stiffness)
+    assert found["design"]["side"] == "both"
+    told = found["settings"]["velocity_filter"]
+    assert told == {"kind": "notch", "frequency_hz": pytest.approx(46.0), "q": 0.7}
+    status, out, _ = call(capsys, *LOOP, *load, *NOTCH, "--virtual-damping=0.1")
+    assert status == 0
+    assert "velocity through a notch at 46 Hz, quality 0.7" in out
+
+
+def test_the_filter_of_a_configuration_gives_the_limits_that_a_run_counts(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    sets = ("wall.side=both", "wall.velocity_filter=lowpass", "wall.velocity_hz=40")
+    options = [x for each in sets for x in ("--set", each)]
+    found = asked(capsys, "simulated", *options, "--virtual-damping=0.05,1")
+    config = load_config("simulated", sets).config
+    one = one_mass(0.011951, 0.011692)
+    exact = chain_boundary(*one, [0.05, 1.0], 1e-3, 0.0, 1, config.velocity_filter())
+    given = [point["exact"] for point in found["points"]]
+    assert given == pytest.approx(exact.stiffness, rel=0.035)
+    assert all(a <= b for a, b in zip(given, exact.stiffness, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--velocity-hz=46"], "--velocity-hz: there is no filter"),
+        (["--velocity-filter=notch"], "--velocity-hz: missing"),
+        ([*NOTCH, "--velocity-hz=460"], "less than 450 Hz"),
+        ([*NOTCH, "--velocity-filter=lowpass", "--velocity-q=1"], "0.1 to 0.7072 for a lowpass"),
+        ([*NOTCH, "--side=one"], "--side one, notch: with a filter"),
+        ([*NOTCH, "--inertia=0.01:0.02"], "with a filter no corner"),
+        ([*NOTCH, "--delay=0.04"], "at most 30 periods"),
+    ],
+)
+def test_a_filter_that_cannot_be_counted_is_refused(
+    options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = call(capsys, *LOOP, *options)
+    assert (status, out) == (2, "")
+    assert message in " ".join(err.split())
 
 
 BELIEVED = [

@@ -228,7 +228,7 @@ def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(
     log.write_bytes(bytes(1000) + content[1000:])
     answer(log, "--csv", tmp_path / "run.csv")
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
-    with pytest.raises(UserError, match="damaged: it cannot be drawn"):
+    with pytest.raises(UserError, match="tells no configuration, that part of it is damaged"):
         answer(log, "--plot", tmp_path / "run.png")
     assert not (tmp_path / "run.png").exists()
 
@@ -245,7 +245,7 @@ def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
     assert (table[0]["time_s"], table[-1]["time_s"], len(table)) == ("0.3", "0.599", 300)
     drawn = []
 
-    def keep(sketch: Sketch, _metadata: Mapping[str, Any], path: Path, _reason: None) -> None:
+    def keep(sketch: Sketch, _metadata: Mapping[str, Any], path: Path, *_: object) -> None:
         drawn.append(sketch.time)
         path.touch()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import errno
-import functools
 import json
 import os
 import signal
@@ -13,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +21,8 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
+from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness
 from tests.typed import status_of
@@ -37,10 +39,14 @@ class Here(Executor):
         return done
 
 
+def _computed_by(executor: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(maps, "processes", lambda _count: nullcontext(executor))
+
+
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pool of processes has tests of its own, and one takes half a second to start."""
-    monkeypatch.setattr(maps, "critical_map", functools.partial(maps.critical_map, executor=Here()))
+    _computed_by(Here(), monkeypatch)
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -180,6 +186,9 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
     assert status == 2
     assert f"--out {tmp_path}: cannot be written: No space left on device" in err
+    rows = tmp_path / ROWS  # what was computed is kept
+    assert rows.read_bytes().count(b"\n") == 2
+    rows.unlink()
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
@@ -200,8 +209,7 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
         def submit(self, *_: object, **__: object) -> NoReturn:
             raise KeyboardInterrupt
 
-    computed = functools.partial(maps.critical_map, executor=Never())
-    monkeypatch.setattr(maps, "critical_map", computed)
+    _computed_by(Never(), monkeypatch)
     (tmp_path / "map.json").write_text("of yesterday")
     status, out, err = run(
         capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json", "--force"
@@ -258,3 +266,102 @@ def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
         assert "interrupted" in err
         assert not report["complete"]
         assert (tmp_path / "map.png").read_bytes().startswith(PNG)
+
+
+_FEW = (
+    *("simulated", "--set", "servo.torque_step=0", "--virtual-damping=0,0.1"),
+    *("--delay-steps=0,1,2", "--kick=0.1"),
+)
+
+
+class _Counting(Here):
+    """Counts the tasks."""
+
+    tasks = 0
+
+    def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.tasks += 1
+        return super().submit(task, *args, **kwargs)
+
+
+def _unfinished(folder: Path) -> None:
+    """Leave what a map that is killed in its third task leaves."""
+    setting = maps.MapSettings.of(load_config("simulated", ("servo.torque_step=0",)).config)
+    question = maps.MapQuestion(setting, [0.0, 0.1], [0, 1, 2], [0.1])
+    with MapStore(folder, question, resume=False, force=False) as store:
+        for task in question.tasks()[:2]:
+            store.add(task, question.call(task)())
+    with (folder / ROWS).open("a") as file:
+        file.write("[[2, 0, 2], [[11.5], [")
+
+
+def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, whole = tmp_path / "killed", tmp_path / "whole"
+    folder.mkdir()
+    _unfinished(folder)
+    status, _, err = run(capsys, *_FEW, "--out", folder)
+    assert status == 2
+    assert "found an unfinished map there; give --resume to go on with it, or --force" in err
+    left = _Counting()
+    _computed_by(left, monkeypatch)
+    assert run(capsys, *_FEW, "--out", folder, "--resume")[0] == 0
+    assert left.tasks == 1
+    assert run(capsys, *_FEW, "--out", whole)[0] == 0
+    names = sorted(path.name for path in whole.iterdir())
+    assert names == ["map.csv", "map.json", "map.png"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    assert all((folder / name).read_bytes() == (whole / name).read_bytes() for name in names)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("[[0, 0, 2], [[-1.0], [1.0]]]", "map.rows, line 4: found no task of this map"),
+        ("[[0, 0, 2], [[NaN], [1.0]]]", "map.rows, line 4"),
+        ("[[0, 0, 2], [[1.0]]]", "map.rows, line 4"),
+        ("[[9, 0, 2], [[1.0], [1.0]]]", "map.rows, line 4"),
+        ("[" * 5000, "map.rows, line 4"),
+        ("\\x00", "map.rows, line 4"),
+    ],
+)
+def test_rows_that_this_program_did_not_write_are_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str, message: str
+) -> None:
+    _unfinished(tmp_path)
+    text = (tmp_path / ROWS).read_text()
+    (tmp_path / ROWS).write_text(text[: text.rindex("\n") + 1] + line + "\n")
+    status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
+    assert status == 2
+    assert message in err
+
+
+def test_an_unfinished_map_of_other_settings_is_not_gone_on_with(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    _unfinished(tmp_path)
+    kept = (tmp_path / ROWS).read_bytes()
+    status, _, err = run(capsys, *_FEW, "--kick=0.2", "--out", tmp_path, "--resume")
+    assert status == 2
+    assert "found an unfinished map with other settings there" in err
+    assert (tmp_path / ROWS).read_bytes() == kept
+    assert "--resume: found no folder" in run(capsys, *_FEW, "--resume")[2]
+
+
+def test_a_large_map_is_planned_and_refused_where_there_is_no_room(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("haptic_wall.controller.cli.map.LARGE", 6)
+    full = os.statvfs_result((4096, 4096, 1000, 0, 0, 0, 0, 0, 0, 255))
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "statvfs", lambda _: full)
+        status, _, err = run(capsys, *_FEW, "--out", tmp_path)
+    assert status == 2
+    assert "6 points take" in err
+    assert "found 0 MB free, wanted" in err
+    left = _Counting()
+    _computed_by(left, monkeypatch)
+    status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
+    assert status == 0
+    assert left.tasks == 0, "all tasks of this small map were its sample"

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.cli.brief import LINES, brief_text
@@ -66,6 +66,14 @@ REPORT = {
     "log": "runs/a long way/run.hwlog",
     "plot": "runs/run.png",
 }
+
+
+def test_a_filter_of_the_velocity_is_named() -> None:
+    filtered = {"kind": "lowpass", "frequency_hz": 46.0, "q": 0.7}
+    guard: Any = REPORT["guard"]
+    text = joined(REPORT | {"guard": guard | {"velocity_filter": filtered}})
+    assert "filter low-pass at 46 Hz, quality 0.7, of the velocity that damps" in text
+    assert "filter" not in joined(REPORT)
 
 
 def test_long_times_are_written_out() -> None:
@@ -184,7 +192,6 @@ def test_json_is_what_json_is() -> None:
     }
 
 
-@settings(deadline=None)
 @given(
     st.dictionaries(
         st.text(max_size=3),

@@ -4,7 +4,6 @@ Runs go by the simulated clock, for a moment: what is held here is that the comm
 what is shown. Nothing is asserted about time.
 """
 
-import functools
 import gc
 import json
 import os
@@ -14,12 +13,15 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.experiments import cluster
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
 from haptic_wall.controller.paper import items
@@ -78,8 +80,8 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
     )
-    nobody = functools.partial(maps.critical_map, executor=Nobody())
-    monkeypatch.setattr(maps, "critical_map", nobody)
+    monkeypatch.setattr(maps, "processes", lambda _count: nullcontext(Nobody()))
+    monkeypatch.setattr(cluster, "cluster", lambda _address: nullcontext(Nobody()))
     monkeypatch.setattr(
         "haptic_wall.controller.report.boundary.plot_boundary",
         lambda _question, _found, path: path.touch(),
@@ -139,7 +141,9 @@ def run_quickly(
         if option in words:
             at = words.index(option)
             words = words[:at] + words[at + 2 :]
-    words = [word for word in words if word != "--stream-anywhere"]
+    words = [
+        word for word in words if word not in ("--stream-anywhere", "--live", "--live-control")
+    ]
     tripping = "safety.max_speed=0.5" in sets
     extra = [] if tripping else extra
     return call(["run", *words, *extra, "--set", "loop.clock=simulated"]), 3 if tripping else 0
@@ -174,12 +178,17 @@ def running_wall(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptic_wall.controller.processes.ask.ask", ask)
 
 
+async def served_nobody(*_: object) -> None:
+    """Serves until Ctrl-C, which comes at once."""
+
+
 @pytest.mark.usefixtures("cut_short", "running_wall")
 @pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
 def test_commands_of_the_program(
     found: tuple[str, tuple[str, ...]],
     folder: Path,
     capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
     thorough: bool,
 ) -> None:
     _, (first, *words) = found
@@ -196,8 +205,10 @@ def test_commands_of_the_program(
         words = [*words, "--plan"]  # what it does has tests of its own, and takes a minute
     if words[0] == "init":
         (folder / words[1]).unlink(missing_ok=True)
-    if words[0] == "log":
-        seconds = 4 if "--from" in words else 0.1
+    if words[0] == "live":  # it serves until Ctrl-C
+        monkeypatch.setattr("haptic_wall.controller.live.server.LiveServer.run", served_nobody)
+    if words[0] in ("log", "live"):
+        seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated"]
         assert call(["run", "--log", words[1], *quick]) == 0
     assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
@@ -215,6 +226,8 @@ def test_other_commands(found: tuple[str, tuple[str, ...]], folder: Path) -> Non
             (folder / copy).unlink(missing_ok=True)
             subprocess.run(words, check=True)
             assert load_config(copy) and preset.startswith("config/")
+        case ("dask", command, *_):
+            assert find_spec(f"distributed.cli.dask_{command}") is not None
         case (name, *_) if name.startswith("scripts/"):
             assert os.access(ROOT / name, os.X_OK)
         case _:

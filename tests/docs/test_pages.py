@@ -1,5 +1,6 @@
 """What the pages show is what the program says, and what they list is complete."""
 
+import importlib.util
 import json
 import re
 from pathlib import Path
@@ -16,6 +17,8 @@ from scripts import readme_output
 from tests.docs.pages import PAGES, ROOT, anchors, name_of, text_of, without_code
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
+
+_IMPORTED = re.compile(r"^(?:>>> )?from (haptic_wall[\w.]*) import (\([\w\s,]+\)|[\w, ]+)$", re.M)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -73,6 +76,14 @@ def test_settings_that_are_named_exist(page: Path) -> None:
 def test_commands_that_are_named_exist(page: Path) -> None:
     named = set(re.findall(r"`haptic-wall ([a-z]+)", page.read_text()))
     assert sorted(named - {*COMMANDS}) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_names_that_are_imported_in_examples_exist(page: Path) -> None:
+    for module, names in _IMPORTED.findall(page.read_text(encoding="utf-8")):
+        there = importlib.import_module(module)
+        for name in re.findall(r"\w+", names):
+            assert hasattr(there, name) or importlib.util.find_spec(f"{module}.{name}")
 
 
 def test_every_trip_has_its_section() -> None:

@@ -9,7 +9,6 @@ from scripts.studies.real_truths import (
     COUNTS,
     TRUE,
     asked,
-    bound,
     gained,
     goes_on,
     truths,
@@ -41,8 +40,3 @@ def test_a_wall_far_above_the_limit_throws_back_and_the_commanded_one_does_not()
     commanded = gained(truths([wall], PLAIN), speed, phase, 1)
     stiffer = truths([wall], PLAIN, np.array([12.0 * wall.decision.stiffness]))
     assert commanded[0] < 0.0 < gained(stiffer, speed, phase, 1)[0]
-
-
-def test_the_bound_of_a_rate() -> None:
-    assert bound(0, 100) == pytest.approx(1.0 - 0.05**0.01)
-    assert bound(3, 100) > bound(2, 100) > 0.03

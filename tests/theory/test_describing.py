@@ -19,7 +19,6 @@ from haptic_wall.controller.theory.cycles import (
 )
 from haptic_wall.controller.theory.describing import (
     backlash_gain,
-    coulomb_damping,
     quantisation_gain,
     saturation_gain,
 )
@@ -58,13 +57,6 @@ def test_each_gain_is_the_first_harmonic(ratio: float) -> None:
         (backlash_gain(1.0, step), play(x, step)),
     ):
         assert complex(gain) == pytest.approx(first_harmonic(output), abs=2e-3)
-
-
-def test_friction_takes_what_the_damping_does() -> None:
-    a, f, c = 0.2, 3.0, 0.05
-    w = 2 * math.pi * f
-    work = 4 * a * c  # of one cycle
-    assert coulomb_damping(a, f, c) * math.pi * a * a * w == pytest.approx(work)
 
 
 def in_motion(

@@ -14,7 +14,7 @@ from haptic_wall.controller.theory import (
     flexible_ceiling,
     max_virtual_damping,
 )
-from haptic_wall.controller.theory.chain import Chain
+from haptic_wall.controller.theory.chain import Chain, moved
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 
@@ -200,3 +200,11 @@ def test_what_is_outside_of_the_domain_is_named(
     }
     with pytest.raises(ValueError, match=message):
         flexible_boundary(**(given | change))  # type: ignore[arg-type]
+
+
+def test_many_exponentials_at_once_are_those_of_scipy() -> None:
+    random = np.random.default_rng(2)
+    for size in (1e-3, 1.0, 30.0):
+        matrices = size * (random.normal(size=(20, 6, 6)) - 3.0 * np.eye(6))
+        expected = expm(matrices) - np.eye(6)
+        assert moved(matrices) == pytest.approx(expected, abs=1e-13 * np.abs(expected).max())

@@ -1,4 +1,4 @@
-"""Compares theory with measurement: the delay by two methods, the boundary, its straight line."""
+"""Compares theory with measurement: the delay by two methods, the boundary, and its linear fit."""
 
 from __future__ import annotations
 
@@ -7,26 +7,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.boundary_fit import (
+    BoundaryPoints,
     KnownLoop,
     fit_boundary,
     read_points,
 )
-from haptic_wall.controller.experiments.identify.identification import Estimated
 from haptic_wall.controller.experiments.identify.text import boundary_report, comparison
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory import critical_point
-from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.describing import coulomb_damping
+from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
 
 _ERRORS = 2.0
 """Standard errors within which two answers agree"""
-_TURNS = 40
-"""Iterations of the search for the friction that an oscillation meets"""
+_TORQUES = frozenset(("excess", "drag", "dead_band"))
+"""Effects in the unit of the identified torque"""
 _PERCENT = 0.05
 """Smallest uncertainty of the predicted stiffness, as a fraction: friction is not exactly Coulomb's
 """
@@ -69,15 +66,17 @@ def delays(
     }
 
 
-def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def boundary(
+    config: Config, points: Sequence[Mapping[str, Any]], effects: Mapping[str, float] | None = None
+) -> list[dict[str, Any]]:
     """Return each measured point with the model's prediction, including friction and kick.
 
     Args:
-        config: With the model.
-        points: Of a sweep's report.
+        config: Configuration with the model.
+        points: Points of a sweep's report.
+        effects: Effects that were identified beside the model, by the names of ``Lossy``.
     """
-    measured = [point for point in points if point["measured"] is not None]
-    ends = iter(_ends(experiment_config(config), measured)) if measured else iter(())
+    config = experiment_config(config)
     answers = []
     for point in points:
         answer = {
@@ -91,11 +90,12 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
             "expected": None,
             "low": None,
             "high": None,
+            "larger_grows": point.get("larger_grows"),
             "agree": None,
             "reason": point["reason"],
         }
         if point["measured"] is not None:
-            expected, soft, stiff = next(ends)
+            expected, soft, stiff = _ends(config, point, effects or {})
             low = min(soft, (1.0 - _PERCENT) * expected)
             high = max(stiff, (1.0 + _PERCENT) * expected)
             error = _ERRORS * (point["uncertainty"] or 0.0)
@@ -105,69 +105,65 @@ def boundary(config: Config, points: Sequence[Mapping[str, Any]]) -> list[dict[s
     return answers
 
 
-def _ends(config: Config, points: Sequence[Mapping[str, Any]]) -> list[list[float]]:
-    """Return each point's predicted stiffness: of the model, its softest and stiffest corner."""
+def _ends(
+    config: Config, point: Mapping[str, Any], effects: Mapping[str, float]
+) -> tuple[float, float, float]:
+    """Return a point's predicted stiffness: of the model, its softest and stiffest corner."""
     belief, device = config.belief(), Device.of(config)
+    m, b, c, slack, lag = (
+        (each.value, each.low, each.high)
+        for each in (
+            belief.inertia,
+            belief.damping,
+            belief.coulomb,
+            belief.backlash,
+            belief.delay,
+        )
+    )
+    # Backlash and delay help the softest corner in their largest size.
+    slack, lag = ((value, high, low) for value, low, high in (slack, lag))
     gain = belief.torque_gain.value
-    corners = (
-        (belief.inertia.value, belief.damping.value, belief.coulomb.value, belief.delay.value),
-        (belief.inertia.low, belief.damping.low, belief.coulomb.low, belief.delay.high),
-        (belief.inertia.high, belief.damping.high, belief.coulomb.high, belief.delay.low),
-    )
-    m, b, c, lag = (np.array(column)[None, :] for column in zip(*corners, strict=True))
-    big_b, delay, kick = (
-        np.array([point[name] for point in points])[:, None]
-        for name in ("virtual_damping", "delay_s", "kick_rad")
-    )
-    late = np.maximum(delay + lag - belief.delay.value, 0.0)
-    loop = (big_b, device.period, late, device.velocity_samples)
-    found = with_friction(m / gain, b / gain, c / gain, loop, kick)
-    return [[float(value) for value in row] for row in found]
+    beside = _commanded(effects, gain)
+    found = []
+    for inertia, damping, coulomb, backlash, late in zip(m, b, c, slack, lag, strict=True):
+        servo = Lossy(inertia / gain, damping / gain, coulomb / gain, backlash, **beside)
+        delay = max(point["delay_s"] + late - belief.delay.value, 0.0)
+        loop = point["virtual_damping"], device.period, delay, point["kick_rad"]
+        limit = kick_limit(servo, *loop, device.velocity_samples)
+        found.append(limit if math.isfinite(limit) else point["exact"])
+    return found[0], found[1], found[2]
 
 
-def with_friction(
-    inertia: FloatArray,
-    damping: FloatArray,
-    coulomb: FloatArray,
-    loop: tuple[FloatArray, float, FloatArray, int],
-    kick: FloatArray,
-) -> FloatArray:
-    """Return the stiffness at which motion of an amplitude neither grows nor decays; all broadcast.
+def _commanded(effects: Mapping[str, float], gain: float) -> dict[str, float]:
+    """Return the effects in commanded torque."""
+    return {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
 
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: b >= 0 [N·m·s/rad].
-        coulomb: c >= 0 [N·m].
-        loop: Virtual damping B [N·m·s/rad], period T [s], delay t_d [s], velocity samples N.
-        kick: Amplitude A > 0 [rad].
 
-    Returns:
-        [N·m/rad]
-
-    Source: friction by its describing function, the damping 4 c/(pi A w), in Gil et al., ICRA
-    2007, eq. (11).
-    """
-    rate = np.asarray(kick, dtype=np.float64)
-    extra = np.zeros(np.broadcast_shapes(inertia.shape, rate.shape))
-    for _ in range(_TURNS):
-        at = critical_point(inertia, damping + extra, *loop)
-        # More friction damping makes a faster oscillation, which has less of it: the geometric mean
-        # converges.
-        again = coulomb_damping(kick, np.maximum(np.asarray(at.frequency), 1e-9), coulomb)
-        extra = np.where(extra > 0.0, np.sqrt(extra * again), again)
-    return np.asarray(critical_point(inertia, damping + extra, *loop).stiffness)
+def _bent(device: Device, points: BoundaryPoints, effects: Mapping[str, float]) -> bool:
+    """Whether more than Coulomb friction decides where the measured boundary lies."""
+    friction = Lossy(device.inertia, device.damping, device.coulomb)
+    servo = Lossy(device.inertia, device.damping, device.coulomb, device.backlash, **effects)
+    for damping, delay, kick in zip(points.virtual_damping, points.delay, points.kick, strict=True):
+        if math.isfinite(kick):
+            loop = float(damping), device.period, float(delay), float(kick)
+            one, other = (
+                kick_limit(each, *loop, device.velocity_samples) for each in (friction, servo)
+            )
+            if abs(other - one) > _PERCENT * one:
+                return True
+    return False
 
 
 def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, Any]:
-    """Compare damping and delay from the measured boundary with those from the motion.
+    """Compare damping and delay of a line through the measured boundary with the identified ones.
 
     Args:
-        config: With the identified model.
+        config: Configuration with the identified model.
         identify: Result of the identification step.
         sweep: The sweep's JSON file.
 
     Returns:
-        ``reason`` alone where there are too few points.
+        The comparison; only ``reason`` if there are too few points.
     """
     gain = identify["torque_gain"]["value"]
     # The boundary is measured in commanded torque.
@@ -180,7 +176,11 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
         lag=config.belief().delay.value,
     )
     try:
-        fit = fit_boundary(read_points(sweep)[0], loop)
+        points = read_points(sweep)[0]
+        effects = _commanded(identify.get("effects") or {}, gain)
+        if _bent(Device.of(config), points, effects):
+            return {"reason": "backlash, or friction other than Coulomb's, bends the boundary"}
+        fit = fit_boundary(points, loop)
     except ValueError as error:  # too few points, or impossible figures
         return {"reason": str(error)}
     most = 0.5 * fit.damping.value, 0.5 * fit.delay.value + config.period_s

@@ -1,6 +1,6 @@
-"""Defines and checks the result of each commissioning step in its JSON file.
+"""Reads and validates the JSON file with the result of a commissioning step.
 
-A folder may come from another user, and its files may have been edited.
+Validation is needed because a folder may come from another user or have been edited.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NotNegative = Annotated[float, Field(ge=0.0, le=_HUGE)]
 
 
 class _Found(BaseModel):
-    """The fields that the report uses; further fields are passed on unchanged."""
+    """Base of the models: declares the fields that the report uses, and keeps further fields."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
@@ -120,15 +120,15 @@ _OUTCOME = TypeAdapter(StepOutcome)
 
 
 def read_outcome(text: str | bytes, step: Step) -> StepOutcome:
-    """Return a step's outcome from the text of its JSON file.
+    """Parse and validate the JSON file of a step; return the step's outcome.
 
     Args:
         text: One JSON object in UTF-8.
         step: The step.
 
     Raises:
-        ValueError: It is no JSON, or not a result of the step; the message names the first invalid
-            field.
+        ValueError: The text is not JSON, or not a result of the step; the message names the first
+            invalid field.
     """
     try:
         outcome = _OUTCOME.validate_json(text, strict=True)

@@ -32,7 +32,7 @@ class StepOutcome:
     reason: str | None = None
     """Why it failed or was skipped; None: it is done"""
     exit_status: Annotated[int, Field(ge=0, lt=128)] = 0
-    """Of the command, if this is the first failed step"""
+    """Exit status of the command, if this is the first failed step"""
     ends_all: bool = False
     """No further step is possible with this servo now"""
     seconds: Annotated[float, Field(ge=0.0, lt=1e9)] = 0.0

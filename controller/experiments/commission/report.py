@@ -25,8 +25,8 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
 
     Args:
         ended: The commissioning, as far as it came.
-        name: Of the configuration, for people.
-        folder: With its files.
+        name: Name of the configuration, for people.
+        folder: Folder with the files of the steps.
 
     Raises:
         UserError: A step's file holds impossible values.
@@ -90,7 +90,9 @@ def _agreement(
         answer["delay"] = agreement.delays(identify, delay, ended.config.period_s)
     if sweep is not None:
         try:
-            answer["boundary"] = agreement.boundary(ended.config, sweep["points"])
+            answer["boundary"] = agreement.boundary(
+                ended.config, sweep["points"], identify.get("effects")
+            )
         except ValueError as error:  # impossible figures
             raise UserError(
                 f"sweep.json: {error}", field="--out", given=folder, advice=AGAIN.format("sweep")

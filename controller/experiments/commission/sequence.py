@@ -1,4 +1,4 @@
-"""Executes the steps of a commissioning in order; stores each, and skips known ones."""
+"""Executes the steps of a commissioning in order; stores each result, and skips stored ones."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _NEEDS_MODEL: frozenset[Step] = frozenset({"rendered", "sweep"})
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """A commissioning, as far as it came."""
+    """The result of a commissioning, which may have ended early."""
 
     outcomes: Mapping[Step, StepOutcome]
-    """Of the steps that were reached"""
+    """Outcomes of the steps that were reached"""
     config: Config
     """With the identified model, where there is one"""
     interrupted: bool
@@ -114,7 +114,7 @@ def _is_kept(outcome: StepOutcome, bench: StepContext) -> bool:
 
 
 def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) -> str | None:
-    """Return why a step cannot be executed; None: it can."""
+    """Return the reason why a step cannot be executed; None if it can."""
     for earlier in outcomes.values():
         if earlier.ends_all:
             return f"{earlier.step} has ended it"

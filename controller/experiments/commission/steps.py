@@ -70,7 +70,7 @@ class StepContext:
 
     config: Config
     name: str
-    """Of the configuration, for people"""
+    """Name of the configuration, for people"""
     reach: float
     """Largest excursion during the identification [rad]"""
     store: CommissionStore

@@ -20,7 +20,13 @@ from haptic_wall.controller.experiments.commission.found import (
     read_outcome,
 )
 from haptic_wall.controller.experiments.commission.outcome import STEPS, Step, StepOutcome
-from haptic_wall.controller.experiments.kept_folder import fingerprint, kept_bytes, made, replaced
+from haptic_wall.controller.experiments.kept_folder import (
+    fingerprint,
+    kept_bytes,
+    made,
+    refused,
+    replaced,
+)
 from haptic_wall.controller.settings.config import Config
 
 MAIN, CONFIG, PAGE, LOGS = "commission.json", "config.yaml", "report.html", "logs"
@@ -45,7 +51,7 @@ class _Head:
     program: str
     fingerprint: str
     name: str
-    """Of the configuration, for people"""
+    """Name of the configuration, for people"""
 
 
 _HEAD = TypeAdapter(_Head)
@@ -67,7 +73,7 @@ class CommissionStore:
     Args:
         folder: Made if necessary.
         asked: ``settings_of`` the request.
-        name: Of the configuration, for people.
+        name: Name of the configuration, for people.
         encode: Turns results into JSON.
         fresh: Discard the results of an earlier commissioning.
         only_look: Change and create nothing; storing is not possible.
@@ -93,13 +99,7 @@ class CommissionStore:
         self.outcomes: dict[Step, StepOutcome] = {}
         self._encode = encode
         if folder.exists() and not folder.is_dir():
-            raise UserError(
-                "found a file",
-                field="--out",
-                given=folder,
-                wanted="a folder",
-                advice="name another place",
-            )
+            raise refused(folder, "found a file", "name another place", "a folder")
         ours = self._ours(asked, fresh)
         self._refuse_what_is_not_ours(ours)
         self._new = not ours
@@ -116,21 +116,12 @@ class CommissionStore:
         """Refuse foreign files and links, so that nothing of another user is lost."""
         for name in () if ours else _WRITTEN:
             if os.path.lexists(self.folder / name):
-                raise UserError(
-                    f"it holds a {name} that no commissioning wrote",
-                    field="--out",
-                    given=self.folder,
-                    advice="name another folder, so that it is not lost",
-                )
+                what = f"it holds a {name} that no commissioning wrote"
+                raise refused(self.folder, what, "name another folder, so that it is not lost")
         for name in (LOGS, SWEEP):
             if (self.folder / name).is_symlink():
-                raise UserError(
-                    f"found a link {name}",
-                    field="--out",
-                    given=self.folder,
-                    wanted="a folder or nothing",
-                    advice="remove the link, or name another folder",
-                )
+                advice = "remove the link, or name another folder"
+                raise refused(self.folder, f"found a link {name}", advice, "a folder or nothing")
 
     def _ours(self, asked: str, fresh: bool) -> bool:
         """Whether the folder has an earlier commissioning; raise if its settings differ."""
@@ -140,19 +131,14 @@ class CommissionStore:
         try:
             held = _HEAD.validate_json(kept_bytes(path, "name another folder"), strict=True)
         except ValidationError:
-            raise UserError(
-                f"{MAIN} there is not a commissioning of ours",
-                field="--out",
-                given=self.folder,
-                advice="name another folder",
-            ) from None
+            what = f"{MAIN} there is not a commissioning of ours"
+            raise refused(self.folder, what, "name another folder") from None
         if held.fingerprint != asked and not fresh:
-            raise UserError(
+            raise refused(
+                self.folder,
                 f"it holds a commissioning with other settings ({held.name}, haptic-wall "
                 f"{held.program})",
-                field="--out",
-                given=self.folder,
-                advice="name another folder, or give --fresh to begin anew and replace it",
+                "name another folder, or give --fresh to begin anew and replace it",
             )
         return True
 
@@ -171,12 +157,8 @@ class CommissionStore:
             try:
                 self.outcomes[step] = read_outcome(text, step)
             except ValueError as error:
-                raise UserError(
-                    f"{path.name} is not what this program writes ({error})",
-                    field="--out",
-                    given=self.folder,
-                    advice=AGAIN.format(step),
-                ) from None
+                what = f"{path.name} is not what this program writes ({error})"
+                raise refused(self.folder, what, AGAIN.format(step)) from None
 
     @property
     def done(self) -> list[Step]:

@@ -1,4 +1,4 @@
-"""Chooses the few points of a short sweep, where the torque limit allows a kick."""
+"""Chooses the points of a short sweep so that the torque limit allows the kicks."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _HALVINGS = 3
 
 
 def short_sweep(config: Config) -> tuple[PlanePoint, ...]:
-    """Return points at zero, a third and two thirds of the useful virtual damping, at two delays.
+    """Return points at 0, 1/3 and 2/3 of the largest useful virtual damping, at two delays.
 
-    The useful damping ends at half the ceiling, at the damping at which one encoder count commands
-    ``guard.quantisation_share`` of the torque limit, and where the kick that shows an oscillation
-    would exceed the torque limit.
+    The largest useful damping is the smallest of three: half the ceiling; the damping at which one
+    encoder count commands ``guard.quantisation_share`` of the torque limit; the damping at which
+    the kick that shows an oscillation would exceed the torque limit.
 
     Args:
-        config: The servo, with its best known model.
+        config: Configuration with the best known model of the servo.
     """
     device = Device.of(config)
     found = []

@@ -32,7 +32,7 @@ class GuardQuestion:
 
     config: Config
     age: float
-    """Of a sample when its torque is sent, as the guard uses it [s]"""
+    """Age of a sample when its torque is sent, as the guard uses it [s]"""
     situation: Situation
     settings: GuardSettings
 
@@ -41,7 +41,7 @@ class GuardQuestion:
         """Return the question for a model, and a measured delay where there is one.
 
         Args:
-            config: With the best known model.
+            config: Configuration with the best known model.
             delay: Result of the step ``delay``; None: the age is an estimate for the bus.
         """
         step = config.servo.position_step

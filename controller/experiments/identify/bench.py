@@ -140,7 +140,7 @@ class Bench:
         A motion is repeated if it was too large, too small, or does not fit.
 
         Args:
-            name: Of the log.
+            name: Name of the log.
             guess: Parameters for scaling the motions.
             amplitude: Wanted excursion to each side [rad].
             rough: The fit is for scaling other motions.
@@ -195,7 +195,7 @@ class Bench:
         """Return the model's fit; with the effects of a real servo where the motion has them.
 
         Args:
-            motion: As recorded.
+            motion: The recorded motion.
             rough: The fit of motion in one direction will do.
         """
         step = self._bounds.step
@@ -217,9 +217,12 @@ class Bench:
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""
         least = 0.1 * fit.inertia  # stable even without friction
-        friction = fit.coulomb + fit.effects.dead_band
         return Guess(
-            fit.inertia, max(fit.damping, least), friction, max(fit.delay, 0.0) + self._age
+            fit.inertia,
+            max(fit.damping, least),
+            fit.coulomb,
+            max(fit.delay, 0.0) + self._age,
+            fit.effects.dead_band,
         )
 
     def play(self, name: str, phases: list[Phase]) -> Played:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.identify.identification import Estimated
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.system import json_text
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
@@ -29,7 +29,7 @@ _STRAIGHT = 0.01
 """A point belongs to the straight part where the exact boundary differs from the line by less than
 this fraction"""
 _LEAST = 3e-3
-"""Least relative uncertainty of a critical stiffness, whatever its own"""
+"""Lower bound of the relative uncertainty of a critical stiffness"""
 _HUGE = 1e9
 """Largest plausible quantity of a servo, in SI units"""
 _UNKNOWN = 0.02
@@ -43,15 +43,15 @@ class BoundaryPoints:
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
     delay: FloatArray
-    """Total, as believed when it was measured [s]"""
+    """Total delay as believed in the measurement [s]"""
     stiffness: FloatArray
     """Measured critical stiffness [N·m/rad]"""
     uncertainty: FloatArray
     """Its standard error [N·m/rad]"""
     frequency: FloatArray
-    """Of the oscillation [Hz]; NaN: not known"""
+    """Frequency of the oscillation [Hz]; NaN: not known"""
     kick: FloatArray
-    """Amplitude at which it neither grows nor decays [rad]; NaN: not known"""
+    """Amplitude at which the oscillation neither grows nor decays [rad]; NaN: not known"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class BoundaryFit:
     damping: Estimated
     """[N·m·s/rad]"""
     delay: Estimated
-    """The device's own [s]"""
+    """Lag of the device [s]"""
     line_damping: Estimated | None
     """From the straight part alone; None: it has too few points"""
     line_delay: Estimated | None
@@ -94,7 +94,7 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
             kick_rad}]``; points without a measured stiffness are left out.
 
     Raises:
-        UserError: It cannot be read, or holds no such points.
+        UserError: The file cannot be read, or holds no such points.
     """
     try:
         held = json_text.held_in(path)
@@ -157,7 +157,7 @@ def fit_boundary(points: BoundaryPoints, loop: KnownLoop) -> BoundaryFit:
     """Fit damping and delay of the exact boundary to the points.
 
     Args:
-        points: At least three, at two virtual dampings or more.
+        points: At least three points, at two virtual dampings or more.
         loop: Inertia and friction are taken as known.
     """
     stiffness = points.stiffness
@@ -200,7 +200,7 @@ def fit_boundary(points: BoundaryPoints, loop: KnownLoop) -> BoundaryFit:
 
 
 def _friction(points: BoundaryPoints, coulomb: float) -> FloatArray:
-    """Return friction's equivalent damping at each point's amplitude and frequency [N·m·s/rad]."""
+    """Return the equivalent damping of friction at each point's amplitude [N·m·s/rad]."""
     speed = math.tau * points.frequency * points.kick
     known = np.isfinite(speed) & (speed > 0.0)
     return np.where(known, 4.0 * coulomb / (math.pi * np.where(known, speed, 1.0)), 0.0)
@@ -242,7 +242,7 @@ def _line(
 
 
 def _errors(jacobian: FloatArray, left: FloatArray) -> tuple[float, float]:
-    """Return standard errors; larger where the points scatter more than their uncertainties."""
+    """Return standard errors, enlarged if the points scatter more than their uncertainties."""
     spread = float(left @ left) / max(1, left.size - 2)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(1.0, spread)
     damping, delay = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()

@@ -85,8 +85,8 @@ def cruises(cruise: Cruise, bands: Sequence[Band], guess: Guess, bounds: Bounds)
     """Return the program: each band on the way there and on the way back.
 
     Args:
-        cruise: Of the servo.
-        bands: At least one.
+        cruise: Cruise of the servo.
+        bands: At least one band.
         guess: Parameters for the spring that brings the shaft back to its start.
         bounds: Limits.
     """
@@ -99,8 +99,8 @@ def damped_cruises(
     """Return the program: each virtual damping on the way there and on the way back.
 
     Args:
-        cruise: Of the servo.
-        dampings: At least one [N·m·s/rad].
+        cruise: Cruise of the servo.
+        dampings: At least one damping [N·m·s/rad].
         guess: Parameters for the spring that brings the shaft back to its start.
         bounds: Limits.
 

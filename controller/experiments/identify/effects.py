@@ -1,4 +1,4 @@
-"""The effects of a real servo that are fitted beside inertia, friction and delay.
+"""Defines the effects of a real servo that are fitted beside inertia, friction and delay.
 
 The guard's model has none of them: fitted separately, they cannot be mistaken for its parameters.
 """
@@ -43,7 +43,7 @@ class Effects:
     cogging_cosine: float = 0.0
     """The same by the cosine [N·m]"""
     periods: float = 0.0
-    """Of the cogging in a turn"""
+    """Periods of the cogging in a turn"""
     center: float = 0.0
     """Position at which the cogging's angle is zero [rad]"""
     fitted: tuple[str, ...] = ()

@@ -48,6 +48,13 @@ class Guess:
     """[N·m]"""
     delay: float
     """From a sample until its torque acts, in total [s]"""
+    dead_band: float = 0.0
+    """Torque that is missing of what is commanded; a coasting shaft is not braked by it [N·m]"""
+
+    @property
+    def lost(self) -> float:
+        """Return the commanded torque that does not accelerate the shaft [N·m]."""
+        return self.coulomb + self.dead_band
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +80,7 @@ _WIDTH = 25.0
 def first_pulse(guess: Guess, bounds: Bounds) -> float:
     """Return the torque [N·m] of a pulse that moves such a servo by about ``PULSE``."""
     speed = min(2.0 * PULSE / PULSE_S, bounds.speed)
-    return min(guess.coulomb + guess.inertia * speed / PULSE_S, bounds.torque)
+    return min(guess.lost + guess.inertia * speed / PULSE_S, bounds.torque)
 
 
 def pulses(forward: float, back: float, bounds: Bounds) -> list[Phase]:
@@ -129,7 +136,7 @@ def _shaken(guess: Guess, amplitude: float, hertz: float, limit: float) -> tuple
     """Return torque and frequency of a sine with this amplitude; slower where torque is lacking."""
     while True:
         w = math.tau * hertz
-        friction = guess.damping * w * amplitude + 4.0 * guess.coulomb / math.pi
+        friction = guess.damping * w * amplitude + 4.0 * guess.lost / math.pi
         torque = math.hypot(guess.inertia * w * w * amplitude, friction)
         if torque <= limit or hertz < 0.5:
             return min(torque, limit), hertz
@@ -138,8 +145,8 @@ def _shaken(guess: Guess, amplitude: float, hertz: float, limit: float) -> tuple
 
 def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     """Return a motion there, back past the start, and there again, with four torque reversals."""
-    torque = guess.coulomb + guess.inertia * amplitude / STEP_S**2
-    torque = min(torque, 0.7 * bounds.torque, guess.coulomb + guess.inertia * bounds.speed / STEP_S)
+    torque = guess.lost + guess.inertia * amplitude / STEP_S**2
+    torque = min(torque, 0.7 * bounds.torque, guess.lost + guess.inertia * bounds.speed / STEP_S)
     reach = bounds.reach
     return [
         Phase(STEP_S, torque=torque, reach=reach),
@@ -160,7 +167,7 @@ def _coasts(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     for side, share in ((1.0, 1.0), (-1.0, 1.0), (1.0, COAST), (-1.0, COAST)):
         way = COAST_TRAVEL * share * 2.0 * amplitude
         speed = min(math.sqrt(2.0 * way * guess.coulomb / guess.inertia), bounds.speed)
-        torque = guess.coulomb + guess.damping * speed / 2.0 + guess.inertia * speed / STEP_S
+        torque = guess.lost + guess.damping * speed / 2.0 + guess.inertia * speed / STEP_S
         torque = side * min(torque, 0.7 * bounds.torque)
         reach, band = 2.0 * bounds.reach, 1.5 * bounds.step  # it starts from the other side
         phases += [

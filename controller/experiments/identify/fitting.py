@@ -35,8 +35,8 @@ _LATEST_S = 0.03
 """Longest delay in the search for the start [s]"""
 _VISIBLE = 4.0
 """Least ratio of a visible backlash to its standard error"""
-_LEAST_BACKLASH = 1e-6
-"""Smallest backlash [rad]"""
+_LEAST_BACKLASH, _MOST_BACKLASH = 1e-6, 0.1
+"""Smallest and largest backlash [rad]: stretches of one direction fit any"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """Least relative uncertainty of each value: the spring's reaction contains rounding too"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "backlash")
@@ -61,7 +61,7 @@ class Fit:
     backlash: float
     """Between shaft and encoder [rad]; 0 where none was fitted"""
     stderr: tuple[float, ...]
-    """Of the five, in order; 0 for a backlash that was not fitted"""
+    """Standard errors of the five, in order; 0 for a backlash that was not fitted"""
     residual: float
     """Root mean square of measured minus fitted position [rad]"""
     pieces: Pieces
@@ -81,7 +81,7 @@ def fit_motion(motion: Motion, step: float) -> Fit:
     """Fit the model; with backlash between shaft and encoder only where the motion shows it.
 
     Args:
-        motion: At least two seconds in which the shaft moves.
+        motion: A motion; the shaft moves for at least two seconds.
         step: One count of the encoder [rad]; 0: not quantised.
 
     Raises:
@@ -107,9 +107,13 @@ def visible_backlash(
         priors: As for it.
         thorough: As for it.
     """
-    begun = replace(without, backlash=max(2.0 * without.residual, _LEAST_BACKLASH))
+    begun = replace(
+        without, backlash=min(max(2.0 * without.residual, _LEAST_BACKLASH), _MOST_BACKLASH)
+    )
     found = fitted(begun, priors, thorough)
-    return found if found.backlash > _VISIBLE * found.stderr[4] + _LEAST_BACKLASH else None
+    visible = found.backlash > _VISIBLE * found.stderr[4] + _LEAST_BACKLASH
+    better = found.residual < without.residual and found.backlash < _MOST_BACKLASH
+    return found if visible and better else None
 
 
 def window_of(motion: Motion) -> int:
@@ -220,7 +224,7 @@ def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool
 
     Args:
         start: A backlash above zero is fitted too, and the values that its effects name.
-        priors: What is known of values beforehand, by name.
+        priors: Prior knowledge of values, by name.
         thorough: Iterate to convergence; else until an iteration brings little.
     """
     count = 5 if start.backlash > 0.0 else 4

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.bench import (
     Bench,
     UnidentifiableError,
@@ -58,14 +59,6 @@ _LEAST = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class Estimated:
-    """A value and its standard error."""
-
-    value: float
-    stderr: float
-
-
-@dataclass(frozen=True, slots=True)
 class Identified:
     """Identified parameters, and the data of their fit."""
 
@@ -87,7 +80,8 @@ class Identified:
     backlash: Estimated | None
     """Between shaft and encoder, full width [rad]; None: not visible"""
     vibration: Vibration | None
-    """Of a load behind the gear's compliance; None: the motions were too small to look for it"""
+    """Vibration of a load behind the gear's compliance; None: the motions were too small to look
+    for it"""
     residual: float
     """Root mean square of measured minus fitted position [rad]"""
     rounding: float
@@ -96,6 +90,16 @@ class Identified:
     fit: Fit
     played: Played
     logs: tuple[Path, ...]
+
+    @property
+    def effects(self) -> dict[str, float]:
+        """Return the sizes of the friction and drive effects, in the unit of the other torques."""
+        effects = self.fit.effects
+        scale = self.torque_gain.value
+        sizes = {name: scale * getattr(effects, name) for name in ("excess", "drag", "dead_band")}
+        sizes = {name: max(size, 0.0) for name, size in sizes.items()}
+        fading = effects.fading or 1.0  # of no importance without an excess
+        return {**sizes, "gear": max(effects.gear, 0.0), "fading": fading}
 
 
 def bounds_of(config: Config, reach: float) -> Bounds:
@@ -150,7 +154,7 @@ def identify(
 
     Args:
         config: The servo. Its wall, guard, inserted delay and scripted operator are not used.
-        folder: For the logs of all runs.
+        folder: Folder for the logs of all runs.
         reach: Largest excursion from the start [rad].
         tell: Called with messages for a person.
 
@@ -192,7 +196,7 @@ def _believed(config: Config) -> Guess:
 
 
 def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
-    """Return what is known of values that a short motion can hardly tell apart."""
+    """Return priors for values that a short motion hardly determines."""
     belief = config.belief()
     damping = Prior(belief.damping.value, max(belief.damping.high - belief.damping.low, _LEAST))
     drag = _DROOP * bounds.torque / (bounds.speed / _DRIVEN) ** 2

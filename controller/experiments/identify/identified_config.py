@@ -6,7 +6,8 @@ import time
 
 import yaml
 
-from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     vibration_lines,
@@ -19,6 +20,8 @@ FLOORS = {"inertia": 0.02, "damping": 0.05, "coulomb": 0.05}
 """Least relative distance of a value's bounds: servos warm up and wear between runs"""
 _LEAST = 0.05
 """Lower bound of the inertia as a fraction, which the guard needs above zero"""
+_BACKLASH_FLOOR = 0.1
+"""Least relative distance of the backlash's bounds"""
 DELAY_FLOOR = 0.05
 """The same for the delay, in periods"""
 
@@ -74,6 +77,9 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
+    if identified.backlash is not None and config.velocity_filter() is None:
+        backlash = identified.backlash
+        model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
     if identified.vibration is not None:
         model |= believed_vibration(identified.vibration, before)
     return model

@@ -54,10 +54,10 @@ def fit_loaded(
     """Fit the model together with the effects of a real servo.
 
     Args:
-        motion: At least two seconds in which the shaft moves.
+        motion: A motion; the shaft moves for at least two seconds.
         step: One count of the encoder [rad]; 0: not quantised.
         start: Fit of the motion in one direction, with the effects to be tried.
-        priors: What is known of values beforehand, by name.
+        priors: Prior knowledge of values, by name.
         hints: The only effects that are tried; none: every one.
 
     Raises:
@@ -163,8 +163,8 @@ def _only(fit: Fit, names: tuple[str, ...]) -> Fit:
 def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     """Return the names of the effects that the motion needs.
 
-    Friction that fades, and drag beside it, stay: what the speed adds to one it takes from the
-    other, so that neither seems to be needed where both are.
+    Friction that fades and the drag beside it are always kept. They cancel each other over the
+    speed, so that neither seems to be needed where both are.
     """
     effects = fit.effects
     kept: list[str] = []
@@ -195,7 +195,7 @@ def _trimmed(fit: Fit, explained: float, priors: Mapping[str, Prior] | None) -> 
     """Return the fit without outlier pieces: a shaft that nearly sticks may move or not.
 
     Args:
-        fit: Of all pieces.
+        fit: Fit of all pieces.
         explained: Residual at which no piece is omitted [rad].
         priors: As for the fit.
     """

@@ -22,7 +22,7 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
     """Yield sentences, without their full stop.
 
     Args:
-        fit: Of the servo.
+        fit: Fit of the servo.
         rounding: Root mean square of the rounding's residual [rad].
     """
     yield from (f"{text}; {END}" for text in _frictions(fit))

@@ -61,7 +61,7 @@ class Mode:
     low_ratio: float
     high_ratio: float
     inertia: float
-    """Of motor and load, in commanded units [kg·m²]"""
+    """Inertia of motor and load, in commanded units [kg·m²]"""
     load_ratio: float | None
     """Load over motor inertia, where the encoder is on the motor and has seen it"""
     lag: float
@@ -117,7 +117,7 @@ def one_way(model: ModeModel, mode: Mode, load_ratio: float, least: float) -> Cr
     """Return the cruises, each with its longest part in which the motor keeps its direction.
 
     Args:
-        model: Of the cruises.
+        model: Model of the cruises.
         mode: One that was seen.
         load_ratio: Largest possible load over motor inertia.
         least: Slowest speed in the cruise's direction [rad/s].

@@ -77,10 +77,10 @@ def cruises_of(
     """Return the cruises of a motion.
 
     Args:
-        motion: As recorded.
+        motion: The recorded motion.
         spans: Begin and end of each cruise [s], and its way.
         period: [s].
-        delay: From sending a torque until it acts [s].
+        delay: Delay from sending a torque until it acts [s].
         decay: Viscous friction over inertia [1/s].
         effects: Dead band and friction by the gear's load are taken from the torque.
     """
@@ -144,7 +144,7 @@ class ModeModel:
     Args:
         cruises: The motion.
         encoder: Side of the transmission that it measures.
-        inertia: Of motor and load by other motions, roughly [kg·m²].
+        inertia: Inertia of motor and load by other motions, roughly [kg·m²].
 
     Attributes:
         cruises: See above.
@@ -179,7 +179,8 @@ class ModeModel:
             hertz: Frequency, both ends free [Hz].
             ratio: Damping ratio, < 1.
             lag: One of ``LAGS_S`` [s].
-            gain: Of the vibration, g; None: -1 for an encoder on the output, fitted on the motor.
+            gain: Gain of the vibration, g; None: -1 for an encoder on the output, fitted on the
+                motor.
             free: It is fitted on the output too.
 
         Returns:

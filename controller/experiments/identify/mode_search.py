@@ -50,7 +50,7 @@ def find_mode(
 
     Args:
         bench: The servo.
-        fit: Of its other motions.
+        fit: Fit of its other motions.
         bounds: Limits of the motions.
         amplitude: Wanted excursion to each side [rad].
         encoder: Side of the transmission that it measures.

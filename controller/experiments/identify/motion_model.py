@@ -6,9 +6,9 @@ follow with backlash::
     m x'' = u(t - delay) - b x' - c sign(x')
 
 The effects of a real servo can be added. Torques are held, so the motion between two changes of the
-torque has a closed form, even if the body stops or reverses in between; what depends on speed and
-position besides is held over that time. Samples and torques have their recorded instants, which
-need not lie on the grid of the periods.
+torque has a closed form, even if the body stops or reverses in between. Torques that depend on
+speed and position are held over that time too. Samples and torques have their recorded instants,
+which need not lie on the grid.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def pieces_of(motion: Motion, cuts: Sequence[tuple[int, int]]) -> Pieces:
     """Divide a motion into pieces.
 
     Args:
-        motion: As recorded.
+        motion: The recorded motion.
         cuts: First sample of each piece and the one after its last.
     """
     longest = max(end - begin for begin, end in cuts)
@@ -137,7 +137,7 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
 
     Args:
         pieces: The recorded motion.
-        parameters: Of v variants.
+        parameters: Parameters of v variants.
         speeds: Initial speed of each piece in each variant [rad/s], shape (v, s).
 
     Returns:

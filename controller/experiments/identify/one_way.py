@@ -65,10 +65,10 @@ def fit_one_way(
     """Fit a servo with the effects that the motion shows; standard errors are not computed.
 
     Args:
-        motion: At least two seconds in which the shaft moves.
+        motion: A motion; the shaft moves for at least two seconds.
         step: One count of the encoder [rad]; 0: not quantised.
-        priors: What is known of values beforehand, by name.
-        rough: What tells Coulomb from viscous friction is not looked for.
+        priors: Prior knowledge of values, by name.
+        rough: Do not search for the values that separate Coulomb from viscous friction.
 
     Raises:
         NoFitError: The motion is not sufficient.

@@ -36,7 +36,7 @@ _LOW = {
 
 
 class Prior(NamedTuple):
-    """What is known of a value beforehand: its mean and standard deviation."""
+    """Prior knowledge of a value: mean and standard deviation."""
 
     mean: float
     deviation: float
@@ -47,7 +47,7 @@ class Prior(NamedTuple):
 
 
 NO_PRIOR = Prior(0.0, np.inf)
-"""Nothing is known"""
+"""No prior knowledge"""
 
 
 class OutputError:
@@ -58,7 +58,7 @@ class OutputError:
         values: Initial values by name: those of ``Fit`` and ``Effects``.
         names: Of those that are fitted; the others stay.
         center: Position at which the cogging's angle is zero [rad].
-        priors: By name of a value.
+        priors: Priors of values, by name.
         noise: Residual of a fit that leaves nothing but rounding [rad]: the weight of the priors.
 
     Attributes:

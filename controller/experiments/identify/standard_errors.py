@@ -58,7 +58,7 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
 
     Args:
         linear: About the fitted values.
-        period: From sample to sample [s].
+        period: Period from sample to sample [s].
 
     Source: W. K. Newey, K. D. West, Econometrica 55(3), 1987; K.-Y. Liang, S. L. Zeger,
     Biometrika 73(1), 1986.

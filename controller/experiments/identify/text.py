@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.boundary_fit import BoundaryFit
-from haptic_wall.controller.experiments.identify.identification import Estimated, Identified
+from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.identify.vibration import (
     vibration_lines,
     vibration_report,
@@ -20,24 +21,25 @@ UNITS = {
     "delay": "s",
     "torque_gain": "",
 }
-_WORDS = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
+WORDS = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 
 
 def row_text(found: Identified, name: str) -> str:
     """Format one value with its standard error: "inertia 0.01195 ± 0.0000063 kg·m²"."""
     estimated: Estimated = getattr(found, name)
-    word = _WORDS.get(name, name)
+    word = WORDS.get(name, name)
     if name == "delay":
-        return f"{word} {1e3 * estimated.value:.3f} ± {1e3 * estimated.stderr:.3f} ms"
-    return f"{word} {_with_error(estimated)} {UNITS[name]}".rstrip()
+        return f"{word} {estimated.in_ms()}"
+    return f"{word} {estimated} {UNITS[name]}".rstrip()
 
 
 def report(found: Identified) -> dict[str, Any]:
     """Return the contract's keys, and the data of the fit."""
     return {
-        **{name: _entry(getattr(found, name)) for name in UNITS},
+        **{name: getattr(found, name).report() for name in UNITS},
         "torque_unit": "measured" if found.gain_measured else "commanded",
-        "backlash": None if found.backlash is None else _entry(found.backlash),
+        "backlash": None if found.backlash is None else found.backlash.report(),
+        "effects": found.effects,
         "vibration": vibration_report(found.vibration),
         "residual_rad": found.residual,
         "rounding_rad": found.rounding,
@@ -49,11 +51,11 @@ def report(found: Identified) -> dict[str, Any]:
 def boundary_report(fit: BoundaryFit) -> dict[str, Any]:
     """Return the figures of a measured boundary for the report."""
     return {
-        "damping": _entry(fit.damping),
-        "delay": _entry(fit.delay),
+        "damping": fit.damping.report(),
+        "delay": fit.delay.report(),
         "line": None
         if fit.line_damping is None or fit.line_delay is None
-        else {"damping": _entry(fit.line_damping), "delay": _entry(fit.line_delay)},
+        else {"damping": fit.line_damping.report(), "delay": fit.line_delay.report()},
         "points": fit.used,
         "straight_points": fit.straight,
     }
@@ -118,22 +120,8 @@ def _boundary_lines(boundary: dict[str, Any]) -> list[str]:
         ways.append((f"straight line, {boundary['straight_points']} points", boundary["line"]))
     for way, values in ways:
         damping, delay = (Estimated(**values[name]) for name in ("damping", "delay"))
-        lines.append(
-            f"  {way}: damping {_with_error(damping)} N·m·s/rad,"
-            f" delay {1e3 * delay.value:.3f} ± {1e3 * delay.stderr:.3f} ms"
-        )
+        lines.append(f"  {way}: damping {damping} N·m·s/rad, delay {delay.in_ms()}")
     for name, compared in boundary["compared"].items():
         said = "agree" if compared["agree"] else "do NOT agree"
         lines.append(f"  {name}: the two answers {said} within two standard errors")
     return lines
-
-
-def _entry(estimated: Estimated) -> dict[str, float]:
-    return {"value": estimated.value, "stderr": estimated.stderr}
-
-
-def _with_error(estimated: Estimated) -> str:
-    if estimated.stderr <= 0.0:
-        return f"{estimated.value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(estimated.stderr)))
-    return f"{estimated.value:.{digits}f} ± {estimated.stderr:.{digits}f}"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
+
+from haptic_wall.controller.experiments.estimated import Estimated
 
 _BLOCK = 250
 """Samples with correlated errors"""
@@ -15,19 +15,12 @@ _EXPLAINED = 0.9
 """Least fraction of the measured torque's variance that the commanded one must explain"""
 
 
-class TorqueGain(NamedTuple):
-    """The gain and its standard error."""
-
-    value: float
-    stderr: float
-
-
-def torque_gain(rows: NDArray[np.void], delay: float, dead_band: float = 0.0) -> TorqueGain | None:
+def torque_gain(rows: NDArray[np.void], delay: float, dead_band: float = 0.0) -> Estimated | None:
     """Return the slope of the measured over the commanded torque.
 
     Args:
-        rows: Of a log, dtype ``telemetry.ROW``.
-        delay: From sending a torque until it acts [s].
+        rows: Rows of a log, dtype ``telemetry.ROW``.
+        delay: Delay from sending a torque until it acts [s].
         dead_band: Torque that is missing of what is commanded [N·m].
 
     Returns:
@@ -51,7 +44,7 @@ def torque_gain(rows: NDArray[np.void], delay: float, dead_band: float = 0.0) ->
     if value <= 0.0 or float(left @ left) > (1.0 - _EXPLAINED) * total:
         return None
     blocks = np.add.reduceat(commanded * left, np.arange(0, commanded.size, _BLOCK))
-    return TorqueGain(value, float(np.sqrt(np.sum(blocks**2))) / power)
+    return Estimated(value, float(np.sqrt(np.sum(blocks**2))) / power)
 
 
 def _acting(rows: NDArray[np.void], delay: float) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""A servo's vibration in the unit of its other results, and as bounds for the guard."""
+"""Converts a servo's vibration to the unit of the other results, and to bounds for the guard."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ class Vibration:
     load_inertia: Bounded
     """[kg·m²]; not seen: of a load that may be there"""
     inertia: float
-    """Of motor and load [kg·m²]"""
+    """Inertia of motor and load [kg·m²]"""
     load_measured: bool
     """Whether the motion shows the load's share; an encoder on the output does not see it"""
 
 
 def heaviest_load(inertia: float, belief: Belief) -> float:
-    """Return the largest load over motor inertia that is thought possible.
+    """Return the largest ratio of load to motor inertia that is plausible.
 
     Args:
-        inertia: Of motor and load, in commanded units [kg·m²].
-        belief: What was believed beforehand, perhaps of the servo without its load.
+        inertia: Inertia of motor and load, in commanded units [kg·m²].
+        belief: The belief before the measurement, perhaps of the servo without its load.
     """
     beyond = inertia * belief.torque_gain.high / belief.inertia.low - 1.0
     return min(max(beyond, USUAL_LOAD), HEAVY_LOAD)
@@ -55,11 +55,11 @@ def vibration_of(
     """Return the vibration that a mode is.
 
     Args:
-        mode: In commanded units.
+        mode: Mode in commanded units.
         damping: Viscous friction, at most, in commanded units [N·m·s/rad].
         scale: Measured torque per commanded torque.
         heaviest: Largest possible load over motor inertia.
-        rate_hz: Of the loop [Hz].
+        rate_hz: Rate of the loop [Hz].
     """
     inertia = scale * mode.inertia
     loads = Bounded(math.sqrt(LIGHT_LOAD * heaviest), LIGHT_LOAD, heaviest)
@@ -92,7 +92,7 @@ def believed_vibration(found: Vibration, belief: Belief) -> dict[str, dict[str, 
 
     Args:
         found: The result.
-        belief: What was believed beforehand.
+        belief: The belief before the measurement.
     """
     if found.seen and found.ratio is not None:
         return {

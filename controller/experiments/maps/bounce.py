@@ -1,7 +1,7 @@
 """Computes from single contacts whether a one-sided wall returns a servo faster than it came.
 
 ``theory.contact`` does the same for servos without friction, encoder, backlash and torque limit.
-That module stays separate: it is exact and dimensionless, and each of the two is a test oracle of
+That module is separate because it is exact and dimensionless. Tests compare each of the two with
 the other.
 """
 
@@ -17,15 +17,15 @@ from haptic_wall.controller.theory.response import held_response
 _PHASES = (17, 9, 9)
 """Numbers of tried instants of entry: over the whole period, then twice around the worst one"""
 _JUST = 1e-9
-"""Distance of the last tried entry from the end of the period [periods]."""
+"""Distance between the last tried entry and the end of the period [periods]"""
 _CONTACTS = 6.0
-"""Longest simulated contact in half oscillations of the undamped spring; a wall from which the
-servo only creeps returns no speed."""
+"""Longest simulated contact, in half oscillations of the undamped spring; a servo that then still
+creeps out has exit speed 0"""
 _LOOK = 32
 
 
 def returned(walls: Walls, kick: FloatArray) -> FloatArray:
-    """Return the logarithm of exit over entry speed at the worst phase; > 0: it returns faster.
+    """Return log(exit speed / entry speed) at the worst phase; above 0 the servo returns faster.
 
     The servo moves freely and enters with the speed that the spring alone would stop within
     ``kick``. It starts outside, early enough for the velocity estimate. The exit speed is the
@@ -37,7 +37,8 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
             would saturate, ``kicks.unsaturated`` replaces it.
 
     Returns:
-        The worst over the instants of entry between two samples; -1 where none returns any speed.
+        The greatest value over the instants of entry between two samples; -1 if every exit speed is
+        0.
     """
     middle, reach = np.full((walls.size, 1), 0.5), 0.5
     worst = np.full(walls.size, -np.inf)
@@ -101,11 +102,11 @@ class _Contact:
         self._outside_for[~self.entered | (self._position > 0.0)] = 0
 
     def at_switch(self) -> None:
-        """Record the state where the torque changes: in between the speed is monotone."""
+        """Record the state at a change of the torque; the speed is monotone between two changes."""
         self._look(self._walls.lag)
 
     def _look(self, since: FloatArray) -> None:
-        """Process the time since the last record [s], in which a torque was held."""
+        """Update ``leaving`` and ``entered`` for the time ``since`` the last record [s]."""
         x, v = self._loops.bodies.position, self._loops.bodies.velocity
         before, came = self._position, self._velocity
         inside = x > 0.0
@@ -128,5 +129,5 @@ class _Contact:
         np.copyto(came, v)
 
     def over(self) -> bool:
-        """Whether every servo has left, and every delayed torque has ended."""
+        """Whether every servo has left the wall, and every delayed torque has ended."""
         return bool(np.all(self._outside_for > self._walls.whole + 2))

@@ -21,7 +21,7 @@ def unsaturated(walls: Walls, kick: FloatArray) -> FloatArray:
     counts of the encoder and the backlash.
 
     Args:
-        walls: With stiffness > 0; shape (n,).
+        walls: Walls with stiffness > 0; shape (n,).
         kick: Requested, shape (n,) [rad].
     """
     counts = walls.counts_per_radian

@@ -42,7 +42,7 @@ class Walls:
     coulomb: FloatArray
     """Coulomb friction c >= 0 [N·m]"""
     counts_per_radian: FloatArray
-    """Of the encoder; 0: the position is not quantised"""
+    """Counts per radian of the encoder; 0: the position is not quantised"""
     backlash: FloatArray
     """Between shaft and encoder, full width, >= 0 [rad]"""
     torque_limit: FloatArray
@@ -66,9 +66,9 @@ class Walls:
     one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
     """Whether the wall never pulls"""
     current_loop: CurrentLoopParameters | None = None
-    """Of the servos; None: their torque follows at once"""
+    """Current loop of the servos; None: their torque follows at once"""
     effects: ManyEffects | None = None
-    """What the servos have beside inertia and these frictions; None: nothing"""
+    """Effects beside inertia, viscous and Coulomb friction; None: none"""
     encoder: ManyEncoderErrors | None = None
     """Errors of their encoders besides counting; None: none"""
 

@@ -7,17 +7,19 @@ result does not depend on the number of processes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.maps.many_walls import Walls
 from haptic_wall.controller.experiments.maps.onset import onset
-from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
@@ -35,6 +37,21 @@ _TASK = 64
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished points, and the total."""
+
+
+class Task(NamedTuple):
+    """A part of a map: some neighbouring virtual dampings at one delay, with every kick."""
+
+    delay: int
+    """Its number among the delays"""
+    first: int
+    """Number of the first virtual damping"""
+    size: int
+    """Number of virtual dampings"""
+
+
+Finished = Callable[[Task, FloatArray], None]
+"""Called with a task and its stiffnesses, dampings x kicks [N·m/rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +155,44 @@ class MapSettings:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class MapQuestion:
+    """All that the results of a map depend on."""
+
+    setting: MapSettings
+    dampings: Sequence[float]
+    """B [N·m·s/rad]"""
+    delay_steps: Sequence[int]
+    """Inserted delays in periods"""
+    kicks: Sequence[float]
+    """[rad]"""
+    tolerance: float = TOLERANCE
+    """Wanted relative accuracy"""
+
+    @property
+    def points(self) -> int:
+        """Return the number of points."""
+        return len(self.dampings) * len(self.delay_steps) * len(self.kicks)
+
+    def tasks(self) -> list[Task]:
+        """Divide the map by its settings alone; return the tasks in the order of their start."""
+        size = max(1, _TASK // len(self.kicks))
+        # The longest delays, which take longest, come first, so that the cores finish together.
+        order = sorted(range(len(self.delay_steps)), key=lambda i: -self.delay_steps[i])
+        return [
+            Task(i, first, min(size, len(self.dampings) - first))
+            for i in order
+            for first in range(0, len(self.dampings), size)
+        ]
+
+    def call(self, task: Task) -> Callable[[], FloatArray]:
+        """Return a call that computes a task, and can be sent to another process."""
+        part = np.array(self.dampings[task.first : task.first + task.size], dtype=np.float64)
+        kicks = np.array(self.kicks, dtype=np.float64)
+        steps = int(self.delay_steps[task.delay])
+        return partial(compute, self.setting, part, steps, kicks, self.tolerance)
+
+
 def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     """Refuse a servo with effects that would be left out.
 
@@ -213,15 +268,24 @@ class CriticalMap:
     one_sided: FloatArray
     """Limit of the wall that never pulls, without friction [N·m/rad]"""
 
+    def fill(self, task: Task, stiffness: FloatArray) -> None:
+        """Enter the stiffnesses of a task, dampings x kicks [N·m/rad]."""
+        self.stiffness[task.delay, task.first : task.first + len(stiffness)] = stiffness
+
+    @property
+    def count(self) -> int:
+        """Return the number of computed points."""
+        return int(np.count_nonzero(~np.isnan(self.stiffness)))
+
     @property
     def complete(self) -> bool:
         """Whether every point was computed."""
-        return not bool(np.isnan(self.stiffness).any())
+        return self.count == self.stiffness.size
 
     @property
     def begun(self) -> bool:
         """Whether any point was computed."""
-        return not bool(np.isnan(self.stiffness).all())
+        return self.count > 0
 
 
 class MapInterruptedError(KeyboardInterrupt):
@@ -246,6 +310,8 @@ def critical_map(
     workers: int | None = None,
     progress: Progress | None = None,
     tolerance: float = TOLERANCE,
+    done: Mapping[Task, FloatArray] | None = None,
+    finished: Finished | None = None,
 ) -> CriticalMap:
     """Compute the critical stiffness by simulation at every combination; see ``onset``.
 
@@ -259,6 +325,8 @@ def critical_map(
         workers: Number of processes, where there is no executor.
         progress: Called with the progress, in this thread.
         tolerance: Wanted relative accuracy, > 0.
+        done: Tasks of an earlier call with the same settings.
+        finished: Called with each other task, in this thread.
 
     Raises:
         ValueError: A value is outside of its domain.
@@ -271,34 +339,26 @@ def critical_map(
     kick = np.array(kicks, dtype=np.float64)
     _check(damping, steps, kick, tolerance)
     found = _theory(setting, damping, steps, kick)
-    size = max(1, _TASK // kick.size)
-    tasks = [
-        (i, slice(first, first + size))
-        # The longest delays, which take longest, come first, so that the cores finish together.
-        for i in np.argsort(-steps, kind="stable").tolist()
-        for first in range(0, damping.size, size)
-    ]
-    own = processes(min(workers or cores(), len(tasks))) if executor is None else None
-    places: dict[Future[FloatArray], tuple[int, slice]] = {}
+    question = MapQuestion(setting, virtual_dampings, delay_steps, kicks, tolerance)
+    known = {} if done is None else done
+    for task, stiffness in known.items():
+        found.fill(task, stiffness)
+    left = [(task, question.call(task)) for task in question.tasks() if task not in known]
+    points = found.count
+    own = processes(min(workers or cores(), len(left) or 1)) if executor is None else None
     try:
         with interrupting(), own or nullcontext(executor) as pool:
             assert pool is not None
-            with not_from_the_terminal():
-                for i, part in tasks:
-                    arguments = (setting, damping[part], int(steps[i]), kick, tolerance)
-                    places[pool.submit(compute, *arguments)] = i, part
-            done = 0
-            for future in as_completed(places):
-                i, part = places[future]
-                found.stiffness[i, part] = future.result()
-                done += damping[part].size * kick.size
-                if progress is not None:
-                    progress(done, found.stiffness.size)
+            with results(pool, left) as computed:
+                for task, stiffness in computed:
+                    found.fill(task, stiffness)
+                    if finished is not None:
+                        finished(task, stiffness)
+                    points += stiffness.size
+                    if progress is not None:
+                        progress(points, found.stiffness.size)
     except KeyboardInterrupt:
         raise MapInterruptedError(found) from None
-    finally:
-        for future in places:
-            future.cancel()
     return found
 
 

@@ -53,12 +53,12 @@ def simulated_critical_stiffness(
     kick: ArrayLike = 0.01,
     tolerance: float = 1e-4,
 ) -> FloatArray:
-    """Stiffness above which the simulated motion after a kick grows.
+    """Return the stiffness above which the simulated motion after a kick grows.
 
     Two-sided: the servo is let go at rest, ``kick`` from the wall, where it was held for long: it
-    starts at a turning point with v = 0 and the velocity estimate sees no jump; what grows is the
-    amplitude of the oscillation. One-sided: the servo comes freely with the speed that the spring
-    alone would stop after ``kick``; what grows is that speed, from entry to exit.
+    starts at a turning point with v = 0 and the velocity estimate sees no jump; the amplitude of
+    the oscillation grows. One-sided: the servo comes freely with the speed that the spring alone
+    would stop after ``kick``; that speed grows from entry to exit.
 
     Without friction, quantisation, backlash and limit the kick does not matter. With them the
     result is a property of the kick too.
@@ -219,7 +219,7 @@ def _try(
     who: NDArray[np.intp],
     ladder: FloatArray,
 ) -> None:
-    """Simulate ``ladder`` (walls × stiffnesses, ascending) and narrow the brackets."""
+    """Simulate ascending stiffnesses (walls × stiffnesses), and narrow the brackets."""
     lanes = ladder.shape[1]
     many = walls.take(who).with_stiffness(ladder)
     kicks = np.repeat(kick[who], lanes)

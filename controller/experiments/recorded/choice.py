@@ -33,9 +33,9 @@ class Judged:
 
     name: str
     fitted: float
-    """What its fit leaves [rad rms]"""
+    """Residual of its fit [rad rms]"""
     predicted: float | None
-    """What it leaves of what it was not fitted to [rad rms]; None: too little to try"""
+    """Prediction error on data that it was not fitted to [rad rms]; None: too little data"""
     chosen: bool = False
 
 
@@ -50,9 +50,9 @@ def judged(
     The simplest model is kept until a richer one predicts better by a tenth.
 
     Args:
-        stretches: Of the record.
+        stretches: Stretches of the record.
         first: The fit with Coulomb and viscous friction.
-        names: Of the models, the simplest first.
+        names: Names of the models, the simplest first.
         richer: Further models, tried where another than the first of ``names`` is best.
 
     Returns:
@@ -92,7 +92,7 @@ def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:
     """Return the start of a fit with the friction model ``name``.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
         terms: Parameters per inertia of a fit with a simpler model.
     """
     others = {term.name for model in MODELS.values() for term in model}
@@ -108,8 +108,8 @@ def predicted(pieces: Pieces, names: tuple[str, ...], values: FloatArray) -> Flo
 
     Args:
         pieces: The record; shape (pieces, rows) is that of the result.
-        names: Of the parameters.
-        values: Of the parameters, per inertia; shape (names,).
+        names: Names of the parameters.
+        values: Values of the parameters, per inertia; shape (names,).
     """
     near = pieces.time - pieces.time[:, :1] <= BEGINNING_S
     rows = max(8, int(near.sum(axis=1).max()))

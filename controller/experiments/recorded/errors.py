@@ -1,4 +1,4 @@
-"""Standard errors of a fit to recorded motions, from what is left and from leaving parts out."""
+"""Computes standard errors of a fit to recorded motions, by residuals and by leaving parts out."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def stderr_of(covariance_: FloatArray, gradient: FloatArray) -> float:
     """Return the standard error of a function of the parameters.
 
     Args:
-        covariance_: Of the parameters.
-        gradient: Of the function.
+        covariance_: Covariance of the parameters.
+        gradient: Gradient of the function.
     """
     return math.sqrt(max(float(gradient @ covariance_ @ gradient), 0.0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.identification import Estimated
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
 from haptic_wall.controller.experiments.recorded.errors import covariance, stderr_of
 from haptic_wall.controller.experiments.recorded.friction import DRIVEN, FREE, MEANING, MODELS
@@ -70,10 +70,10 @@ class Pendulum:
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a record tells; None: it cannot tell."""
+    """The estimates from a record; None: the record does not determine the value."""
 
     inertia: Estimated | None
-    """Of the servo, without a given pendulum [kg·m²]"""
+    """Inertia of the servo, without a given pendulum [kg·m²]"""
     damping: Estimated | None
     """[N·m·s/rad]"""
     coulomb: Estimated | None
@@ -84,7 +84,7 @@ class Recorded:
     torque_constant: Estimated | None
     """Torque for each ampere recorded [N·m/A]"""
     inertia_total: Estimated | None
-    """Of all that turns [kg·m²]"""
+    """Inertia of all that turns [kg·m²]"""
     hanging: Estimated | None
     """Angle at which the load hangs [rad]"""
     friction_model: str | None
@@ -103,11 +103,11 @@ class Recorded:
 
 
 def identify_record(record: Record, pendulum: Pendulum | None = None) -> Recorded:
-    """Fit what was recorded.
+    """Fit friction, load and delay to a recorded motion.
 
     Args:
         record: The motion.
-        pendulum: What hangs on the shaft; None: not known.
+        pendulum: Pendulum on the shaft; None: not known.
     """
     notes = list(record.notes)
     if not record.stretches or is_too_slow(record):
@@ -214,7 +214,7 @@ class _Scale:
         """Return one quantity with its standard error; None: not known.
 
         Args:
-            name: Of the quantity.
+            name: Name of the quantity.
             shot: The fit.
             spread: Covariance of its parameters.
             more: A further, independent standard error, relative to the value (that of the
@@ -312,7 +312,7 @@ def _notes(
     driven: bool,
     few: bool,
 ) -> list[str]:
-    """Say what the record cannot tell, and why."""
+    """Return notes on values that the record does not determine, with the reason."""
     notes = []
     terms = shot.terms
     name = next(each.name for each in models if each.chosen)

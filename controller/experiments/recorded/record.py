@@ -60,7 +60,7 @@ class Record:
 
     stretches: tuple[Stretch, ...]
     unit: str | None
-    """Of the torques: "N·m" or "A"; None: none is known"""
+    """Unit of the torques: "N·m" or "A"; None: none is known"""
     step: float
     """Encoder step [rad]; 0: none"""
     notes: tuple[str, ...]
@@ -195,7 +195,7 @@ def pieces_of(
     """Cut stretches into pieces, and thin their rows.
 
     Args:
-        stretches: Of a record.
+        stretches: Stretches of a record.
         longest_free_s: Longest piece of a free swing [s].
         longest_driven_s: Longest piece of a driven stretch [s].
 

@@ -17,6 +17,8 @@ from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 40
+_TRIES, _REFINED = 48, 2
+"""Number of starts that are drawn, and of those that a fit begins at"""
 _DAMPINGS = np.array([0.0, 1e-3, 1e-1, 1e1])
 """Tried side by side, relative to the diagonal"""
 _SETTLED = 1e-4
@@ -47,7 +49,7 @@ class Shot:
 
     names: tuple[str, ...]
     values: FloatArray
-    """Of the parameters, per inertia; shape (names,)"""
+    """Values of the parameters, per inertia; shape (names,)"""
     begin: FloatArray
     """Positions at the first rows [rad], shape (pieces,)"""
     speed: FloatArray
@@ -66,12 +68,12 @@ class Shot:
 
     @property
     def left(self) -> FloatArray:
-        """Return what is left [rad], shape (pieces, rows); 0 in the padding."""
+        """Return the residuals [rad], shape (pieces, rows); 0 in the padding."""
         return np.where(self.pieces.held, self.pieces.position - self.fitted, 0.0)
 
     @property
     def rms(self) -> float:
-        """Return the root mean square of what is left [rad]."""
+        """Return the root mean square of the residuals [rad]."""
         return math.sqrt(float(np.sum(self.left**2)) / np.count_nonzero(self.pieces.held))
 
 
@@ -104,10 +106,10 @@ def moved(
 
     Args:
         pieces: The record.
-        names: Of the parameters.
+        names: Names of the parameters.
         values: Per inertia, shape (variants, names).
         begin: Positions at the first rows [rad], shape (variants or 1, pieces).
-        speed: Speeds there [rad/s], likewise.
+        speed: Speeds at the first rows [rad/s], of the same shape.
     """
     terms = {name: values[:, at : at + 1] for at, name in enumerate(names)}
     one = np.ones((len(values), 1))
@@ -168,8 +170,6 @@ def fit_anywhere(
     pieces: Pieces,
     start: Mapping[str, float],
     at: tuple[FloatArray, FloatArray] | None = None,
-    tries: int = 48,
-    refined: int = 2,
     rounds: int = _ROUNDS,
     enough: float = 0.0,
 ) -> Shot:
@@ -182,8 +182,6 @@ def fit_anywhere(
         pieces: The record.
         start: As ``fit``.
         at: As ``fit``.
-        tries: Number of starts that are drawn.
-        refined: Number of starts that a fit begins at.
         rounds: Largest number of rounds of each.
         enough: Residual at which no further start is tried [rad].
     """
@@ -191,7 +189,7 @@ def fit_anywhere(
     values = np.array([start[name] for name in names])
     random = np.random.default_rng(1)
     spread = np.array([_SPREADS.get(name, 0.5) for name in names])
-    drawn = values * np.exp(spread * random.standard_normal((tries, values.size)))
+    drawn = values * np.exp(spread * random.standard_normal((_TRIES, values.size)))
     away = np.array([0.3 * _SCALES[name] if v == 0.0 else 0.0 for name, v in start.items()])
     drawn += away * np.abs(random.standard_normal(drawn.shape))
     drawn[0] = values
@@ -199,9 +197,9 @@ def fit_anywhere(
     begin, speed = beginnings(pieces) if at is None else at
     costs = _cost(pieces, moved(pieces, names, drawn, begin[None], speed[None]))
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
-    chosen = [0, *(at for at in order.tolist() if at != 0)][: refined + 1]
+    chosen = [0, *(at for at in order.tolist() if at != 0)][: _REFINED + 1]
     if order[0] != 0:
-        chosen = chosen[1:] if costs[chosen[1]] < 0.5 * costs[0] else chosen[:refined]
+        chosen = chosen[1:] if costs[chosen[1]] < 0.5 * costs[0] else chosen[:_REFINED]
     found: list[Shot] = []
     for each in chosen:
         begun = dict(zip(names, drawn[each].tolist(), strict=True))

@@ -20,7 +20,7 @@ def start_of(stretches: tuple[Stretch, ...], *, weight: bool) -> dict[str, float
     """Return friction, load and, where a motor is on, gain and delay, per inertia.
 
     Args:
-        stretches: Of a record, at least one.
+        stretches: Stretches of a record, at least one.
         weight: A load that depends on the angle is looked for.
     """
     driven = any(stretch.driven for stretch in stretches)

@@ -57,7 +57,7 @@ def acting(pieces: Pieces, delay: FloatArray) -> FloatArray:
 
     Args:
         pieces: The record.
-        delay: From the sending of a torque to its action [s], any shape.
+        delay: Delay from the sending of a torque to its action [s], any shape.
     """
     delay = np.asarray(delay)
     count, rows = pieces.time.shape
@@ -162,11 +162,7 @@ class _Body:
         return self._sine * np.sin(q) + self._cosine * np.cos(q)
 
     def _dry(self, load: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-        if self._plain:
-            dry = np.broadcast_to(self._terms["coulomb"], load.shape)
-        else:
-            dry = dry_friction(self._terms, -load, u, v)
-        return dry
+        return self._terms["coulomb"] if self._plain else dry_friction(self._terms, -load, u, v)
 
     def _acceleration(
         self, q: FloatArray, v: FloatArray, u: FloatArray, way: FloatArray

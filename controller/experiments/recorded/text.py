@@ -5,23 +5,19 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from haptic_wall.controller.experiments.identify.identification import Estimated
+from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify import text as identified
 from haptic_wall.controller.experiments.recorded.estimate import Recorded
 from haptic_wall.controller.experiments.recorded.friction import MEANING, MODELS
 
 UNITS = {
-    "inertia": "kg·m²",
-    "damping": "N·m·s/rad",
-    "coulomb": "N·m",
-    "delay": "s",
-    "torque_gain": "",
+    **identified.UNITS,
     "torque_constant": "N·m/A",
     "inertia_total": "kg·m²",
     "hanging": "rad",
 }
 _WORDS = {
-    "coulomb": "Coulomb friction",
-    "torque_gain": "torque gain",
+    **identified.WORDS,
     "torque_constant": "torque constant",
     "inertia_total": "whole inertia",
     "hanging": "hangs at",
@@ -32,11 +28,11 @@ _NAMES = {"hanging": "hanging_rad", "torque_constant": "torque_constant_nm_per_a
 def report(found: Recorded) -> dict[str, Any]:
     """Return the contract's keys, and more on the fit."""
     return {
-        **{_NAMES.get(name, name): _entry(getattr(found, name)) for name in UNITS},
+        **{_NAMES.get(name, name): _report(getattr(found, name)) for name in UNITS},
         "residual_rms_rad": found.residual,
         "rounding_rad": found.step / math.sqrt(12.0),
         "friction_model": found.friction_model,
-        "friction": {name: _entry(each) for name, each in found.friction.items()},
+        "friction": {name: each.report() for name, each in found.friction.items()},
         "models": [
             {
                 "name": each.name,
@@ -56,7 +52,7 @@ def text(found: Recorded, plot: str | None) -> str:
     """Return the answer for people.
 
     Args:
-        found: What the record tells.
+        found: The estimates from the record.
         plot: Path of the picture; None: none was drawn.
     """
     lines = []
@@ -64,17 +60,17 @@ def text(found: Recorded, plot: str | None) -> str:
         each: Estimated | None = getattr(found, name)
         word = _WORDS.get(name, name)
         if each is None:
-            if name in ("inertia", "damping", "coulomb", "delay", "torque_gain"):
+            if name in identified.UNITS:
                 lines.append(f"{word:<17} cannot be told")
         elif name == "delay":
-            lines.append(f"{word:<17} {1e3 * each.value:.2f} ± {1e3 * each.stderr:.2f} ms")
+            lines.append(f"{word:<17} {each.in_ms(2)}")
         else:
-            lines.append(f"{word:<17} {with_error(each)} {unit}".rstrip())
+            lines.append(f"{word:<17} {each} {unit}".rstrip())
     if found.friction_model is not None:
         lines.append(f"{'friction':<17} {found.friction_model}: {MEANING[found.friction_model]}")
     units = {term.name: term.unit for model in MODELS.values() for term in model}
     for name, each in found.friction.items():
-        lines.append(f"  {name.replace('_', ' '):<15} {with_error(each)} {units[name]}".rstrip())
+        lines.append(f"  {name.replace('_', ' '):<15} {each} {units[name]}".rstrip())
     if found.residual is not None:
         parts = f"{len(found.stretches)} part{'s' * (len(found.stretches) > 1)}"
         lines.append(
@@ -93,15 +89,5 @@ def text(found: Recorded, plot: str | None) -> str:
     return "\n".join(lines)
 
 
-def with_error(estimated: Estimated) -> str:
-    """Format a value with its standard error: "0.0021 ± 0.0001"."""
-    if not estimated.stderr > 0.0:
-        return f"{estimated.value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(estimated.stderr)))
-    return f"{estimated.value:.{digits}f} ± {estimated.stderr:.{digits}f}"
-
-
-def _entry(estimated: Estimated | None) -> dict[str, float] | None:
-    if estimated is None:
-        return None
-    return {"value": estimated.value, "stderr": estimated.stderr}
+def _report(estimated: Estimated | None) -> dict[str, float] | None:
+    return None if estimated is None else estimated.report()

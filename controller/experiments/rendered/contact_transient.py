@@ -114,7 +114,7 @@ def approach_phases(
         fit: Relates torque and speed.
         direction: 1.0: the wall fills the positions above; -1.0: below.
         lag: Total delay [s].
-        seed: Of small differences, so that the entries have random phases between two samples.
+        seed: Seed of small differences, so that the entries have random phases between two samples.
     """
     random = np.random.default_rng(seed)
     phases: list[Phase] = []
@@ -154,7 +154,7 @@ def contacts(
 
     Args:
         rows: Dtype ``telemetry.ROW``.
-        phases: Of the program.
+        phases: Phases of the program.
         fit: Describes the coasting.
         direction: 1.0: the wall fills the positions above; -1.0: below.
         lag: Total delay [s].

@@ -63,8 +63,8 @@ def drag(rows: NDArray[np.void], phases: Sequence[Phase], fit: StepFit) -> Drag 
     """Return Coulomb and viscous friction from the torque of each way.
 
     Args:
-        rows: Of the log, dtype ``telemetry.ROW``.
-        phases: Of the program.
+        rows: Rows of the log, dtype ``telemetry.ROW``.
+        phases: Phases of the program.
         fit: Gives the lag of a torque, and its part for acceleration.
 
     Returns:

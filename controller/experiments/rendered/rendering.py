@@ -75,7 +75,7 @@ def announcement(config: Config, speed: float) -> str:
 
     Args:
         config: The servo.
-        speed: Of the fastest part [rad/s].
+        speed: Speed of the fastest part [rad/s].
     """
     return (
         f"the shaft will be moved within ±{REACH:g} rad of where it is, at up to {speed:.2g} rad/s,"
@@ -95,8 +95,8 @@ def measure_rendering(
     Args:
         config: The servo, and the requested wall; the guard decides the commanded one, as in a run.
             A scripted operator is switched off.
-        folder: For the logs.
-        seed: Of all random choices.
+        folder: Folder for the logs.
+        seed: Seed of all random choices.
         tell: Called with messages for a person.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Formats the comparison as lines: commanded or expected, rendered, and the uncertainty."""
+"""Compares commanded or expected values with the rendered ones, as lines of a report."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _NOT_MOVED = "the shaft did not follow at two speeds both ways"
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One line of the comparison."""
+    """One line: a commanded value, the rendered one and its uncertainty."""
 
     name: str
     unit: str
     commanded: float | None
-    """Or expected, where nothing is commanded; None: neither is known"""
+    """Commanded value, or the expected one if nothing is commanded; None: neither is known"""
     rendered: float | None
-    """None: it could not be measured, the note says why"""
+    """Measured value; None: it could not be measured, and the note says why"""
     stderr: float | None
     note: str = ""
 
     @property
     def ratio(self) -> float | None:
-        """Return rendered over commanded; None where undefined."""
+        """Return the ratio of rendered to commanded; None if undefined."""
         if self.rendered is None or not self.commanded:
             return None
         return self.rendered / self.commanded
@@ -51,13 +51,13 @@ def stiffness_rows(
     static: StaticStiffness | None,
     shaken: Shaken,
 ) -> list[Comparison]:
-    """Return the spring in commanded and in true torque, the gain between them, and the backlash.
+    """Return lines for the stiffness in commanded and in true torque, torque gain and backlash.
 
     Args:
         config: The belief.
         stiffness: Commanded [N·m/rad].
-        push: Plan of the measurement; None: it was not possible.
-        static: Its result; None: none.
+        push: Plan of the static measurement; None: it was not possible.
+        static: Result of the static measurement; None: there is none.
         shaken: The torque steps.
     """
     fit, inertia = shaken.fit, config.belief().inertia
@@ -97,16 +97,15 @@ def stiffness_rows(
     believed = config.belief().torque_gain.value
     rows.append(Comparison("torque gain", "1", believed, gain, gain_error, by_inertia))
     lost = lost_motion(fit)
-    rows.append(
-        Comparison(
-            "lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], "at each turn: backlash"
-        )
-    )
+    cause = "at each turn: backlash"
+    if fit.steps[0].mode is not None:
+        cause += ", and the twist of the transmission"
+    rows.append(Comparison("lost motion", "rad", 0.0, lost and lost[0], lost and lost[1], cause))
     return rows
 
 
 def free_rows(config: Config, shaken: Shaken, moved: Drag | None) -> list[Comparison]:
-    """Return the delay, and the free shaft's resistance, against the belief."""
+    """Return lines for the delay and the free shaft's friction, compared to the belief."""
     belief = config.belief()
     gain = belief.torque_gain.value
     delay = from_command(shaken.fit, config.period_s)
@@ -142,13 +141,13 @@ def contact_rows(
     predicted: Sequence[Contact],
     worst: float,
 ) -> list[Comparison]:
-    """Return the results of contacts by approach speed, scaled to the mean speed of entry.
+    """Return lines for the contacts at each approach speed, scaled to their mean entry speed.
 
     Args:
         approach: The plan; None: there was no wall.
         struck: Contacts of the servo.
         predicted: Contacts of a simulated servo.
-        worst: Exit over entry speed that the theory allows without friction.
+        worst: Largest ratio of exit to entry speed that the theory allows without friction.
     """
     if approach is None:
         return []

@@ -61,7 +61,7 @@ class StaticStiffness:
     """Half the distance between the ways up and down [N·m of commanded torque]"""
     friction_stderr: float
     position: FloatArray
-    """Of the used samples, from their mean [rad]"""
+    """Position of the used samples, from their mean [rad]"""
     torque: FloatArray
     """Additional torque at these samples [N·m]"""
     upward: NDArray[np.bool_]
@@ -110,8 +110,8 @@ def static_stiffness(
     """Fit the spring's stiffness to displacement and additional torque.
 
     Args:
-        rows: Of the log, dtype ``telemetry.ROW``.
-        phases: Of the program.
+        rows: Rows of the log, dtype ``telemetry.ROW``.
+        phases: Phases of the program.
         push: The plan.
         step: Encoder step [rad].
 

@@ -13,6 +13,7 @@ from haptic_wall.controller.experiments.steps.step_fit import FEWEST_STEPS, Step
 from haptic_wall.controller.experiments.steps.step_loads import without_loads
 from haptic_wall.controller.experiments.steps.torque_steps import (
     PER_BURST,
+    Mode,
     StepPlan,
     good,
     plan_steps,
@@ -53,7 +54,7 @@ class Shaken:
 
     fit: StepFit
     ages: FloatArray
-    """Of all samples when their torque was sent [s]"""
+    """Ages of all samples when their torque was sent [s]"""
     played: Played
     note: str
     """Remark for a person; empty: none"""
@@ -77,8 +78,8 @@ def shake(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
 
     Args:
         bed: The servo.
-        name: Of the log.
-        shaking: From ``plan_shaking``.
+        name: Name of the log.
+        shaking: Shaking from ``plan_shaking``.
 
     Raises:
         ExperimentFailedError: The servo did not respond, not as expected, or not as a rigid one.
@@ -110,7 +111,8 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         )
     longest = max(_LONGEST_LAG, 2.0 * config.belief().delay.high) + 10 * period
     lag = rough_lag(rows, period, longest)
-    steps = steps_of(rows, phases, config.period_ns, shaking.delay_steps, lag)
+    mode = Mode.of(config)
+    steps = steps_of(rows, phases, config.period_ns, shaking.delay_steps, lag, mode)
     left = bool(np.any(np.abs(position - float(rows["position"][0])) > plan.reach))
     planned = shaking.bursts * PER_BURST
     missing = 1.0 - good(rows).size / rows.size

@@ -1,12 +1,13 @@
-"""Fits lag, acceleration and friction to torque steps: one motion of known shape for all.
+"""Fits lag, acceleration and friction to the motion of all torque steps at once.
 
 While a shaft keeps its direction under a held torque its motion is, per unit inertia, ::
 
     x(t) = x0 + v0 h(t) + a S(t)        h = (1 - exp(-decay t)) / decay,  S = (t - h) / decay
 
 with ``a = gain u - friction sign(v)``. Around a step, t counts from the instant at which the new
-torque begins to act, ``lag`` after it was sent; before it u is the old torque, behind it the new
-one. ``x0`` and ``v0`` are each step's own, the other four are common to all steps.
+torque begins to act, ``lag`` after it was sent; before it u is the old torque, after it the new
+one. ``x0`` and ``v0`` are each step's own, the other four are common to all steps. Where a load is
+known to vibrate, its motion is added: the forced one, and a free one that is each step's own.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from haptic_wall.controller.experiments.steps.torque_steps import Step
+from haptic_wall.controller.experiments.steps.torque_steps import Mode, Step
 from haptic_wall.controller.theory.checks import FloatArray
 
 LAG, GAIN, FRICTION, DECAY = range(4)
@@ -44,7 +45,7 @@ class StepFit:
     values: FloatArray
     """Lag [s], gain [1/(kg·m²)], friction [rad/s²], decay [1/s]: shape (4,)"""
     covariance: FloatArray
-    """Of the values, shape (4, 4); by the scatter from step to step"""
+    """Covariance of the values, shape (4, 4); by the scatter from step to step"""
     steps: tuple[Step, ...]
     residual: float
     """Root of the mean square [rad]"""
@@ -95,11 +96,13 @@ class Samples:
     after: FloatArray
     """Torque after it [N·m]"""
     direction: FloatArray
-    """Of its motion, 1 or -1"""
+    """Direction of its motion, 1 or -1"""
     begins: NDArray[np.intp]
     """First sample of each step, shape (steps,)"""
     sizes: NDArray[np.intp]
     """Number of samples of each step, shape (steps,)"""
+    mode: Mode | None = None
+    """Vibration of the servo; None: it is rigid"""
 
     @classmethod
     def of(cls, steps: Sequence[Step]) -> Samples:
@@ -117,6 +120,7 @@ class Samples:
             common("direction"),
             np.cumsum(sizes) - sizes,
             sizes,
+            steps[0].mode,
         )
 
     def residuals(self, values: FloatArray) -> FloatArray:
@@ -130,19 +134,30 @@ class Samples:
         once, twice = shapes(float(decay), time)
         torque = np.where(time < 0.0, self.before, self.after)
         forced = (gain * torque - friction * self.direction) * twice
-        return self._without_line(once, self.position - forced)
+        if self.mode is not None:
+            forced += gain * (self.after - self.before) * self.mode.forced(time)
+        return self._without_line(time, once, self.position - forced)
 
     def without_start(self, values: FloatArray, motion: FloatArray) -> FloatArray:
-        """Return the part of motions that no initial position and velocity of a step explains.
+        """Return motions without the part that initial positions and velocities explain.
 
         Args:
             values: As in ``StepFit``.
             motion: Shape (..., samples).
         """
         lag, _, _, decay = values
-        return self._without_line(shapes(float(decay), self.time - lag)[0], motion)
+        time = self.time - lag
+        return self._without_line(time, shapes(float(decay), time)[0], motion)
 
-    def _without_line(self, once: FloatArray, motion: FloatArray) -> FloatArray:
+    def _without_line(self, time: FloatArray, once: FloatArray, motion: FloatArray) -> FloatArray:
+        if self.mode is not None:
+            columns = np.stack([np.ones_like(once), once, *self.mode.free(time)], axis=1)
+            rest = motion.copy()
+            for first, size in zip(self.begins.tolist(), self.sizes.tolist(), strict=True):
+                own = slice(first, first + size)
+                basis = np.linalg.qr(columns[own])[0]
+                rest[..., own] -= (rest[..., own] @ basis) @ basis.T
+            return rest
         away, rest = once - self._mean(once), motion - self._mean(motion)
         spread = self._mean(away**2)
         slope = self._mean(away * rest) / np.where(spread > 0.0, spread, 1.0)
@@ -160,7 +175,7 @@ def fit_steps(steps: Sequence[Step], lag: float) -> StepFit:
     """Fit the motion to all steps at once.
 
     Args:
-        steps: At least ``FEWEST_STEPS``, of both directions.
+        steps: At least ``FEWEST_STEPS`` steps, of both directions.
         lag: Initial guess [s], within about a period.
 
     Raises:
@@ -185,7 +200,7 @@ def from_command(fit: StepFit, period: float) -> StepFit:
     of the others.
 
     Args:
-        fit: Of the lag from sending.
+        fit: Fit of the lag from sending.
         period: [s].
     """
     commanded = np.array([step.commanded for step in fit.steps])
@@ -245,7 +260,7 @@ def caused(fit: StepFit) -> tuple[FloatArray, FloatArray]:
 
 
 def shapes(decay: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return distance per velocity [s] and per acceleration [s²] at a time [s], any sign."""
+    """Return h [s] and S [s²] at a time [s] of either sign."""
     y = decay * time
     small = np.abs(y) < _SMALL
     safe = decay if decay else 1.0
@@ -269,7 +284,7 @@ def jacobian_of(samples: Samples, values: FloatArray, scale: FloatArray) -> Floa
     """Return derivatives of all residuals with respect to the values, shape (samples, 4).
 
     Args:
-        samples: Of all steps.
+        samples: Samples of all steps.
         values: As in ``StepFit``.
         scale: Approximate size of each value, all above 0; from ``scale_of``.
     """
@@ -333,13 +348,16 @@ def _parts(step: Step, values: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     once, twice = shapes(float(decay), time)
     torque = np.where(time < 0.0, step.before, step.after)
     forced: FloatArray = (gain * torque - friction * step.direction) * twice
+    if step.mode is not None:
+        forced = forced + gain * (step.after - step.before) * step.mode.forced(time)
     return time, once, forced
 
 
 def _start(step: Step, values: FloatArray) -> tuple[float, float]:
     """Return position [rad] and velocity [rad/s] at the instant at which the new torque acts."""
-    _, once, forced = _parts(step, values)
-    columns = np.stack([np.ones_like(once), once], axis=1)
+    time, once, forced = _parts(step, values)
+    own = [] if step.mode is None else step.mode.free(time)
+    columns = np.stack([np.ones_like(once), once, *own], axis=1)
     solved = np.linalg.lstsq(columns, step.position - forced, rcond=None)[0]
     return float(solved[0]), float(solved[1])
 
@@ -378,7 +396,7 @@ def _gaps(steps: Sequence[Step], values: FloatArray) -> FloatArray:
 
 
 def _turn(step: Step, values: FloatArray, torque: float) -> float | None:
-    """Return where the motion under a torque comes to rest, before or after the step."""
+    """Return the position at which the motion under a torque comes to rest."""
     _, gain, friction, decay = values
     position, velocity = _start(step, values)
     acceleration = gain * torque - friction * step.direction

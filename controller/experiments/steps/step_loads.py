@@ -1,13 +1,13 @@
 """Removes the effect of angle-dependent torques from the motion of torque steps.
 
-A weight and cogging push the shaft by the same torque wherever it passes the same angle. The steps
-occur at similar angles again and again, so that this looks like lag. The positions are measured, so
-the course of such a torque is known except its size. Per unit inertia it has moved the shaft,
-within the window of a step, by its integral taken twice::
+The torque of a weight and of cogging depends on the angle. The steps occur at similar angles again
+and again, so that such a torque is mistaken for lag. The positions are measured, so the course of
+the torque is known except its size. Per unit inertia it has moved the shaft, within the window of a
+step, by its integral taken twice::
 
     L(t) = integral of integral of w(x(t)),    w = sin x, cos x, sin N x, cos N x
 
-Damping is left out of it: within a window of some ten milliseconds it changes L by less than the
+L neglects damping, which within a window of some ten milliseconds changes it by less than the
 friction's uncertainty. The sizes are fitted with the lag by least squares.
 """
 
@@ -39,7 +39,8 @@ EXPLAINED = 1.01
 _PERIODS = range(4, 201, 2)
 """Tried cogging periods in a turn"""
 _WEIGHT, _COGGING = 1.5, 2.0
-"""Least explained squares of a weight, and of an additional cogging, in those of a mean step"""
+"""Least reduction of the squares by a weight, and by additional cogging, in units of a mean step's
+squares"""
 _ROUNDS = 2
 
 
@@ -51,7 +52,7 @@ class _Measured(NamedTuple):
     rest: FloatArray
     """Residuals of all samples [rad]"""
     jacobian: FloatArray
-    """Of the residuals, shape (samples, 4)"""
+    """Jacobian of the residuals, shape (samples, 4)"""
 
 
 class _Found(NamedTuple):
@@ -68,16 +69,16 @@ class _Found(NamedTuple):
 
 
 def without_loads(fit: StepFit) -> StepFit:
-    """Repeat the fit without the effect of a weight or cogging, where one is visible.
+    """Repeat the fit with the effect of a weight or cogging removed, if one is visible.
 
     Its uncertainty is part of the systematic error of the lag.
 
     Args:
-        fit: Of the measured motion.
+        fit: Fit of the measured motion.
 
     Returns:
-        The same fit where rounding explains its residuals, or where they are larger than any weight
-        leaves: then there is another fault, which waves would only hide.
+        The new fit. The fit itself if rounding explains its residuals, or if they are larger than
+        any weight causes: then there is another fault, which waves would only hide.
     """
     if not EXPLAINED < fit.residual / noise(fit.steps) <= ROUGH:
         return fit
@@ -97,7 +98,7 @@ def without_loads(fit: StepFit) -> StepFit:
 
 
 def _waves(measured: _Measured) -> list[float]:
-    """Return the periods in a turn of the visible waves; 1: a weight."""
+    """Return the number of periods in a turn of each visible wave; 1 is a weight."""
     one = float(measured.rest @ measured.rest) / measured.samples.sizes.size
     least = _solved(measured, [1.0]).left
     waves = [1.0]
@@ -130,21 +131,21 @@ def _solved(measured: _Measured, waves: list[float]) -> _Found:
 
 
 def _freed(steps: Sequence[Step], waves: list[float], sizes: FloatArray) -> list[Step]:
-    """Return the steps as they would be without the waves."""
+    """Return the steps with the effect of the waves removed."""
     samples = Samples.of(steps)
     freed = np.split(samples.position - sizes @ _moved(samples, waves), samples.begins[1:])
     return [replace(step, position=each) for step, each in zip(steps, freed, strict=True)]
 
 
 def _moved(samples: Samples, waves: list[float]) -> FloatArray:
-    """Return the motion by each wave per size [s²], shape (2 per wave, samples)."""
+    """Return the motion that each wave of size 1 causes [s²], shape (2 per wave, samples)."""
     angles = np.outer(waves, samples.position)
     pushed = np.concatenate([np.sin(angles), np.cos(angles)])
     return _integrated(samples, _integrated(samples, pushed))
 
 
 def _integrated(samples: Samples, values: FloatArray) -> FloatArray:
-    """Return the integral of values from the first sample of each step on."""
+    """Integrate values over time, from the first sample of each step on."""
     lengths = np.diff(samples.time, prepend=0.0)
     lengths[samples.begins] = 0.0
     before = np.concatenate([values[:, :1], values[:, :-1]], axis=1)

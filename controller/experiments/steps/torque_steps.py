@@ -99,10 +99,10 @@ def step_phases(plan: StepPlan, hold: Hold, bursts: int, seed: int) -> list[Phas
     """Return the program: bursts of steps, each after a return to the centre.
 
     Args:
-        plan: From ``plan_steps``.
+        plan: Plan from ``plan_steps``.
         hold: The spring of the returns.
         bursts: Number of bursts, >= 1.
-        seed: Of the random lengths and amplitudes.
+        seed: Seed of the random lengths and amplitudes.
     """
     random = np.random.default_rng(seed)
     phases: list[Phase] = []
@@ -119,6 +119,49 @@ def step_phases(plan: StepPlan, hold: Hold, bursts: int, seed: int) -> list[Phas
             sign = -sign
     phases.append(hold.phase(_RETURN_S, still_s=_REST_S))
     return phases
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """The vibration of a load behind the transmission, as the encoder sees it.
+
+    A torque u moves it by ``residue u / (M (s² + 2 ratio rate s + rate²))``, beside ``u / (M s²)``
+    of the rigid body of the whole inertia M: exact without the motor's own friction.
+    """
+
+    rate: float
+    """Angular frequency with both ends free [rad/s]"""
+    ratio: float
+    """Damping ratio, below 1"""
+    residue: float
+    """-1 at the output; load over motor inertia at the motor"""
+
+    @classmethod
+    def of(cls, config: Config) -> Mode | None:
+        """Return the believed one; None: there is none, or it is too fast to be sampled."""
+        belief = config.belief()
+        if not belief.is_flexible or belief.is_fast(config.period_s):
+            return None
+        load = belief.load_inertia.value
+        on_motor = load / max(belief.inertia.value - load, 0.05 * belief.inertia.value)
+        return cls(
+            math.tau * belief.flexible_hz.value,
+            min(belief.flexible_damping_ratio.value, 0.9),
+            -1.0 if belief.encoder == "output" else on_motor,
+        )
+
+    def free(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return both free vibrations at a time [s]."""
+        rate = self.rate * math.sqrt(1.0 - self.ratio**2)
+        fading = np.exp(-self.ratio * self.rate * time)
+        return fading * np.cos(rate * time), fading * np.sin(rate * time)
+
+    def forced(self, time: FloatArray) -> FloatArray:
+        """Return the motion that a step of the torque at time 0 adds, per acceleration [s²]."""
+        cos, sin = self.free(np.maximum(time, 0.0))
+        skew = self.ratio / math.sqrt(1.0 - self.ratio**2)
+        found: FloatArray = self.residue * (1.0 - cos - skew * sin) / self.rate**2
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,19 +189,27 @@ class Step:
     """When it was sent, on the run's clock [s]"""
     burst: int
     """Number of the burst it belongs to"""
+    mode: Mode | None = None
+    """Vibration of the servo, the same in all steps; None: it is rigid"""
 
 
 def steps_of(
-    rows: NDArray[np.void], phases: Sequence[Phase], period_ns: int, delay_steps: int, lag_s: float
+    rows: NDArray[np.void],
+    phases: Sequence[Phase],
+    period_ns: int,
+    delay_steps: int,
+    lag_s: float,
+    mode: Mode | None = None,
 ) -> list[Step]:
     """Return the steps of a log with enough samples around them.
 
     Args:
         rows: Dtype ``telemetry.ROW``.
-        phases: Of the program.
+        phases: Phases of the program.
         period_ns: [ns].
         delay_steps: Periods inserted between command and sending.
-        lag_s: From sending to action [s], within about a period.
+        lag_s: Time from sending to action [s], within about a period.
+        mode: Vibration of the servo; None: it is rigid.
     """
     rows = good(rows)
     changes = _changes(rows, phases, period_ns, delay_steps)
@@ -193,6 +244,7 @@ def steps_of(
                 age=float(rows["age_ns"][now]) * 1e-9,
                 sent_s=float(sent[now] - sent[0]) * 1e-9,
                 burst=burst,
+                mode=mode,
             )
         )
     return steps

@@ -1,8 +1,9 @@
-"""Measures the virtual damping above which a servo vibrates without any stiffness.
+"""Measures the ceiling: the virtual damping above which a servo vibrates without any stiffness.
 
-The shaft cruises each way under the damper alone: friction is then a constant, and the vibration
-that the turn has left grows or decays with the damping only. Trials go upward until it grows, then
-concentrate around the damping at which it does neither.
+The shaft moves at a constant speed in each direction, with the damper alone. Friction is then
+constant, and the vibration after each reversal grows or decays depending on the damping only.
+Trials raise the damping until the vibration grows, then concentrate around the damping at which it
+neither grows nor decays.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, T
 from haptic_wall.controller.logs.file import SUFFIX
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import flexible_ceiling
 from haptic_wall.hw.servo import Outcome
 
 SPEED, HALF = 1.5, 0.3
@@ -60,7 +60,7 @@ class CeilingTrial:
     virtual_damping: float
     """[N·m·s/rad]"""
     growth_per_s: float | None
-    """Of the vibration's amplitude; None: it was not to be seen [1/s]"""
+    """Growth rate of the vibration's amplitude; None: it was not to be seen [1/s]"""
     stderr: float | None
     frequency_hz: float | None
 
@@ -73,9 +73,9 @@ class CeilingResult:
     delay_s: float
     """Total [s]"""
     exact: float
-    """Of the belief, with its vibration [N·m·s/rad]"""
+    """Ceiling of the belief, with its vibration [N·m·s/rad]"""
     rigid: float
-    """Of the belief without a vibration"""
+    """Ceiling of the belief without a vibration"""
     measured: float | None = None
     """[N·m·s/rad]"""
     uncertainty: float | None = None
@@ -99,7 +99,7 @@ def ceiling_sweep(
 
     Args:
         config: The servo, without a scripted operator.
-        folder: For the logs.
+        folder: Folder for the logs.
         steps: Inserted delays in periods.
         tell: Called with messages for a person.
 
@@ -111,31 +111,6 @@ def ceiling_sweep(
     """
     bed = Testbed(config, folder, tell)
     return [CeilingSearch(bed, each, tell).run() for each in steps]
-
-
-def believed_ceiling(bed: Testbed, delay: float) -> float:
-    """Return the ceiling of the belief's middle, in commanded torque [N·m·s/rad]."""
-    belief = bed.config.belief()
-    device = Device.of(bed.config)
-    rigid = device.ceiling(delay)
-    if not belief.is_flexible:
-        return rigid
-    gain = belief.torque_gain.value
-    load, rate = belief.load_inertia.value, math.tau * belief.flexible_hz.value
-    motor = max(belief.inertia.value - load, 0.05 * belief.inertia.value)
-    moving = motor * load / (motor + load)
-    found = flexible_ceiling(
-        motor,
-        belief.damping.value,
-        load,
-        moving * rate**2,
-        2.0 * belief.flexible_damping_ratio.value * moving * rate,
-        device.period,
-        delay,
-        device.velocity_samples,
-        encoder=belief.encoder,
-    )
-    return min(rigid, float(found) / gain)
 
 
 class CeilingSearch:
@@ -175,8 +150,8 @@ class CeilingSearch:
         self.result = CeilingResult(
             delay_steps=delay_steps,
             delay_s=self._delay,
-            exact=believed_ceiling(bed, self._delay),
-            rigid=device.ceiling(self._delay),
+            exact=device.ceiling(self._delay),
+            rigid=device.rigid_ceiling(self._delay),
         )
 
     @property
@@ -229,7 +204,7 @@ class CeilingSearch:
         return result
 
     def _upward(self, first: float) -> float | None:
-        """Raise the damping until a vibration grows; return where, or None."""
+        """Raise the damping until a vibration grows; return that damping, or None."""
         damping = first
         while True:
             batch = [damping * _RISE**n for n in range(_PER_RUN)]
@@ -246,7 +221,7 @@ class CeilingSearch:
             damping = min(batch[-1] * _RISE, self.top)
 
     def _play(self, dampings: Sequence[float]) -> bool:
-        """Try some dampings in one run; return whether it came to its end."""
+        """Try some dampings in one run; return whether the run was completed."""
         cruise, device = self._cruise, self._device
         bounds = Bounds(
             reach=2.0 * HALF,
@@ -283,13 +258,13 @@ class CeilingSearch:
         return True
 
     def _ringing_turn(self, hertz: float) -> float:
-        """Return a turn that leaves a vibration of a part of the cruise's speed [s]."""
+        """Return the duration of a reversal after which a vibration remains [s]."""
         shortest = 2.0 * self._device.inertia * self._cruise.speed / self._cruise.most
         turns = (0.82, 1.43, 2.46, 3.47, 4.48)  # periods: the residual of a rectangular pulse
         return next((n / hertz for n in turns if n / hertz >= shortest), TURN_S)
 
     def _trials(self) -> list[CeilingTrial]:
-        """Return every damping with the growth that all of its cruises show."""
+        """Return a trial for each damping, with the growth rate from all of its cruises."""
         dampings = sorted({b for b, _ in self._played})
         hertz = self._hertz
         if hertz is None:  # the highest damping shows it best
@@ -349,7 +324,7 @@ def _trial(damping: float, found: Growing | None) -> CeilingTrial:
 def _zero(
     x: FloatArray, y: FloatArray, weights: FloatArray, around: float, hertz: FloatArray
 ) -> tuple[float, float, float] | None:
-    """Return where a line through growths crosses zero, its standard error, and the frequency."""
+    """Return the zero of a line through the growth rates, its standard error, and the frequency."""
     columns = np.column_stack([np.ones_like(x), x - 1.0]) * weights[:, None]
     found, *_ = np.linalg.lstsq(columns, y * weights, rcond=None)
     if found[1] <= 0.0:

@@ -9,7 +9,7 @@ of trials, so that there is one start-up for all.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
 from haptic_wall.controller.experiments.sweep.plan import (
+    KICK,
     Options,
     PlanePoint,
     hold_spring,
@@ -26,6 +27,7 @@ from haptic_wall.controller.experiments.sweep.plan import (
 )
 from haptic_wall.controller.experiments.sweep.result import (
     PointResult,
+    bounded_text,
     bracket_text,
     nothing_text,
     out_of_reach_text,
@@ -51,7 +53,7 @@ _BATCHES, _MOST_FINE = 12, 4
 _TRIPS = 3
 """Number of trips by overspeed or oscillation that end a point; other trips end the search"""
 _MOST_OFFSET = 2.0
-"""Largest offset of the soft spring's centre from its goal, in kicks"""
+"""Largest offset of the soft spring's centre from its goal, in kicks, or ``KICK``"""
 _IDLE = 4
 """Number of batches without a new half-cycle to fit that end the search"""
 _AGE = 1.0, 2.0
@@ -60,8 +62,12 @@ _SMALLER, _LEAST_COUNTS = 0.5, 8.0
 """Factor on a kick at which nothing grew within the torque limit, and the smallest in counts"""
 _NARROW, _WIDE = 1.1, 1.5
 """Ratio of the ends of a bracket at which a search without a fit ends, and that is a result"""
-_CORRECTED = 0.7
-"""Fraction of a miss that the next kick from that side corrects"""
+_VAGUE, _BESIDE = 0.25, 1.25
+"""Largest relative standard error of an estimate, and its largest factor beyond the trials"""
+_CORRECTED, _STUCK = 0.7, 1.5
+"""Factor on a miss that the next kick from that side corrects; on that of a shaft that stuck"""
+_STARTED = 0.6, 1.5
+"""Least and largest start of a trial, over its kick: a shaft that stuck is not let go"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +75,7 @@ class _Asked:
     stiffness: float
     sign: float
     aim: float
-    """Centre of the soft spring, unsigned [rad]"""
+    """Wanted start, unsigned [rad]"""
 
 
 class PointSearch:
@@ -174,9 +180,10 @@ class PointSearch:
         return chosen and bool(self._died()) and not self._grew() and _SMALLER * self._kick > least
 
     def _smaller_kick(self) -> None:
-        """Start again with a smaller kick: a stiffer wall swings faster, against the same friction.
+        """Start again with a smaller kick.
 
-        Friction that grows with the torque, or a dead band, is not in the belief.
+        A stiffer wall oscillates faster, against the same friction. Friction that grows with the
+        torque, or a dead band, is not in the belief.
         """
         self._kick *= _SMALLER
         self._tell(f"nothing grows within the torque limit: a kick of {self._kick:.3g} rad")
@@ -262,7 +269,11 @@ class PointSearch:
             return None
         # Near the limit a decaying trial may be stiffer than a growing one.
         guess = math.sqrt(_middle(sorted(died)[-3:]) * _middle(sorted(grew)[:3]))
-        return balance(self._trials, self._kick, guess)
+        found = balance(self._trials, self._kick, guess)
+        if found is None or found.uncertainty > _VAGUE * found.stiffness:
+            return None  # as where torque fades with the speed, and growth ends early
+        beside = found.low / _BESIDE <= found.stiffness <= _BESIDE * found.high
+        return found if beside else None
 
     # One batch
 
@@ -296,11 +307,15 @@ class PointSearch:
                 raise UserError(error.fault) from error
             rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
         over = int(rows["phase"][-1]) if rows.size else -1
+        missed: dict[float, list[float]] = {1.0: [], -1.0: []}
         for n, asked in enumerate(batch):
             phase = 2 * n + 1
             if phase > over or (tripped is not None and phase == over):
                 break
-            self._take(watch(rows, phase, phases[phase], self._device, self._kick), asked)
+            seen = watch(rows, phase, phases[phase], self._device, self._kick)
+            if seen is not None:
+                missed[asked.sign].append(self._take(seen, asked))
+        self._correct(missed)
         if tripped is not None:
             culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
             result.trips.append(f"{tripped.stop_reason} at {culprit.stiffness:.4g} N·m/rad")
@@ -312,17 +327,23 @@ class PointSearch:
         self._delay = self._total_delay()
         return self._too_stiff < _TRIPS
 
-    def _take(self, seen: Seen | None, asked: _Asked) -> None:
-        if seen is None:
-            return
-        self._trials.append(seen.trial)
+    def _take(self, seen: Seen, asked: _Asked) -> float:
+        """Keep a trial that began at its kick; return how far the next one must aim further."""
         if seen.age is not None:
             self._ages.append(seen.age)
-        # Friction and gravity keep the shaft from the soft spring's centre: correct the next aim.
-        offset = self._offset[asked.sign] + _CORRECTED * (asked.aim - asked.sign * seen.start)
-        # A shaft that is held does not move, whatever the spring's centre.
-        most = _MOST_OFFSET * self._kick
-        self._offset[asked.sign] = max(-most, min(most, offset))
+        start = asked.sign * seen.start
+        low, high = _STARTED
+        if low * asked.aim <= start <= high * asked.aim:
+            self._trials.append(seen.trial)
+        return (_CORRECTED if start >= low * asked.aim else _STUCK) * (asked.aim - start)
+
+    def _correct(self, missed: Mapping[float, Sequence[float]]) -> None:
+        """Aim anew: friction and gravity keep the shaft from the soft spring's centre."""
+        most = max(_MOST_OFFSET * self._kick, KICK)  # what is held does not move, however far
+        for sign, ways in missed.items():
+            if ways:
+                offset = self._offset[sign] + float(np.mean(ways))
+                self._offset[sign] = max(-most, min(most, offset))
 
     def _died(self) -> list[float]:
         return [trial.stiffness for trial in self._trials if not trial.grew]
@@ -357,15 +378,21 @@ class PointSearch:
         result.uncertainty = found.uncertainty
         result.frequency_hz = found.frequency if math.isfinite(found.frequency) else None
         result.kick_rad = found.amplitude
+        result.larger_grows = found.larger_grows
         if result.exact > 0.0:
             again = reach(device, self._setting, self._delay, found.amplitude)
-            result.predicted_with_friction = again.predicted
+            sustained = again.predicted
+            if device.loop.is_plain(self._delay):
+                sustained = device.sustained(damping, self._delay, found.amplitude)
+            result.predicted_with_friction = sustained if math.isfinite(sustained) else None
             onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)
             result.onset_rad = float(onset[0]) if np.isfinite(onset[0]) else None
         if not found.low <= found.stiffness <= found.high:
             result.reason = "extrapolated: no trial on one of its sides"
         elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
             result.reason = "trials differ by more than the tolerance: see the uncertainty"
+        elif found.larger_grows is False:
+            result.reason = bounded_text(found.amplitude)
 
 
 def _middle(values: Sequence[float]) -> float:

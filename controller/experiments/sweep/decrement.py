@@ -54,7 +54,7 @@ def turning_points(time: FloatArray, position: FloatArray, least: float) -> Turn
     """Find the turning points of a motion that starts at rest.
 
     Args:
-        time: Of the samples, increasing, gaps allowed, shape (n,) [s].
+        time: Time of the samples, increasing, gaps allowed, shape (n,) [s].
         position: Shape (n,) [rad].
         least: Smaller reversals are noise [rad].
 

@@ -35,6 +35,8 @@ _BESIDE = 4
 """Number of trials nearest to the guess that define the observed amplitudes"""
 _LEVEL = 0.2
 """Least slope of the growth at its zero, relative to that at the guess"""
+_TOLD = 3.0
+"""Standard errors by which the growth must depend on the amplitude"""
 _FADED = 0.35
 """Fraction of the wanted amplitude below which friction and noise dominate"""
 
@@ -68,13 +70,16 @@ class Balance:
     """Softest and ..."""
     high: float
     """... stiffest trial near it [N·m/rad]"""
+    larger_grows: bool | None = None
+    """At this stiffness larger motion grows, as with friction (true), or decays, as in a cycle that
+    backlash sustains (false); None: the trials do not tell"""
 
 
 def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | None:
     """Fit the growth of all trials near the balance and find its zero.
 
     Args:
-        trials: Of any stiffness.
+        trials: Trials of any stiffness.
         kick: Wanted amplitude [rad].
         guess: Approximate stiffness [N·m/rad].
 
@@ -91,7 +96,7 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
         zero = _zero(near, kick, guess)
         if zero is None:
             return estimate
-        stiffness, error, amplitude = zero
+        stiffness, error, amplitude, larger_grows = zero
         found = [_without(near, left, kick, guess) for left in range(len(near)) if len(near) > 3]
         spread = np.array([value for value in found if value is not None])
         # Delete one trial at a time (jackknife): the scatter of repeats, whatever its cause.
@@ -107,6 +112,7 @@ def balance(trials: Sequence[Trial], kick: float, guess: float) -> Balance | Non
             amplitude=amplitude,
             low=min(stiffnesses),
             high=max(stiffnesses),
+            larger_grows=larger_grows,
         )
         if abs(np.log(stiffness / guess)) < 0.01:
             break
@@ -130,8 +136,10 @@ def _without(trials: Sequence[Trial], left: int, kick: float, guess: float) -> f
     return None if zero is None else zero[0]
 
 
-def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, float, float] | None:
-    """Return the stiffness without growth, its standard error, and its amplitude.
+def _zero(
+    trials: Sequence[Trial], kick: float, guess: float
+) -> tuple[float, float, float, bool | None] | None:
+    """Return the stiffness without growth, its standard error, its amplitude, and larger motion.
 
     The trials come in order of their distance from the guess.
     """
@@ -176,7 +184,10 @@ def _zero(trials: Sequence[Trial], kick: float, guess: float) -> tuple[float, fl
     slope = found[1] + (2.0 * found[2] * x if curved else 0.0)
     error = float(np.sqrt(gradient @ covariance @ gradient) / slope)
     stiffness = guess * float(np.exp(x))
-    return stiffness, error * stiffness, reached
+    larger = None
+    if by_amplitude and abs(found[-1]) > _TOLD * math.sqrt(covariance[-1, -1]):
+        larger = bool(found[-1] < 0.0)
+    return stiffness, error * stiffness, reached, larger
 
 
 def _lasting(growth: Growth, least: float) -> Growth:

@@ -12,7 +12,6 @@ import numpy as np
 
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 
 KICK = 0.1
@@ -29,6 +28,8 @@ _RATIO = 0.5
 """Its damping ratio"""
 _CALM = 0.05
 """Fraction of the torque limit that one encoder count may command through its damping"""
+_UNDER = 0.5
+"""Largest fraction of the ceiling in that corner that it damps with"""
 _SURE = 0.3
 """Largest fraction of the critical stiffness at the belief's worst corner"""
 _GROWN = 1.6
@@ -164,16 +165,16 @@ def hold_spring(device: Device, delay_steps: int, age: float, kick: float) -> Ho
         age: Longest assumed age of a sample [s].
         kick: [rad]
     """
-    inertia, damping, lag = device.worst
-    delay = delay_steps * device.period + lag + age
+    worst = device.worst
+    delay = delay_steps * device.period + device.longest_lag + age
     step = device.position_step
     most = np.inf if step == 0.0 else _CALM * device.torque_limit * device.period / step
     rate = min(_QUICK / (delay + 0.5 * device.period), _QUICKEST)
-    rate = min(rate, (damping + most) / (2.0 * _RATIO * inertia))
-    added = max(2.0 * _RATIO * inertia * rate - damping, 0.0)
-    loop = (inertia, damping, added, device.period, delay)
-    limit = float(critical_stiffness(*loop, device.velocity_samples))
-    stiffness = min(inertia * rate * rate, _SURE * limit)
+    most = min(most, _UNDER * worst.ceiling(delay))
+    rate = min(rate, (worst.damping + most) / (2.0 * _RATIO * worst.inertia))
+    added = max(2.0 * _RATIO * worst.inertia * rate - worst.damping, 0.0)
+    limit = float(worst.critical(added, delay).stiffness)
+    stiffness = min(worst.inertia * rate * rate, _SURE * limit)
     rate = float(np.sqrt(stiffness / device.heaviest))
     return HoldingSpring(
         stiffness=stiffness,

@@ -28,7 +28,11 @@ class PointResult:
     """Standard error [N·m/rad]"""
     frequency_hz: float | None = None
     predicted_with_friction: float | None = None
-    """Stiffness whose onset amplitude is the kick, for the believed friction [N·m/rad]"""
+    """Stiffness that sustains the kick's amplitude, with the believed friction and backlash
+    [N·m/rad]"""
+    larger_grows: bool | None = None
+    """At the measured stiffness larger motion grows (true), or dies down to a cycle of about the
+    kick (false); None: the trials do not tell"""
     onset_rad: float | None = None
     """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
     trials: int = 0
@@ -66,6 +70,14 @@ def bracket_text(died: float, grew: float) -> str:
     return (
         f"between {died:.4g}, where motion died, and {grew:.4g}, where it grew: too few undisturbed"
         " half cycles to fit its growth, as with much friction"
+    )
+
+
+def bounded_text(amplitude: float) -> str:
+    """Explain a figure at which larger motion decays; amplitude [rad]."""
+    return (
+        f"here larger motion dies: a cycle of about {1e3 * amplitude:.2g} mrad, as backlash"
+        " sustains it, and no growth without end"
     )
 
 

@@ -13,12 +13,12 @@ from typing import Any, Final, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from haptic_wall import __version__
-from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.kept_folder import (
     fingerprint,
     first_wrong,
     kept_bytes,
     made,
+    refused,
     replaced,
 )
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -100,28 +100,18 @@ class SweepStore:
         try:
             held = _HEAD.validate_json(text, strict=True)
         except ValidationError:
-            raise UserError(
-                f"{JSON} there is not a sweep of ours",
-                field="--out",
-                given=self.folder,
-                advice=again,
-            ) from None
+            raise refused(self.folder, f"{JSON} there is not a sweep of ours", again) from None
         if held.fingerprint != self._asked.fingerprint:
-            raise UserError(
+            raise refused(
+                self.folder,
                 f"it holds a sweep with other settings ({held.summary}, {held.program})",
-                field="--out",
-                given=self.folder,
-                advice="name another folder, or give --fresh to measure anew and replace it",
+                "name another folder, or give --fresh to measure anew and replace it",
             )
         try:
             points = _POINTS.validate_json(text, strict=True).points
         except ValidationError as error:
-            raise UserError(
-                f"{JSON} is not what this program writes ({first_wrong(error)})",
-                field="--out",
-                given=self.folder,
-                advice=again,
-            ) from None
+            what = f"{JSON} is not what this program writes ({first_wrong(error)})"
+            raise refused(self.folder, what, again) from None
         for point in points:
             self.done[PlanePoint(point.virtual_damping, point.delay_steps)] = point
 
@@ -164,12 +154,8 @@ class SweepStore:
         try:
             self._write()
         except OSError as error:
-            raise UserError(
-                f"cannot be written: {error.strerror or error}",
-                field="--out",
-                given=self.folder,
-                advice="make room, or name another place",
-            ) from error
+            what = f"cannot be written: {error.strerror or error}"
+            raise refused(self.folder, what, "make room, or name another place") from error
 
     def _write(self) -> None:
         points = [asdict(point) for point in self.points()]

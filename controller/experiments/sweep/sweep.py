@@ -7,10 +7,12 @@ run at a time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, as_completed
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
-from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
+from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import (
@@ -55,17 +57,19 @@ def sweep(
     tell: Callable[[str], None] = lambda _text: None,
     progress: Progress = lambda _setting, _result: None,
     workers: int | None = None,
+    pool: AbstractContextManager[Executor] | None = None,
 ) -> bool:
     """Measure the unfinished points; store each at once.
 
     Args:
         config: The servo.
-        store: For the results.
+        store: Store for the results.
         settings: The points.
         options: Kick, repeats, tolerance.
         tell: Called with each trial, where points are measured in sequence.
         progress: Called after each point.
         workers: Processes on the simulated clock; None: one for each core.
+        pool: Measures the points on the simulated clock instead; its processes share the folder.
 
     Returns:
         False when a person has interrupted it.
@@ -78,10 +82,12 @@ def sweep(
     left = [setting for setting in settings if setting not in store.done]
     folder = store.folder / LOGS
     count = min(workers or cores(), len(left))
+    if pool is None and count > 1:
+        pool = processes(count)
     try:
         with interrupting():
-            if config.loop.clock == "simulated" and count > 1:
-                _side_by_side(config, store, left, options, folder, count, progress)
+            if config.loop.clock == "simulated" and pool is not None:
+                _side_by_side(config, store, left, options, folder, pool, progress)
             else:
                 bed = Testbed(config, folder, tell)
                 for setting in left:
@@ -99,23 +105,15 @@ def _side_by_side(
     left: list[PlanePoint],
     options: Options,
     folder: Path,
-    count: int,
+    pool: AbstractContextManager[Executor],
     progress: Progress,
 ) -> None:
     text = config.model_dump_json()
-    with processes(count) as pool:
-        places: dict[Future[PointResult], PlanePoint] = {}
-        try:
-            with not_from_the_terminal():
-                for setting in left:
-                    places[pool.submit(measure, text, folder, setting, options)] = setting
-            for future in as_completed(places):
-                result = future.result()
-                store.add(places[future], result)
-                progress(places[future], result)
-        finally:
-            for future in places:
-                future.cancel()
+    tasks = [(each, partial(measure, text, folder.resolve(), each, options)) for each in left]
+    with pool as executor, results(executor, tasks) as found:
+        for setting, result in found:
+            store.add(setting, result)
+            progress(setting, result)
 
 
 def measure(config: str, folder: Path, setting: PlanePoint, options: Options) -> PointResult:

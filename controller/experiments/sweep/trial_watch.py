@@ -11,7 +11,9 @@ from haptic_wall.controller.experiments.sweep.decrement import Growth, growth, t
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.laws.velocity import Biquad
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.servo import Outcome
 
 _DISTURBED, _HOPELESS = 0.03, 0.2
@@ -41,8 +43,8 @@ def watch(
     """Evaluate the motion of a trial.
 
     Args:
-        rows: Of the whole run.
-        number: Of the trial's phase.
+        rows: Rows of the whole run.
+        number: Number of the trial's phase.
         phase: That phase.
         device: The belief; its period and encoder step are used.
         kick: [rad]
@@ -51,7 +53,8 @@ def watch(
         None where the phase has hardly begun.
     """
     numbers: IntArray = rows["phase"]
-    own = rows[numbers == number]
+    here = numbers == number
+    own = rows[here]
     if own.size < 3:
         return None
     position = own["position"] - float(rows["position"][0])
@@ -60,7 +63,8 @@ def watch(
     step = device.position_step
     least = _NOISE_SHARE * kick * (1.0 if step else 0.1)
     turns = turning_points(time[good], position[good], max(_NOISE_COUNTS * step, least))
-    sound = _sound(own, phase, position, time, turns.time, device.period)
+    damped = _damped(rows, device.velocity_filter)[here]
+    sound = _sound(own, phase, position, damped, time, turns.time, device.period)
     found = growth(turns, sound)
     age = None
     if sound.any():
@@ -74,12 +78,12 @@ def _sound(
     own: NDArray[np.void],
     phase: Phase,
     position: FloatArray,
+    velocity: FloatArray,
     time: FloatArray,
     turned: FloatArray,
     period: float,
 ) -> NDArray[np.bool_]:
     """Whether each half-cycle is undisturbed: no loss, no stall, no saturation."""
-    velocity: FloatArray = own["velocity"]
     torque: FloatArray = own["wall_torque"]
     missed: IntArray = own["missed"]
     failed: NDArray[np.bool_] = own["outcome"] != Outcome.OK
@@ -93,6 +97,17 @@ def _sound(
     usual = float(np.median(share)) if share.size else 0.0
     result: NDArray[np.bool_] = share <= min(max(usual, _DISTURBED), _HOPELESS)
     return result
+
+
+def _damped(rows: NDArray[np.void], velocity_filter: VelocityFilter | None) -> FloatArray:
+    """Return the velocity that damps: the log has it without its filter [rad/s]."""
+    velocity: FloatArray = rows["velocity"]
+    if velocity_filter is None:
+        return velocity
+    filtered, found = Biquad(velocity_filter.taps()), np.zeros(velocity.size)
+    good = np.flatnonzero(rows["outcome"] == Outcome.OK)
+    found[good] = [filtered.update(each) for each in velocity[good].tolist()]
+    return found
 
 
 def _mean_age(own: NDArray[np.void], used: NDArray[np.bool_], period: float) -> float:

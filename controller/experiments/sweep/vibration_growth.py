@@ -34,7 +34,7 @@ class Growing:
     """A vibration that grows, or decays."""
 
     per_s: float
-    """Of the amplitude [1/s]"""
+    """Growth rate of the amplitude [1/s]"""
     stderr: float
     hertz: float
 
@@ -45,8 +45,8 @@ class Cruised:
     Args:
         time: [s].
         position: [rad].
-        way: 1.0 or -1.0; what comes after a turn back is left out.
-        count: Of the encoder [rad]; 0: none.
+        way: Direction, 1.0 or -1.0; samples after a reversal are left out.
+        count: Count of the encoder [rad]; 0: none.
     """
 
     def __init__(self, time: FloatArray, position: FloatArray, way: float, count: float) -> None:
@@ -62,7 +62,7 @@ class Cruised:
         self._left = self._without(position[kept][:, None])[:, 0] if self.usable else position[:0]
 
     def squares(self, hertz: float | None, growth: float) -> float:
-        """Return what remains beside a polynomial, and a ringing [rad²]."""
+        """Return the sum of squared residuals beside a polynomial and a ringing [rad²]."""
         left = self._left
         square = float(left @ left)
         if hertz is None:

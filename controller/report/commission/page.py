@@ -28,7 +28,7 @@ def page(report: Mapping[str, Any], folder: Path, allowed: Path | None) -> str:
 
     Args:
         report: The report's data.
-        folder: With the steps' pictures.
+        folder: Folder with the steps' pictures.
         allowed: The picture of the verdict; None: there is none.
 
     Raises:

@@ -171,19 +171,30 @@ def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[st
         " the model expects them (friction and kick counted; within the model's bounds, at least"
         " 5 %, and two standard errors)."
     )
-    low = [p["measured"] / p["expected"] for p in measured if not p["agree"] and _below(p)]
+    low = [p for p in measured if not p["agree"] and _below(p)]
     high = [p for p in measured if not p["agree"] and not _below(p)]
     if low:
+        early = min(p["measured"] / p["expected"] for p in low)
+        worst = min(p["measured"] / p["low"] for p in low)
         yield (
-            f"Where they do not, the servo oscillates from {min(low):.2f} of the expected stiffness"
-            " on: something takes stability away that the model does not know (backlash, an elastic"
-            f" coupling, a longer delay). Until it is found, set guard.margin to"
-            f" {margin * min(low):.2g}."
+            f"Where they do not, the servo oscillates from {early:.2f} of the expected stiffness"
+            " on: something takes stability away that the model does not know (an elastic coupling,"
+            " a longer delay, more backlash). That is"
+            f" {worst:.2f} of what the bounds allow for; until it is found, set guard.margin to"
+            f" {margin * worst:.2g}."
         )
     if high:
         yield (
             "Where measured points lie higher than expected, the servo has more friction than was"
             " identified, or less delay; the guard is on the safe side there."
+        )
+    if not low:
+        yield "No measured point asks for less than the configured guard.margin."
+    bounded = [p["kick_rad"] for p in measured if p["larger_grows"] is False]
+    if bounded:
+        yield (
+            f"At {len(bounded)} of the points larger motion dies: the servo swings by about"
+            f" {_n(1e3 * max(bounded))} mrad there, and does not grow further."
         )
 
 

@@ -1,8 +1,8 @@
-"""Finds the likely cause of a late tick from the counters around it; pure functions.
+"""Finds the likely cause of a late tick from counters of the kernel.
 
 Linux does not report why a thread ran late. But the thread spent every microsecond between the
-deadline and the end of the tick somewhere: asleep, waiting for the core, on it, waiting for the
-bus. The counters show where, and the largest fraction is the likely cause.
+deadline and the end of the tick somewhere: asleep, waiting for the core, running on the core, or
+waiting for the bus. The counters show where, and the largest fraction is the likely cause.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class Machine:
     """Properties of the machine that stay constant during a run."""
 
     virtual: bool
-    """It has a host that can take the core"""
+    """Whether this is a virtual machine, whose host can take the core"""
     real_time: bool
-    """The loop has a real-time scheduler"""
+    """Whether the loop has a real-time scheduler"""
     shared: bool
-    """The loop's core is the only one: recorder and supervisor run on it too"""
+    """Whether the machine has one core only, so that recorder and supervisor run on it too"""
     knows_run_delay: bool
-    """The kernel counts how long a thread waits for its core"""
+    """Whether the kernel counts how long a thread waits for its core"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +58,17 @@ class Late:
     asleep_ns: int
     """From the deadline to the end of the sleep [ns]; 0: the sleep ended in time"""
     held_ns: int
-    """Spinning after the sleep, beyond the deadline [ns]"""
+    """Time of spinning after the sleep, beyond the deadline [ns]"""
     work_ns: int
     """From there to the end of the tick, without waiting for the bus [ns]"""
     bus_ns: int
     """Waiting for the bus [ns]"""
     long_wait: bool
-    """The bus wait was longer than it should be; else it is no part of the delay"""
+    """Whether the wait for the bus was longer than usual; otherwise it is no part of the delay"""
     lost: bool
-    """A reply did not come"""
+    """Whether a reply did not come"""
     stopped: bool
-    """The process was told to continue after a stop (SIGCONT)"""
+    """Whether the process was stopped and continued (SIGCONT)"""
     collections_ns: int
     """Time in garbage collections [ns]"""
     beyond: Counters
@@ -83,22 +83,22 @@ class Late:
 
     @property
     def delay_ns(self) -> int:
-        """Return the avoidable part of that time [ns]; it includes the usual work."""
+        """Return the avoidable part of ``total_ns`` [ns]; it includes the usual work."""
         return self.total_ns if self.long_wait else self.total_ns - self.bus_ns
 
     @property
     def awake_ns(self) -> int:
-        """Return the time of spinning beyond the deadline and of work, on the core or not [ns]."""
+        """Return the time awake: spinning beyond the deadline, and work [ns]."""
         return self.held_ns + self.work_ns
 
     @property
     def on_core_ns(self) -> int:
-        """Return the part of that on the core [ns]."""
+        """Return the part of ``awake_ns`` that the loop ran on the core [ns]."""
         return min(max(self.beyond.on_core_ns, 0), self.awake_ns)
 
     @property
     def gone_ns(self) -> int:
-        """Return the part of that in which neither it nor another process was on the core [ns]."""
+        """Return the part of ``awake_ns`` that no process ran on the core [ns]."""
         return self.awake_ns - self.on_core_ns - max(self.beyond.run_delay_ns, 0)
 
 
@@ -141,7 +141,7 @@ def evidence(cause: Cause, late: Late, machine: Machine) -> str:
     """Describe the evidence for a cause, with its figures.
 
     Args:
-        cause: From ``likely_cause``.
+        cause: Cause from ``likely_cause``.
         late: The tick.
         machine: The machine.
     """

@@ -32,7 +32,7 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[SettingState]:
 
     Args:
         core: The loop's.
-        root: Of the file system with the kernel's files.
+        root: Root of the file system with the kernel's files.
     """
     cpu = root / "sys/devices/system/cpu"
     preempt = _text(root / "sys/kernel/realtime") == "1"
@@ -100,8 +100,8 @@ def start_table(settings: Sequence[Setting], setup: Sequence[SettingState]) -> s
     """Return the settings wanted and granted: one line when all were granted, else a table.
 
     Args:
-        settings: From ``realtime.apply``.
-        setup: From ``machine_setup``; shown in short.
+        settings: Settings from ``realtime.apply``.
+        setup: Settings of the machine from ``machine_setup``; shown in short.
     """
     granted = sum(setting.ok for setting in settings)
     head = f"{START} {granted} of {len(settings)} granted"

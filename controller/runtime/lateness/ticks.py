@@ -62,7 +62,7 @@ class LateTicks:
     Args:
         machine: Its known properties.
         reader: Of this thread's counters.
-        period_ns: Of the grid [ns].
+        period_ns: Period of the grid [ns].
 
     Attributes:
         limits: Three numbers: the longest time of a tick from its deadline to its end without bus

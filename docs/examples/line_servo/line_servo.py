@@ -28,7 +28,7 @@ class LineOptions:
     """Contents of ``servo.options``."""
 
     counts_per_rev: int
-    """Of the encoder on the board's shaft"""
+    """Counts per revolution of the encoder on the board's shaft"""
     most_torque: float = 1.0
     """The largest torque that the motor can make [N·m]"""
 

@@ -29,7 +29,7 @@ class ExpectedReply:
     """Recognises the one reply that a cyclic request expects, in half the time of a search.
 
     Args:
-        id: Of the requested servo.
+        id: Id of the requested servo.
         size: Requested bytes of data.
     """
 
@@ -55,7 +55,7 @@ class ExpectedFastReply:
     """Recognises the expected joint reply of all servos to a cyclic fast sync read.
 
     Args:
-        ids: Of the requested servos, in the requested order.
+        ids: Ids of the requested servos, in the requested order.
         size: Requested bytes of each.
     """
 
@@ -86,8 +86,8 @@ class SyncWrite:
     """Builds the sync writes that send a 16-bit value to each of some servos.
 
     Args:
-        address: Of the register.
-        ids: Of the servos.
+        address: Address of the register.
+        ids: Ids of the servos.
     """
 
     __slots__ = ("_crc", "_fields", "_prefix", "_shares")

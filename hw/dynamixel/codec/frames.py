@@ -1,4 +1,4 @@
-"""Encodes and decodes one frame: fields, checksum, byte stuffing.
+"""Encodes and decodes one frame of Protocol 2.0: fields, checksum, byte stuffing.
 
 Frames on the wire are
 ``FF FF FD 00 | id | length (2) | instruction | parameters ... | CRC (2)``, little endian;
@@ -16,8 +16,8 @@ from typing import Final, NamedTuple
 BROADCAST: Final = 0xFE
 MAX_ID: Final = 252
 MAX_LENGTH: Final = 2048
-"""Largest plausible length field: a larger one is garbage, so that a broken length cannot make the
-parser wait for 64 kB (a whole control table is 662 bytes)."""
+"""Largest length field that the parser accepts, so that a corrupt length does not make it wait for
+64 kB (a whole control table has 662 bytes)."""
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 MARK: Final = b"\xff\xff\xfd"
@@ -27,7 +27,7 @@ PREAMBLE: Final = 7
 
 
 class Instruction(IntEnum):
-    """Instruction of a frame; ``STATUS`` marks a reply."""
+    """Instruction code of a frame; ``STATUS`` marks a reply."""
 
     PING = 0x01
     READ = 0x02
@@ -73,7 +73,7 @@ class Frame(NamedTuple):
     """The error byte of a reply; 0 for an instruction, except ``ErrorCode.CRC`` where the parser
     reports frames with a wrong CRC."""
     params: bytes
-    """Un-stuffed, without the error byte of a reply."""
+    """The parameters without byte stuffing, and without the error byte of a reply."""
 
 
 _FACTOR: Final = 0x8003
@@ -82,7 +82,7 @@ _FACTOR: Final = 0x8003
 
 @cache
 def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the steps that reduce ``size`` bytes to 15 bits: cut, mask below, shift above it."""
+    """Return the steps of ``crc16`` for ``size`` bytes, each as (cut, mask, shift)."""
     bits = 8 * size + 16
     step = 1 << max(0, (bits // 15).bit_length() - 1)
     folds = []
@@ -98,12 +98,12 @@ def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
 def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
     """Return the checksum of a frame: polynomial 0x8005, most significant bit first, no reflection.
 
-    It is the remainder of the bytes, as one polynomial, computed without a table: a table unused
-    for a period is in no cache. Modulo the factor p = x^15 + x + 1, x^15 is x + 1, and as squaring
-    is linear, x^(15 n) is x^n + 1 for every power of two n: the part above a cut is folded onto the
-    part below it, half of the bytes at first. Modulo the factor x + 1 a polynomial is its number of
-    bits, modulo
-    2. The two remainders determine the result, which is the first or p more.
+    The checksum is the remainder of the bytes as one polynomial. It is computed without a table,
+    because a table that is not used for a period drops out of the processor's caches. Modulo the
+    factor p = x^15 + x + 1, x^15 is x + 1, and as squaring is linear, x^(15 n) is x^n + 1 for every
+    power of two n: the part above a cut is folded onto the part below it, half of the bytes at
+    first. Modulo the factor x + 1 a polynomial is its number of bits, modulo 2. The two remainders
+    determine the result, which is the first or p more.
 
     Args:
         data: The bytes.
@@ -119,7 +119,7 @@ def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
 
 
 def encode(id: int, instruction: int, params: bytes = b"") -> bytes:  # noqa: A002
-    """Return an instruction frame, stuffed and with its CRC.
+    """Return an instruction frame with byte stuffing and CRC.
 
     Raises:
         ValueError: The id is not one (0 to 252, 254), or the parameters do not fit in a frame.
@@ -128,7 +128,7 @@ def encode(id: int, instruction: int, params: bytes = b"") -> bytes:  # noqa: A0
 
 
 def encode_status(id: int, error: int, params: bytes = b"") -> bytes:  # noqa: A002
-    """Return a reply, stuffed and with its CRC.
+    """Return a reply frame with byte stuffing and CRC.
 
     Raises:
         ValueError: The id is not one (0 to 252, 254), or the parameters do not fit in a frame.
@@ -148,7 +148,7 @@ def _frame(id: int, body: bytes) -> bytes:  # noqa: A002
 
 
 def decode(frame: bytes) -> Frame | None:
-    """Decode a whole frame with a valid CRC; None for a reply without an error byte."""
+    """Decode a whole frame whose CRC is valid; return None for a reply without an error byte."""
     id_, body = frame[4], frame[PREAMBLE:-2]
     fast = id_ == BROADCAST and body[0] == Instruction.STATUS
     if MARK in body and not fast:

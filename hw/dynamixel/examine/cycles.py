@@ -37,7 +37,7 @@ class Phase:
     """One series of cycles with the grid at one phase."""
 
     offset_ns: int
-    """Of the grid, relative to the first series"""
+    """Offset of the grid, relative to the first series"""
     cycles: int
     missed: int
     """Replies that were too late for their tick"""
@@ -100,7 +100,7 @@ def run_series(
         schedule: ``immediate`` requests and collects in one tick; ``pipelined`` collects the
             request of the tick before.
         wait: Waits for a deadline on the line's clock.
-        period_ns: Of the grid [ns].
+        period_ns: Period of the grid [ns].
         collect_ns: Time after its wake-up at which a tick gives a reply up [ns].
         longer_ns: The same time after a pipelined reply was lost, until another one is lost [ns].
         phases: Number of shifts, evenly over a period.

@@ -27,7 +27,7 @@ def of_error(name: str, error: ExplainedError, wanted: str, otherwise: str) -> F
     """Return a check that ended in an error.
 
     Args:
-        name: Of the check.
+        name: Name of the check.
         error: The error.
         wanted: The wanted value.
         otherwise: The remedy where the message has none.

@@ -115,7 +115,7 @@ def mend(servo: ServoAccess, name: str, repair: Repair) -> Change:
 
     Args:
         servo: The servo.
-        name: Of the finding.
+        name: Name of the finding.
         repair: The repair.
     """
     table = servo.table

@@ -38,7 +38,7 @@ class Replies:
     corrupt: int
     """Of all runs"""
     least_counts: int
-    """Of the positions read"""
+    """Lowest position that was read [counts]"""
     most_counts: int
 
     @property
@@ -69,7 +69,7 @@ def time_replies(line: Line, servo_id: int, count: int, period_ns: int) -> Repli
         line: The bus.
         servo_id: The servo.
         count: Number of reads spread over the phases; a quarter as many follow in sequence.
-        period_ns: Of the phases [ns].
+        period_ns: Period of the phases [ns].
 
     Raises:
         ServoLostError: The port is gone.

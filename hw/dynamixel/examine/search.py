@@ -1,9 +1,9 @@
-"""Finds the servos on a bus by pings, at one baud rate or at every rate a servo can have.
+"""Finds the servos on a bus by pings, at one baud rate or at all that the family supports.
 
-Replies to a broadcast ping come in the order of ids, each with a slot of its own; waiting for the
-last of 253 takes most of a second. So the search waits only for the requested ids, unless a servo
-replies; then to the end. Missing ids are pinged one by one: two servos that reply to a broadcast at
-once garble each other, and so does noise. No register is written, and none is read.
+Each servo answers a broadcast ping in a time slot of its own, in the order of ids; waiting for all
+253 slots takes most of a second. The search waits for the slots of the requested ids, and for the
+remaining ones only if a servo has replied. It then pings missing ids one by one, because colliding
+replies or noise may have garbled theirs. It neither reads nor writes registers.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
 
 IDS: Final = range(21)
-"""Default ids of the single pings: few buses have more"""
+"""Default ids of the single pings: few buses have higher ones"""
 LIKELY_FIRST: Final = (57600, 4_000_000, 1_000_000, 2_000_000, 3_000_000, 115200, 4_500_000, 9600)
-"""Every rate of the family: the factory's and those for fast loops first"""
+"""All rates of the family; the factory's rate and those for fast loops come first"""
 assert set(LIKELY_FIRST) == set(BAUD_RATES)
 
 _SLOT_NS: Final = 3_000_000
-"""Time for each id that may reply to a broadcast ping: the vendor's SDK waits as long"""
+"""Time slot of each id after a broadcast ping; the vendor's SDK uses the same"""
 _HOLD_NS: Final = 25_000_000
-"""Time for an adapter at its 16 ms timer, and a busy machine"""
+"""Longest time that an adapter with a 16 ms latency timer, on a busy machine, holds a reply"""
 _ANSWER_NS: Final = 2_500_000
-"""From ping to reply, without the bytes' own time: return delay (0.5 ms) and a USB frame or two"""
+"""From ping to reply, without the transmission time: return delay (0.5 ms) and one or two USB
+frames"""
 _REQUEST, _REPLY = 10, 14
 """Bytes of a ping and of its reply"""
 
@@ -48,7 +49,7 @@ class FoundServo(NamedTuple):
 
     @property
     def model(self) -> str | None:
-        """Return the model's name; None: the number is unknown."""
+        """Return the model's name; None if the model number is unknown."""
         model = model_by_number(self.model_number)
         return None if model is None else model.name
 
@@ -59,21 +60,21 @@ class BaudSearch(NamedTuple):
     baud: int
     servos: list[FoundServo]
     garbled: int
-    """Pieces that are no valid frame: two servos with one id, noise, or another protocol"""
+    """Number of invalid frames: two servos have one id, there is noise, or another protocol"""
     refused: str = ""
-    """Why the rate was not tried: the adapter does not support it"""
+    """Why the adapter does not support this rate; empty: the rate was tried"""
 
 
 def search(
     line: Line, baud: int, ids: Collection[int] = IDS, *, to_the_end: bool = True
 ) -> BaudSearch:
-    """Return the servos that reply at a line's present rate.
+    """Search for servos at the line's present baud rate.
 
     Args:
         line: The bus.
         baud: Its rate [bit/s].
-        ids: Ids to ping one by one, unless the broadcast ping has found them.
-        to_the_end: Wait for every possible id if any servo replied to the broadcast ping.
+        ids: Ids to ping one by one if the broadcast ping has not found them.
+        to_the_end: Wait for the slots of all ids if any servo replied to the broadcast ping.
 
     Raises:
         ServoLostError: The port is gone.
@@ -103,11 +104,11 @@ def scan(
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
 ) -> Generator[BaudSearch]:
-    """Search a port at several rates in sequence; its settings are restored at the end.
+    """Search a port at several baud rates in sequence; restore the port's settings at the end.
 
     Args:
         path: The port.
-        bauds: In this order.
+        bauds: Baud rates in the order of the search [bit/s].
         ids: See ``search``.
         clock: Real time.
         tell: Called with each rate before it is tried.
@@ -129,7 +130,7 @@ def scan(
 
 @contextmanager
 def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
-    """Open a port as a line, closed at the end; another check reports the adapter's timer.
+    """Open a port as a line, without warnings; close it at the end.
 
     Args:
         path: The port.
@@ -153,7 +154,7 @@ def opened(path: str, baud: int, clock: Clock) -> Iterator[FdLine]:
 
 
 class _Listener:
-    """Collects the replies to pings, whenever and in whatever order they come."""
+    """Collects replies to pings, in any order and at any time."""
 
     def __init__(self, line: Line, baud: int) -> None:
         self.servos: dict[int, FoundServo] = {}
@@ -169,7 +170,7 @@ class _Listener:
         self._line.read()
 
     def listen(self, duration_ns: int, until: int | None = None) -> None:
-        """Listen for so long, or until this id has replied."""
+        """Listen for a duration [ns], or until the id ``until`` has replied."""
         now_ns = self._line.clock.now_ns
         end = now_ns() + duration_ns
         while until not in self.servos and self._line.wait(end):

@@ -1,11 +1,11 @@
 """The models of the X series: their numbers, units, limits and factory settings.
 
-Source: ROBOTIS e-Manual, specification and control table page of each model. What several editions
-of a page give differently (velocity limits, the XH540-V's current limit) is as in the latest that
-could be read. Not established, and therefore left out: stall and no-load figures of XD430, XD540,
-XW430 and XW540-H260 (their torque constant must be configured); Startup Configuration and Backup
-Ready of 2XL430 and 2XC430. The XW430's page prints a Protocol Type of 1 from the factory, with
-which it could not be talked to as the page describes; 2 is taken.
+Source: ROBOTIS e-Manual, specification and control table page of each model. Where editions of a
+page differ (velocity limits, the XH540-V's current limit), the latest one is used. Unknown values
+are left out: stall and no-load figures of XD430, XD540, XW430 and XW540-H260 (their torque constant
+must be configured); Startup Configuration and Backup Ready of 2XL430 and 2XC430. The XW430's page
+prints a Protocol Type of 1 from the factory, with which it could not be talked to as the page
+describes; 2 is taken.
 """
 
 from __future__ import annotations

@@ -803,7 +803,7 @@ def test_where_it_may_not_act_it_neither_probes_nor_reduces() -> None:
     assert stop.alarm
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

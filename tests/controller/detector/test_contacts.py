@@ -31,12 +31,12 @@ def bounces(
 
     Args:
         stiffness: K [N·m/rad].
-        speed: Of the first entry [rad/s].
+        speed: Speed of the first entry [rad/s].
         times: Contacts to see.
         damping: B of the wall [N·m·s/rad].
         lag: Periods by which the torque comes late: it then gives energy.
         gravity: Constant torque toward the wall, over the inertia; brings it back [rad/s²].
-        count: Of the encoder [rad].
+        count: Count of the encoder [rad].
     """
     depth, velocity, seen, inside = -0.5 * speed * PERIOD, speed, 0, False
     late = [0.0] * (lag + 1)

@@ -97,3 +97,25 @@ def test_a_wall_that_contacts_have_softened_gets_no_torque_on_top() -> None:
         assert abs(own.hold.torque - held) < 0.01
         held = own.hold.torque
     assert own.counts[0] == 1, "the motion is probed all the same"
+
+
+@pytest.mark.parametrize(("side", "middle"), [(0, 0.0), (1, 0.2), (1, 0.0)])
+def test_a_wall_that_is_moved_again_and_again_is_probed_all_the_same(
+    side: int, middle: float
+) -> None:
+    """Else an oscillation would grow without an alarm while somebody turns the wall's knob."""
+    own = OwnMotion(SETTINGS, SETTINGS if side else None, side)
+    surface, torque, size = 0.0, 0.0, 0.1
+    for k in range(2000):
+        if k % 50 == 0:
+            way = (2.0 if k % 100 else -2.0) * COUNT
+            surface += way
+            own.shift(way)
+        position = middle + size * math.sin(math.tau * 5.0 * k * 1e-3)
+        away = round(position / COUNT) * COUNT - surface
+        own.update(away, torque, 1e-3, 10.0)
+        torque = -10.0 * own.scale * (away if not side else max(away, 0.0))
+        if own.counts[0]:
+            break
+    assert own.counts[0] == 1
+    assert 0.4 < k * 1e-3 < 1.5

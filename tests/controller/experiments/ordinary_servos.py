@@ -22,7 +22,7 @@ class Effects:
     cogging: float = 0.0
     """Amplitude [N·m]"""
     periods: int = 24
-    """Of the cogging in a turn"""
+    """Periods of the cogging in a turn"""
     phase: float = 0.0
     """[rad]"""
     gravity: float = 0.0

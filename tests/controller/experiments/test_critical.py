@@ -1,5 +1,6 @@
 """The search for one point, on simulated servos whose limits are known."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,9 @@ from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
+from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
@@ -74,6 +77,34 @@ def test_with_friction_it_is_the_stiffness_whose_onset_is_the_kick(
     assert found.onset_rad == pytest.approx(kick, rel=0.1)
     assert found.kick_rad == pytest.approx(kick)
     assert not_none(found.measured) > 1.5 * found.exact
+    assert found.larger_grows is True
+
+
+def test_with_backlash_and_noise_it_is_what_sustains_the_kick(tmp_path: Path) -> None:
+    sets = ("servo.coulomb=0.09", "servo.delay=0.0012", "servo.torque_step=0")
+    loose = ("servo.backlash=0.00436", "servo.encoder_noise=0.34", "model.backlash=0.00436")
+    found = search(tmp_path, 0.1, 0, *sets, *loose, kick=0.03, tolerance=0.02)
+    # Friction alone would let it rest at 1.6 times this stiffness.
+    assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
+    assert not_none(found.measured) < found.exact
+
+
+def test_a_cycle_that_backlash_sustains_is_told_from_growth(tmp_path: Path) -> None:
+    sets = ("servo.coulomb=0", "servo.torque_step=0", "servo.backlash=0.00436")
+    found = search(tmp_path, 0.02, 2, *sets, "model.backlash=0.00436", kick=0.03, tolerance=0.02)
+    assert found.larger_grows is False
+    assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
+    assert not_none(found.measured) < 0.5 * found.exact
+
+
+def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) -> None:
+    """A shaft at rest in its wall moves by a count or two, which says nothing of the wall."""
+    sets = ("servo.coulomb=0.0615", "servo.static_friction=0.0854", "servo.dead_band=0.1")
+    delay = ("servo.delay=0.0012", "servo.torque_step=0")
+    found = search(tmp_path, 0.0891, 0, *sets, *delay, kick=0.03, tolerance=0.02)
+    servo = Lossy(0.011951, 0.011692, 0.0615, dead_band=0.1)
+    true = kick_limit(servo, 0.0891, 1e-3, 1.2e-3, not_none(found.kick_rad))
+    assert found.measured == pytest.approx(true, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -235,3 +266,32 @@ def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
     effective = config("servo.torque_limit=null", preset="emulated-ideal")
     with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
         Device.of(effective)
+
+
+@pytest.mark.parametrize("damping", [0.08, 0.5])
+def test_a_link_with_a_notch_has_its_own_boundary(tmp_path: Path, damping: float) -> None:
+    link = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
+            "servo.transmission_damping=0.0277", "servo.delay=0.001")  # fmt: skip
+    notch = ("wall.side=both", "wall.velocity_filter=notch", "wall.velocity_hz=46",
+             "wall.velocity_q=0.7")  # fmt: skip
+    found = search(tmp_path, damping, 0, *LINEAR, *link, *notch, tolerance=0.02)
+    filtered = VelocityFilter("notch", math.tau * 46e-3, 0.7)
+    servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
+    exact = flexible_boundary(*servo, damping, 1e-3, 1e-3, velocity_filter=filtered).stiffness
+    assert found.measured == pytest.approx(float(exact), rel=0.01)
+    assert found.exact == pytest.approx(float(exact), rel=1e-6)
+    assert found.predicted_with_friction == pytest.approx(float(exact), rel=1e-6)
+
+
+def test_friction_of_a_link_read_off_is_what_is_asked_for_again() -> None:
+    device = Device.of(
+        config("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
+               "servo.transmission_damping=0.0277")
+    )  # fmt: skip
+    stiffness, amplitude, frequency = device.onsets(0.05, 2e-3)
+    some = slice(1, None, 60)
+    again, at = device.onset(stiffness[some], 0.05, 2e-3)
+    assert again == pytest.approx(amplitude[some])
+    assert at == pytest.approx(frequency[some])
+    assert device.onset(stiffness[:1] * 0.9, 0.05, 2e-3)[0] == [math.inf]
+    assert device.ceiling(2e-3) < 0.1 * device.rigid_ceiling(2e-3)

@@ -1,6 +1,15 @@
 """The motions of an identification let go of a shaft that something takes far beyond its reach."""
 
-from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess, motions
+from dataclasses import replace
+
+import pytest
+
+from haptic_wall.controller.experiments.identify.excitation import (
+    COASTING_S,
+    Bounds,
+    Guess,
+    motions,
+)
 from haptic_wall.controller.laws.program import Program
 
 BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)
@@ -27,3 +36,16 @@ def test_a_shaft_that_was_thrown_beyond_the_reach_is_brought_home() -> None:
     playing.torque(0.7, 0.0)
     torques = [playing.torque(0.7, 0.0) for _ in range(100)]
     assert not playing.done and min(torques) < -GUESS.coulomb
+
+
+def test_a_dead_band_makes_a_throw_stronger_and_its_coast_no_longer() -> None:
+    """A shaft that coasts is braked by its friction alone, whatever the motor needs to move it."""
+    without, with_it = (motions(replace(GUESS, dead_band=band), BOUNDS, 0.3) for band in (0.0, 0.1))
+    throws = [
+        (one.torque, other.torque)
+        for one, other, coast in zip(without, with_it, with_it[1:], strict=False)
+        if coast.seconds == COASTING_S
+    ]
+    assert len(throws) == 4
+    for torque, more in throws:
+        assert abs(more) == pytest.approx(abs(torque) + 0.1)

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import identification
 from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
-    Estimated,
     Identified,
     bounds_of,
     identify,

@@ -212,6 +212,18 @@ def test_a_flexible_transmission_tells_no_lag(
         shaken(config, tmp_path, bursts=2)
 
 
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_a_known_vibration_is_counted(encoder: str, tmp_path: Path) -> None:
+    load = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
+            "servo.transmission_damping=0.0277", f"servo.encoder={encoder}")  # fmt: skip
+    config = config_of(*load, "servo.coulomb=0.03", "servo.delay=0.0007", "servo.hand=none")
+    found = shaken(config, tmp_path, bursts=2)
+    assert found.fit.lag == pytest.approx(0.0007, abs=3 * found.fit.stderr)
+    assert found.fit.stderr < 1.5e-4
+    whole = 0.011951 + 0.003
+    assert found.fit.acceleration == pytest.approx(1 / whole, rel=0.02)
+
+
 def test_a_stiff_transmission_widens_the_error_and_says_so(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

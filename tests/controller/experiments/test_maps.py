@@ -55,7 +55,21 @@ def found(setting: MapSettings) -> CriticalMap:
 
 
 def test_the_result_does_not_depend_on_the_executor(setting: MapSettings) -> None:
-    found = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.1)
+    seen: list[tuple[int, int]] = []
+    found = critical_map(
+        setting,
+        DAMPINGS,
+        STEPS,
+        KICKS,
+        executor=AtOnce(),
+        tolerance=0.1,
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert [total for _, total in seen] == [8] * len(seen), (
+        "progress goes up to the number of points"
+    )
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert seen[-1] == (8, 8)
     with ThreadPoolExecutor(3) as threads:
         other = critical_map(setting, DAMPINGS, STEPS, KICKS, executor=threads, tolerance=0.1)
         assert threads.submit(int).result() == 0  # the caller's executor stays open
@@ -84,22 +98,6 @@ def test_every_point_is_the_simulated_critical_stiffness_of_its_settings(
         )
         np.testing.assert_allclose(found.stiffness[i], expected, rtol=0.02)
     assert found.delay.tolist() == [0.0, 0.002]
-
-
-def test_progress_goes_up_to_the_number_of_points(setting: MapSettings) -> None:
-    seen = []
-    critical_map(
-        setting,
-        DAMPINGS,
-        STEPS,
-        KICKS,
-        executor=AtOnce(),
-        tolerance=0.1,
-        progress=lambda done, total: seen.append((done, total)),
-    )
-    assert [total for _, total in seen] == [8] * len(seen)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    assert seen[-1] == (8, 8)
 
 
 def test_an_interrupted_map_keeps_what_was_done_and_cancels_the_rest(setting: MapSettings) -> None:

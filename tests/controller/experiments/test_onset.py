@@ -198,13 +198,18 @@ def test_with_play_motion_comes_to_less_than_the_kick_below_and_to_more_above(
     play = rng.choice([0.002, 0.004, 0.008], n)
     kick = play * 10 ** rng.uniform(0.5, 1.4, n)
     loop = (m, b, virtual, 1e-3, delay)
-    for friction in (0.0, coulomb):
-        found = simulated_critical_stiffness(
+    found = [
+        simulated_critical_stiffness(
             *loop, coulomb=friction, position_step=COUNT, backlash=play, kick=kick, tolerance=1e-3
         )
-        below, above = both_sides(loop, 0.07, found, kick, friction, play)
-        assert np.all(below < 1.02)
-        assert np.all(above > 0.98)
+        for friction in (0.0, coulomb)
+    ]
+    m, b, virtual, delay, kick, play = (np.tile(a, 2) for a in (m, b, virtual, delay, kick, play))
+    frictions = np.concatenate([0.0 * coulomb, coulomb])
+    loop = (m, b, virtual, 1e-3, delay)
+    below, above = both_sides(loop, 0.07, np.concatenate(found), kick, frictions, play)
+    assert np.all(below < 1.02)
+    assert np.all(above > 0.98)
 
 
 def test_above_the_damping_ceiling_no_stiffness_is_stable_and_the_answer_is_zero() -> None:

@@ -345,8 +345,16 @@ def test_the_report_is_plain_json(mode: Mode, damping: float) -> None:
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert set(report) == {
         "requested", "commanded", "limit", "damping_ceiling", "margin", "binding", "reasons",
-        "only_friction", "interval_s",
+        "only_friction", "interval_s", "velocity_filter",
     }  # fmt: skip
+
+
+def test_the_report_names_the_filter_at_the_counted_interval() -> None:
+    notch = VelocityFilter("notch", math.tau * 46e-3, 0.7)
+    report = decision_report(one(Request(1.0, 0.1, "both", velocity_filter=notch), situation()))
+    told = {"kind": "notch", "frequency_hz": pytest.approx(46.0), "q": 0.7}
+    assert report["velocity_filter"] == told
+    assert decision_report(one(Request(1.0, 0.1, "both"), situation()))["velocity_filter"] is None
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_no_torque_is_above_the_clip_and_nan_is_not_hidden(law: str) -> None:
 def test_a_softened_law_is_softer_everywhere(law: str) -> None:
     whole, soft = ShapedLaw(law, shape(law), 0.0), ShapedLaw(law, shape(law), 0.0)
     whole.stiffness = soft.stiffness = 8.0
-    soft.scale = 0.25
+    soft.derating.scale = 0.25
     for x in PLACES[::20].tolist():
         assert soft.torque(x, 0.0) == pytest.approx(0.25 * whole.torque(x, 0.0))
 
@@ -120,10 +120,11 @@ def test_a_softened_law_is_softer_everywhere(law: str) -> None:
 def test_a_softened_law_has_its_whole_limit_deeper_than_the_motion() -> None:
     """A push of more than the softer limit went through it by turns."""
     law = ShapedLaw("stops", shape("stops"), 0.0)
-    law.stiffness, law.scale, law.elastic_limit = 8.0, 0.25, 0.25 * 2.0
+    law.stiffness = 8.0
+    law.derating.scale, law.derating.elastic_limit = 0.25, 0.25 * 2.0
     end = next(x for x in PLACES.tolist() if x > 0.0 and law.in_contact(x))
     for deep in (0.4, 0.8, 1.6):
-        law.soft_to = end + 0.4
+        law.derating.soft_to = end + 0.4
         spring = 2.0 * law._shape.elongation(end + deep, 0.0, 8.0)
         wanted = min(spring, 0.5 + max(2.0 * (deep - 0.4), 0.0))
         assert law.torque(end + deep, 0.0) == pytest.approx(-wanted, abs=1e-6)
@@ -175,6 +176,15 @@ def test_parts_of_a_sum_keep_their_shares() -> None:
     assert made.potential(1.0) == pytest.approx(0.75 * 0.5 * 0.1**2, rel=1e-3)
     assert made.steepest == "stops"
     assert made.damped_everywhere
+
+
+def test_a_sum_whose_parts_pull_apart_holds_no_energy_where_it_rests() -> None:
+    parts = [{"law": "spring"}, {"law": "stops", "low": 0.2, "high": 5.0}]
+    made = shape_of(Wall.model_validate({"law": "sum", "parts": parts}), GRID)
+    assert made.elongation(0.1, 0.0, 1.0) == pytest.approx(0.0)
+    assert made.potential(0.1) == pytest.approx(0.0, abs=1e-6)
+    assert made.potential(0.2) == pytest.approx(0.5 * 0.1**2, rel=1e-3)
+    assert made.potential(0.0) == pytest.approx(0.5 * 0.1**2, rel=1e-3)
 
 
 def test_the_guard_learns_what_a_law_is() -> None:

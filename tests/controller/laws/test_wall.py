@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.controller.laws.wall import Side, Wall, held_torque
+from haptic_wall.controller.laws.wall import Derating, Side, Wall, held_torque
 
 number = st.floats(-100, 100)
 
@@ -58,8 +58,7 @@ share = st.sampled_from([1 / 4, 1 / 16, 1 / 64])
 def softer(side: Side, load: float, reach: float, scale: float, limit: float = 4.0) -> Wall:
     """A wall with 10 N·m/rad at 0 that holds a load."""
     wall = Wall(10.0, 0.0, 0.0, side)
-    wall.scale, wall.elastic_limit = scale, scale * limit
-    wall.carried, wall.carried_to, wall.soft_to = load, reach, math.inf
+    wall.derating = Derating(scale, 1.0, scale * limit, math.inf, load, reach)
     return wall
 
 
@@ -69,7 +68,7 @@ def test_a_softer_wall_has_its_whole_limit_deeper_than_the_motion(
 ) -> None:
     """With a limit of 4 N·m the whole spring saturates 0.4 rad deep."""
     wall = softer("both", 0.0, 0.0, scale)
-    wall.soft_to = soft_to
+    wall.derating.soft_to = soft_to
     torque = -wall.torque(depth, 0.0)
     assert torque == wall.torque(-depth, 0.0)
     if depth <= max(soft_to, 0.4):

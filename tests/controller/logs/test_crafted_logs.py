@@ -467,7 +467,7 @@ def test_a_log_is_known_whatever_its_name(
         if damaged is content:
             assert (status, json.loads(text)["samples"]) == (0, 50)
         else:
-            assert (status, "configuration is not one" in text) == (2, True)
+            assert (status, "tells no configuration" in text) == (2, True)
     with pytest.raises(UserError, match="is not a log of haptic-wall"):
         other.rename(log)
         log.write_text("time_s,position_rad\n")

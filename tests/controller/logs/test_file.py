@@ -72,7 +72,6 @@ def test_a_log_without_rows_is_empty(tmp_path: Path) -> None:
     assert read.size == 0
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
@@ -166,7 +165,7 @@ def test_every_intact_block_is_given_back_and_nothing_false(
     path = tmp_path / "a.hwlog"
     metadata_end = table[0][1]
 
-    @settings(deadline=None, max_examples=10_000 if thorough else 100)
+    @settings(max_examples=10_000 if thorough else 100)
     @given(st.data())
     def check(data: st.DataObject) -> None:
         now, hits = content, []
@@ -194,7 +193,6 @@ def test_every_intact_block_is_given_back_and_nothing_false(
     check()
 
 
-@settings(deadline=None)
 @given(order=st.lists(st.integers(0, 6), max_size=12))
 def test_blocks_in_any_order_give_each_row_at_most_once(
     blocks: tuple[bytes, list[tuple[range, int, int]]],
@@ -227,7 +225,6 @@ def test_blocks_in_any_order_give_each_row_at_most_once(
     assert sum(each.twice for each in left_out) == twice
 
 
-@settings(deadline=None)
 @given(data=st.data())
 def test_joined_logs_are_read_one_after_the_other(
     blocks: tuple[bytes, list[tuple[range, int, int]]],
@@ -443,7 +440,6 @@ def test_a_log_of_a_later_version_is_refused(tmp_path: Path) -> None:
         read_log(path)
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_another_writer_goes_on_where_one_was_killed(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

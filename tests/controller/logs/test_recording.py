@@ -253,7 +253,7 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(
     assert message in str(error.value)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.sampled_from(

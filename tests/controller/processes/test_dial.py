@@ -6,6 +6,7 @@ import os
 import stat
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from haptic_wall.controller.processes.run_socket import (
     peer_of,
     socket_of,
 )
+from scripts.chaos import loads
 
 
 class ScriptedDesk:
@@ -55,6 +57,10 @@ class ScriptedDesk:
     def withdraw(self) -> None:
         self.withdrawn += 1
         self._left = 0
+
+    def give_up(self, why: str) -> dict[str, Any]:
+        self.withdrawn += 1
+        return {"error": why, "exit_status": 3}
 
 
 class Served:
@@ -160,6 +166,7 @@ def test_another_user_is_refused_by_the_kernels_word(tmp_path: Path) -> None:
         b'{"set": ["a=1"], "wait_s": NaN}\n',
         b'{"set": ["a=1"], "wait_s": -1}\n',
         b'{"set": ["a=1"], "wait_s": 1e9}\n',
+        b'{"set": ["a=1"], "wait_s": 1' + b"0" * 400 + b"}\n",
         b'{"set": ' + b"[" * 30_000 + b"\n",
         json.dumps({"set": ["a=1"] * 101}).encode() + b"\n",
     ],
@@ -267,3 +274,26 @@ def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:
         chosen(tmp_path / "other", runs)
     with pytest.raises(UserError, match="no wall is running; start one"):
         chosen(None, [])
+
+
+def test_a_thousand_hostile_clients_leave_room_for_an_honest_one(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loads, "CLIENTS", 200)
+    told: list[Any] = []
+    found: list[Counter[str]] = []
+
+    def honest() -> None:
+        while not told:
+            with contextlib.suppress(NotAppliedError, UserError):
+                told.append(ask(served.run, ["wall.stiffness=1"], 0.0, lambda _: None))
+
+    threads = [
+        threading.Thread(target=lambda: found.append(loads.clients(served.run.log, 0.5))),
+        threading.Thread(target=honest),
+    ]
+    for each in threads:
+        each.start()
+    served.until(lambda: not any(each.is_alive() for each in threads))
+    assert told[0]["applied"] and found[0]["closed"] > 20
+    assert served.desk.asked.count(["wall.stiffness=1"]) == 1

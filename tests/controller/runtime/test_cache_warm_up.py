@@ -240,3 +240,15 @@ def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on() -> None:
     )
     assert result.stop_reason == "duration"
     assert any("LookupError: no stand-in today" in text for text in said)
+
+
+def test_damping_put_in_stays_below_the_ceiling_of_a_vibration() -> None:
+    link = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
+            "servo.transmission_damping=0.0277", "servo.counts_per_rev=0")  # fmt: skip
+    config = load_config("simulated", ("loop.clock=simulated", *link)).config
+    servo = open_servo(config.servo_settings(), SimulatedClock(), None)
+    schedule = guard_schedule(config, servo, True)
+    for most, decision in zip(
+        most_injected(config, servo, schedule), schedule.decisions, strict=True
+    ):
+        assert 0.0 < decision.damping + most < 0.71 * decision.damping_ceiling

@@ -3,6 +3,7 @@
 import math
 import pickle
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,14 @@ import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
+from haptic_wall.controller.laws.wall import Wall
 from haptic_wall.controller.runtime.change import KnownServo
-from haptic_wall.controller.runtime.changeover import Changeover, Obstacle
+from haptic_wall.controller.runtime.changeover import (
+    ChangeLimits,
+    Changeover,
+    Obstacle,
+    Target,
+)
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import FLOATS, pieces_of
 from haptic_wall.controller.runtime.safety import Trip
@@ -284,14 +291,55 @@ def test_a_longer_ring_holds_and_a_shorter_one_leaves_out() -> None:
     ring = DelayRing(2)
     for value in (1.0, 2.0, 3.0):
         ring.push(value)
-    longer = ring.resized(4, math.nan)
+    longer = ring.resized(4, math.nan, math.nan)
     assert [longer.push(value) for value in (4.0, 5.0, 6.0, 7.0, 8.0)] == [1.0, 1.0, 2.0, 3.0, 4.0]
-    shorter = ring.resized(1, math.nan)
+    shorter = ring.resized(1, math.nan, math.nan)
     assert shorter.coming(4.0) == 3.0
     assert [shorter.push(value) for value in (4.0, 5.0)] == [3.0, 4.0]
-    none = ring.resized(0, math.nan)
+    none = ring.resized(0, math.nan, math.nan)
     assert none.push(4.0) == 4.0
-    assert [none.resized(2, 4.0).push(5.0)] == [4.0]
+    assert none.resized(2, 4.0, 5.0).push(5.0) == 4.0
+
+
+@pytest.mark.parametrize(("last", "coming"), [(-0.4, -0.01), (-0.01, -0.4), (-0.4, 0.4)])
+def test_a_longer_ring_does_not_hold_what_one_encoder_count_made(
+    last: float, coming: float
+) -> None:
+    held = -0.01 if last * coming > 0.0 else 0.0
+    longer = DelayRing(0).resized(3, last, coming)
+    assert [longer.push(0.0) for _ in range(4)] == [held, held, held, 0.0]
+    ring = DelayRing(1)
+    for value in (last, coming):
+        ring.push(value)
+    longer = ring.resized(3, math.nan, math.nan)
+    assert [longer.push(0.0) for _ in range(4)] == [held, held, coming, 0.0]
+
+
+def test_the_speed_is_not_taken_over_a_probe() -> None:
+    """A stiffness would rise before a shaft that comes, if it was further away before the probe."""
+    changeover = Changeover(ChangeLimits(0.1, math.inf, 1e-3))
+    law, ring = Wall(8.0, 0.0, 0.0, "above"), DelayRing(0)
+    target = Target(law, 16.0, 0.0, delay=5e-3, steps=0)
+    for _ in range(20):
+        assert changeover.obstacle(law, ring, target, 0.1, 0.0) is not Obstacle.NONE
+    own = SimpleNamespace(reduced=(1.0, 1.0), probing=True)
+    assert changeover.watched(SimpleNamespace(own=own), False) is Obstacle.PROBED  # type: ignore[arg-type]
+    found = [changeover.obstacle(law, ring, target, -0.04 + 0.004 * k, 0.0) for k in range(10)]
+    assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
+
+
+def test_a_wall_elsewhere_keeps_the_watch_of_its_motion_and_another_law_does_not() -> None:
+    config = wall()
+    changes = Changes(config, KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True))
+    elsewhere, other, same = (
+        changes.computed(changed(config, [each]))
+        for each in ("wall.position=0.2", "wall.law=spring", "wall.stiffness=4")
+    )
+    for each in (elsewhere, other, same):
+        each.complete()
+    assert elsewhere.own is None and elsewhere.moved_by == pytest.approx(0.2)
+    assert other.own is not None and other.moved_by is None
+    assert same.own is None and same.moved_by == 0.0
 
 
 def test_a_long_law_is_handed_over_in_short_pieces() -> None:

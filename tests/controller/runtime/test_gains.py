@@ -112,8 +112,8 @@ def test_a_scale_lowers_the_springs_largest_torque_too() -> None:
     made, wall = gains((40.0, 0.2))
     made.begin()
     made.scale(0.25, 1.0, 0.0, 0.0, 0.0)
-    assert (wall.scale, wall.damping_scale) == (0.25, 1.0)
-    assert wall.elastic_limit == 0.25 * 2.0, "of the clip, which is below the servo's limit"
+    assert (wall.derating.scale, wall.derating.damping_scale) == (0.25, 1.0)
+    assert wall.derating.elastic_limit == 0.25 * 2.0, "of the clip, below the servo's limit"
     assert wall.stiffness == 40.0
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import ConfigError, UserError
@@ -69,9 +69,6 @@ def test_a_file_that_names_hardware_is_strict_unless_it_says_otherwise(tmp_path:
 
 
 # --set
-
-
-@settings(deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_set_reads_every_way_a_number_is_written(number: float) -> None:
     for text in (repr(number), f"{number:e}", f"{number:.17g}", f"+{number!r}".replace("+-", "-")):
@@ -81,7 +78,6 @@ def test_set_reads_every_way_a_number_is_written(number: float) -> None:
         assert data["a"]["b"] == float(text)
 
 
-@settings(deadline=None)
 @given(st.integers())
 def test_set_reads_whole_numbers_as_such(number: int) -> None:
     data: dict[str, Any] = {}
@@ -90,7 +86,6 @@ def test_set_reads_whole_numbers_as_such(number: int) -> None:
     assert isinstance(data["a"]["b"], int)
 
 
-@settings(deadline=None)
 @given(st.text(max_size=40))
 def test_set_never_fails_but_with_a_message(text: str) -> None:
     try:
@@ -543,7 +538,6 @@ def test_an_empty_file_lacks_only_what_has_no_default(tmp_path: Path) -> None:
     assert only(file).startswith("servo.inertia: found nothing")
 
 
-@settings(deadline=None)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | st.text(max_size=5),
@@ -560,7 +554,6 @@ def test_any_yaml_is_read_or_refused_in_words(value: object) -> None:
         assert str(error).startswith("text: ")
 
 
-@settings(deadline=None)
 @given(st.text(st.sampled_from("[]{}&*ab:,\n -<!|>'\"#?%@`~1.\x1b\x00\ud800\u202e"), max_size=60))
 def test_any_text_of_yaml_s_own_characters_is_read_or_refused_in_words(text: str) -> None:
     try:

@@ -501,7 +501,7 @@ STEADY = [
 ]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.sampled_from(STEADY), max_size=6),
     st.sampled_from([None, (1, 62), (16, 510)]),

@@ -215,7 +215,7 @@ def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header() -> None:
         assert bool(client.replies()) == answered
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_no_bytes_break_the_bus(chunks: list[bytes]) -> None:
     """Whatever arrives, framed or not, the next ping after a pause is answered."""
@@ -236,7 +236,7 @@ def test_no_bytes_break_the_bus(chunks: list[bytes]) -> None:
     assert any(reply.params for reply in client.replies())
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.integers(0, 160), st.binary(min_size=1, max_size=8)), max_size=30))
 def test_any_writes_leave_every_register_in_its_range(writes: list[tuple[int, bytes]]) -> None:
     client = Client(fast=False)

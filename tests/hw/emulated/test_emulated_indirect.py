@@ -119,7 +119,7 @@ def test_the_x330_has_fewer_and_moved_them(firmware: int, data: int, entries: in
     assert client.answer(1, Instruction.READ, words(data + entries, 1)).error == ErrorCode.ACCESS
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_read_through_any_addresses_is_the_bytes_they_name(data: strategies.DataObject) -> None:
     """Against one read of the whole table, which knows nothing of indirection."""

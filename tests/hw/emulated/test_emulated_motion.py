@@ -13,6 +13,7 @@ import pytest
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.sdk import LinePort
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.settings import TrueServo
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
 from tests.typed import not_none
@@ -426,3 +427,11 @@ def test_the_example_of_the_page_takes_the_time_it_says() -> None:
     assert servo["moving"] == 1
     servo.pass_time(0.2)
     assert servo["present_position"] == pytest.approx(10_000, abs=20)
+
+
+def test_two_masses_are_kept_up_on_an_idle_bus() -> None:
+    true = replace(MX64, load_inertia=1e-4, transmission_stiffness=200.0)
+    idle = EmulatedServo(MODELS[X], 1, 45, true, start_ns=0, baud=1_000_000)
+    for now_ns in range(0, 2_000_000_000, 10_000_000):
+        idle.keep_up(now_ns)
+        assert now_ns - idle.drive.mechanism.time_ns <= 60_000_000

@@ -6,7 +6,7 @@ import statistics
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.body import PlantParameters, State, step
@@ -117,7 +117,6 @@ def test_it_saturates(wanted: float, acting: float) -> None:
     assert mechanism.torque == acting
 
 
-@settings(deadline=None)
 @given(st.floats(-10.0, 10.0), st.floats(1e-4, 0.5), st.floats(0.1, 5.0))
 def test_a_rounded_torque_is_a_whole_number_of_steps_within_the_limit(
     wanted: float, size: float, limit: float

@@ -4,7 +4,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
@@ -111,7 +111,6 @@ def test_impossible_parameters_are_refused_by_name(field: str, value: float) -> 
 
 
 # A busy machine must not fail a promise of the physics.
-unhurried = settings(deadline=None)
 
 positions = st.floats(-3.0, 3.0)
 velocities = st.floats(-20.0, 20.0) | st.just(0.0)
@@ -132,7 +131,6 @@ pulls = st.none() | st.builds(
 )
 
 
-@unhurried
 @given(positions, velocities, parameter_sets, durations)
 def test_energy_never_grows_by_itself(
     position: float, velocity: float, parameters: PlantParameters, duration: float
@@ -141,7 +139,6 @@ def test_energy_never_grows_by_itself(
     assert abs(end.velocity) <= abs(velocity)
 
 
-@unhurried
 @given(positions, velocities, parameter_sets, durations, st.floats(0.01, 50.0), st.floats(0.0, 2.0))
 def test_energy_never_grows_on_a_hand_at_rest(
     position: float,
@@ -160,7 +157,6 @@ def test_energy_never_grows_on_a_hand_at_rest(
     assert energy(end) <= energy(start) * (1.0 + 1e-13) + 1e-300
 
 
-@unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls, st.floats(0.01, 0.99))
 def test_a_step_cut_in_two_is_the_same_step(
     position: float,
@@ -184,7 +180,6 @@ def test_a_step_cut_in_two_is_the_same_step(
     assert end.velocity == pytest.approx(whole.velocity, abs=1e-6 * size)
 
 
-@unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls)
 def test_it_is_the_same_in_the_mirror(
     position: float,
@@ -203,7 +198,6 @@ def test_it_is_the_same_in_the_mirror(
     )
 
 
-@unhurried
 @given(positions, parameter_sets, st.floats(-1.0, 1.0), durations)
 def test_friction_holds_what_is_not_pushed_harder(
     position: float, parameters: PlantParameters, share: float, duration: float
@@ -212,7 +206,6 @@ def test_friction_holds_what_is_not_pushed_harder(
     assert step(State(position, 0.0), parameters, torque, duration) == State(position, 0.0)
 
 
-@unhurried
 @given(positions, velocities, parameter_sets, torques, durations, pulls)
 def test_between_its_turns_the_motion_is_monotone(
     position: float,

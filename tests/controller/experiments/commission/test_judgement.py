@@ -63,14 +63,12 @@ def test_the_measured_age_makes_it_softer() -> None:
 def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb: float, kick: float) -> None:
     device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
     for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
-        m, b, c = (np.array([x]) for x in (device.inertia, device.damping, device.coulomb))
-        loop = (np.array([damping]), device.period, np.array([delay]), 1)
-        found = agreement.with_friction(m, b, c, loop, np.array([kick]))
+        found = device.sustained(damping, delay, kick)
         if coulomb == 0.0:
-            assert found[0] == pytest.approx(device.exact(damping, delay), rel=1e-9)
+            assert found == pytest.approx(device.exact(damping, delay), rel=1e-4)
         else:
-            amplitude, _ = device.onset(found, damping, delay)
-            assert amplitude[0] == pytest.approx(kick, rel=1e-3)
+            amplitude, _ = device.onset(np.array([found]), damping, delay)
+            assert amplitude[0] == pytest.approx(kick, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
@@ -108,7 +106,21 @@ def test_a_servo_that_oscillates_too_early_is_told_with_a_margin() -> None:
     found = agreement.boundary(config, [swept(0.6 * expected["expected"]), swept(13.0)])
     assert [point["agree"] for point in found] == [False, True]
     said = " ".join(words._boundary(found, 0.8))
-    assert "1 of 2" in said and "0.60 of the expected" in said and "guard.margin to 0.48" in said
+    assert "1 of 2" in said and "0.60 of the expected" in said
+    margin = 0.8 * 0.6 * expected["expected"] / found[0]["low"]
+    assert f"guard.margin to {margin:.2g}" in said and margin < 0.55
+
+
+def test_backlash_that_is_believed_takes_no_margin() -> None:
+    believed = ["servo.backlash=0.004", "model.backlash={value: 0.004, low: 0.003, high: 0.005}"]
+    point = swept(13.0, kick_rad=0.02)
+    (without,) = agreement.boundary(load_config("simulated").config, [point])
+    (expected,) = agreement.boundary(load_config("simulated", believed).config, [point])
+    assert expected["expected"] < 0.9 * without["expected"]
+    found = agreement.boundary(
+        load_config("simulated", believed).config, [swept(expected["expected"], kick_rad=0.02)]
+    )
+    assert "asks for less than the configured guard.margin" in " ".join(words._boundary(found, 0.8))
 
 
 def test_a_point_without_a_figure_is_no_disagreement() -> None:

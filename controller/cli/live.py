@@ -1,0 +1,84 @@
+"""``haptic-wall live``: shows a recorded run in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from haptic_wall.controller.cli.options import answer, reading
+from haptic_wall.controller.cli.stretch import stretch_between
+from haptic_wall.controller.cli.working import working
+from haptic_wall.controller.logs.pieces import End
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.rows import LogRows, TimeSpan
+from haptic_wall.controller.logs.walls import told_in, walls_of
+from haptic_wall.controller.processes.live_place import live_at
+from haptic_wall.controller.system.signals import on_signals
+
+if TYPE_CHECKING:
+    from haptic_wall.controller.live.server import View
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option(
+    "--at",
+    "place",
+    metavar="HOST:PORT",
+    default="localhost:0",
+    help="Where to listen; default: a free port of this machine, for this machine only.",
+)
+@click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
+@click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
+def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> None:
+    """Show LOG, a file written by run, in a browser; serves until Ctrl-C.
+
+    The address is the first line on standard output. The page shows what `run --live` shows of a
+    running wall: zoom, cursors, events, export.
+    """
+    stretch = stretch_between(start_s, end_s)
+    live = live_at(place, field="--at")
+    with socket.socket(fileno=live.descriptor) as listener:
+        view = _view(log, stretch)
+        over = False
+
+        def stop(_signal: int, _frame: FrameType | None) -> None:
+            nonlocal over
+            over = True
+
+        answer(live.address)
+        from haptic_wall.controller.live.server import LiveServer
+
+        with on_signals(stop), on_signals(stop, (signal.SIGINT,)):
+            asyncio.run(LiveServer(view, live.host).run(listener, lambda: over))
+
+
+def _view(log: Path, stretch: TimeSpan) -> View:
+    from haptic_wall.controller.live.server import View
+    from haptic_wall.controller.live.source import LoggedSource
+
+    with reading("LOG", log, "a log of run"), working("reading the log"):
+        rows = LogRows.of(LogReader(log), stretch)
+        source = LoggedSource(rows)
+        ended, changes = _told_by(rows)
+    config = walls_of(rows.metadata, ()).configs[0]
+    view = View(config, str(rows.metadata.get("name", log.name)), source, recorded=True)
+    view.recall(ended, changes)
+    return view
+
+
+def _told_by(rows: LogRows) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the end that the run wrote, or nothing, and the changes of the running wall."""
+    ended: dict[str, Any] = {}
+    changes: list[dict[str, Any]] = []
+    for piece in rows.log.pieces():
+        changes += told_in(piece)
+        if isinstance(piece, End):
+            ended = piece.ended
+    return ended, changes

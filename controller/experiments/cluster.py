@@ -1,0 +1,119 @@
+"""Processes that compute on a Dask cluster, and run the same program."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy
+import scipy
+
+from haptic_wall import __version__
+from haptic_wall.controller.errors import PlatformError, UserError
+from haptic_wall.hw.errors import Problem
+
+Result = TypeVar("Result")
+
+_ADDRESS = re.compile(r"[a-z]+://\S+:\d+")
+_PATIENCE_S = 10.0
+"""Time for the scheduler to answer [s]"""
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Cluster]:
+    """Yield an executor on a cluster, which stays as it is.
+
+    Tasks of a worker that is lost are done again by others. A worker with another version of this
+    program, of NumPy or of SciPy does none: its last digits could differ.
+
+    Args:
+        address: Of the scheduler, such as ``tcp://127.0.0.1:8786``.
+
+    Raises:
+        UserError: Dask is not installed, there is no scheduler, or no worker.
+        PlatformError: The cluster or too many of its workers were lost, or one is of another
+            version.
+    """
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise UserError(
+            "found no Dask in this environment",
+            field="--dask",
+            given=address,
+            advice="pip install 'haptic-wall[dask]'",
+        ) from None
+    client = None
+    with suppress(OSError, ValueError):
+        if _ADDRESS.fullmatch(address):
+            client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
+    if client is None:
+        raise UserError(
+            "found no scheduler of Dask there",
+            field="--dask",
+            given=address,
+            wanted="an address such as tcp://127.0.0.1:8786",
+            advice="start one with dask scheduler, and workers with dask worker ADDRESS",
+        )
+    with client:
+        if not client.nthreads():
+            raise UserError(
+                "found no workers there",
+                field="--dask",
+                given=address,
+                advice=f"start some: dask worker {address} --nworkers -1 --nthreads 1",
+            )
+        try:
+            yield Cluster(client.get_executor(pure=False), sum(client.nthreads().values()))
+        except KilledWorker as error:
+            what = "workers of the cluster were lost time and again with the same task"
+            raise PlatformError(Problem(what, advice="look at their logs")) from error
+        except CancelledError as error:
+            what = f"the scheduler at {address} was lost"
+            raise PlatformError(Problem(what, advice="start it again, and the command")) from error
+        except ModuleNotFoundError as error:
+            what = f"a worker of the cluster lacks {error.name}"
+            advice = "install on each what is installed here"
+            raise PlatformError(Problem(what, advice=advice)) from error
+
+
+class Cluster(Executor):
+    """Has each task check the worker that it came to.
+
+    Attributes:
+        size: Number of tasks at a time, when it was opened.
+    """
+
+    def __init__(self, pool: Executor, size: int) -> None:
+        self._pool = pool
+        self.size = size
+
+    def submit(self, task: Callable[..., Any], /, *args: object, **kwargs: object) -> Future[Any]:
+        """Submit a task; see ``concurrent.futures.Executor``."""
+        return self._pool.submit(checked, versions(), partial(task, *args, **kwargs))
+
+
+def versions() -> str:
+    """Return the versions on which a result's digits depend."""
+    return f"haptic-wall {__version__}, NumPy {numpy.__version__}, SciPy {scipy.__version__}"
+
+
+def checked(wanted: str, task: Callable[[], Result]) -> Result:
+    """Do a task, where the versions are the wanted ones.
+
+    Raises:
+        PlatformError: They are others.
+    """
+    if (found := versions()) != wanted:
+        raise PlatformError(
+            Problem(
+                f"found a worker of the cluster with {found}",
+                wanted=wanted,
+                advice="install the same on all, and start them again",
+            )
+        )
+    return task()

@@ -1,0 +1,102 @@
+"""Decides which clients may see the page and turn its knobs, by host name, origin and token."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+from functools import cache
+from importlib.resources import files
+from typing import Final
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+ROWS_PATH: Final = "/rows"
+"""Path of the websocket"""
+_TYPES: Final = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "LICENSE": "text/plain; charset=utf-8",
+}
+_POLICY: Final = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'"
+
+
+def judged(request: Request, own_host: str) -> Response | None:
+    """Return the answer to a request: a file or a refusal; None: the websocket may open.
+
+    A page of another origin must not read the rows. So the host name in the request must be this
+    server's own name, or an address: otherwise another page could let its own name point here. The
+    origin that a browser sends must be the same.
+
+    Args:
+        request: Request of a client.
+        own_host: Host name in the address that was given out.
+    """
+    host = request.headers.get("Host", "")
+    if not _is_ours(host, own_host):
+        return _answer(403, "Forbidden", f"this server is not called {host!r:.200}\n")
+    path = urlsplit(request.path).path
+    if path == ROWS_PATH:
+        origin = request.headers.get("Origin")
+        if origin is not None and origin != f"http://{host}":
+            return _answer(403, "Forbidden", f"a page of {origin!r:.200} may not read this\n")
+        return None
+    found = _page().get(path)
+    if found is None:
+        return _answer(404, "Not Found", "there is no such file\n")
+    return _answer(200, "OK", *found)
+
+
+def token_of(request: Request) -> str:
+    """Return the token in a request's address; empty: none."""
+    return parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+
+
+def is_token(given: str, token: str) -> bool:
+    """Whether a token is right; no token is right if the knobs are disabled."""
+    return bool(token) and hmac.compare_digest(given.encode(), token.encode())
+
+
+def _is_ours(host: str, own_host: str) -> bool:
+    try:
+        name = urlsplit(f"http://{host}").hostname or ""
+    except ValueError:
+        return False
+    if name in ("localhost", own_host.lower()):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@cache
+def _page() -> dict[str, tuple[bytes, str]]:
+    """Return every file of the page by its path, with its type."""
+    found = {}
+    for file in (files("haptic_wall.controller.live") / "page").iterdir():
+        kind = _TYPES.get(file.name.rpartition(".")[2])
+        if kind is not None:
+            found[f"/{file.name}"] = file.read_bytes(), kind
+    found["/"] = found["/index.html"]
+    return found
+
+
+def _answer(
+    status: int, reason: str, body: str | bytes, kind: str = "text/plain; charset=utf-8"
+) -> Response:
+    content = body.encode() if isinstance(body, str) else body
+    headers = Headers(
+        {
+            "Content-Type": kind,
+            "Content-Length": str(len(content)),
+            "Content-Security-Policy": _POLICY,
+            "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
+    )
+    return Response(status, reason, headers, content)

@@ -1,0 +1,82 @@
+"""The guard's view of a wall: each limit as a curve over the damping, and the decision."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from typing import Any, Final
+
+import numpy as np
+
+from haptic_wall.controller.guard.boundary_curve import EVERY_DAMPING
+from haptic_wall.controller.guard.decision_report import decision_report
+from haptic_wall.controller.guard.guard import decide
+from haptic_wall.controller.guard.limits import evaluate_box
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.schedule import inserted_delay
+from haptic_wall.controller.guard.types import Limits, Situation
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.theory.checks import FloatArray
+
+POINTS: Final = 40
+"""Dampings at which the limits are computed"""
+LEAST_SPAN: Final = 3.0
+"""Largest drawn damping over the requested one, at least [1]"""
+
+
+def guard_map(config: Config, delay: float) -> dict[str, Any]:
+    """Return the limits over the damping, and the decision at a delay.
+
+    Args:
+        config: In force.
+        delay: The total delay that the guard uses [s].
+
+    Returns:
+        ``damping`` [N·m·s/rad] and ``limits`` by name [N·m/rad], lists of one length; and of the
+        report's ``guard``: ``requested``, ``commanded``, ``binding``, ``margin``, ``reasons``,
+        ``damping_ceiling``.
+    """
+    period = config.period_ns * 1e-9
+    belief = config.belief()
+    known = config.servo.torque_limit
+    if known is None and config.servo.kind != "hardware":
+        known = config.true_servo().torque_limit
+    counts = config.servo.counts_per_rev if known else 0
+    step = math.tau / counts if counts else 0.0
+    situation = Situation(belief, period, known or 1.0, step)
+    inserted = inserted_delay(config.delay.steps, period, period)
+    before = max(delay - belief.delay.high, 0.0)
+    request, settings = config.request(step or None), config.guard_settings()
+    (decision,) = decide(request, settings, situation, [before], min(inserted, before))
+    least = -0.95 * belief.damping.low / belief.torque_gain.high
+    most = decision.damping_ceiling
+    if step:  # beyond this damping alone, a count commands more than is allowed
+        most = min(most, settings.quantisation_share * situation.torque_limit * period / step)
+    most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
+    damping = np.linspace(least, most, POINTS)
+    found = evaluate_box(
+        replace(request, damping=0.0),
+        EVERY_DAMPING if settings.mode != "passive" else replace(settings, damping_cap=0.999),
+        replace(situation, inserted=min(inserted, before)),
+        Plants.at_corner(situation, np.full(POINTS, before)),
+        asked=damping,
+    )
+    report = decision_report(decision)
+    return {
+        "damping": damping.tolist(),
+        "limits": {
+            field.name: _finite(np.array([getattr(found.limits(i), field.name) for i in all_]))
+            for all_ in [range(POINTS)]
+            for field in fields(Limits)
+            if getattr(found.limits(0), field.name) is not None
+        },
+        **{
+            name: report[name]
+            for name in ("requested", "commanded", "binding", "margin", "reasons")
+        },
+        "damping_ceiling": decision.damping_ceiling,
+    }
+
+
+def _finite(limits: FloatArray) -> list[float | None]:
+    return [float(each) if math.isfinite(each) else None for each in limits]

@@ -1,0 +1,137 @@
+// Joins the parts: rows from the link go into the store; at each frame of the screen the scope shows them.
+
+import { Link } from "./link.js";
+import { Store } from "./store.js";
+import { TimeWindow, SPANS } from "./window.js";
+import { Scope, format } from "./scope.js";
+import { Events } from "./events.js";
+import { GuardMap } from "./map.js";
+import { Knobs } from "./knobs.js";
+import { Hand } from "./hand.js";
+import { DeadMan } from "./dead_man.js";
+import { saveCsv, savePng } from "./exports.js";
+
+const element = (id) => document.getElementById(id);
+const state = { law: null, marks: [], pin: null, cursor: null, hello: null, ended: "" };
+let store = new Store(1, []), view = new TimeWindow(store), scope = null, dirty = true;
+const events = new Events(element("marks"), (time) => change(() => view.show(time - 1, time + 1)));
+state.marks = events.marks;
+const map = new GuardMap(element("plane"), element("limits"), element("reasons"));
+const hand = new Hand(element("hand"), element("stiff"), state, (what) => link.send(what));
+const deadMan = new DeadMan(element("hold"), () => hand.pointer !== null, (what) => link.send(what));
+element("stiff").addEventListener("input", () => { element("grips").value = element("stiff").value; });
+const knobs = new Knobs(element("rows"), (what) => link.send(what));
+
+function change(action) {
+  action();
+  dirty = true;
+}
+
+function greet(hello) {
+  state.hello = hello;
+  store = new Store(hello.capacity, hello.channels, hello.rate_hz);
+  const before = view;
+  view = new TimeWindow(store);
+  view.span = before.span;
+  events.clear();
+  element("grip").hidden = !(hello.hand && hello.controls);
+  element("held").hidden = !(hello.dead_man && hello.controls);
+  element("may").textContent = hello.controls ? "" : hello.recorded ? "(recorded)" : "(to turn it: --live-control)";
+  document.title = element("name").textContent = hello.recorded ? `${hello.name} (recorded)` : hello.name;
+  if (scope) scope.store = store;
+  else scope = new Scope(element("panels"), store, state, {
+    zoom: (from, to) => change(() => view.show(from, to)),
+    wheel: (factor, time) => change(() => view.zoom(factor, time)),
+    shift: (seconds) => change(() => view.shift(seconds)),
+    follow: () => change(() => view.follow()),
+    pin: (time) => change(() => { state.pin = state.pin === null ? time : null; }),
+    cursor: (time) => change(() => { state.cursor = time; }),
+  });
+}
+
+const heard = {
+  hello: greet,
+  marks: ({ marks }) => events.add(marks),
+  law: (law) => { state.law = law; },
+  wall: (wall) => knobs.show(wall, state.hello.controls),
+  map: (limits) => map.show(limits),
+  answer: (told) => knobs.answer(told),
+  beat: ({ beat }) => deadMan.beat(beat),
+  ended: ({ words }) => { state.ended = words; link.over = true; },
+  refused: ({ words }) => console.warn(words),
+};
+
+const link = new Link({
+  open: () => say("connected", false),
+  rows: (buffer) => change(() => {
+    const whole = state.hello.recorded && view.follows;
+    store.take(buffer);
+    if (whole) view.span = Math.max(1, store.last - store.first);
+  }),
+  text: (message) => change(() => heard[message.kind]?.(message)),
+  lost: (reason) => say(state.ended || reason || "no connection to the run; trying again", !state.ended),
+});
+
+function say(words, bad) {
+  element("state").textContent = words;
+  element("state").classList.toggle("bad", bad);
+}
+
+function report() {
+  const newest = store.length - 1;
+  if (newest < 0) return;
+  const row = state.cursor === null ? newest : Math.min(newest, store.at(state.cursor));
+  scope.label(row);
+  const of = (name) => store.value(name, newest);
+  if (!element("grip").hidden) hand.draw(of("position_rad"));
+  map.move(of("stiffness_nm_per_rad"), of("damping_nms_per_rad"));
+  if (link.socket.readyState === WebSocket.OPEN) {
+    const parts = [
+      state.ended,
+      `${store.last.toFixed(2)} s`,
+      `K ${format(of("stiffness_nm_per_rad"))} N·m/rad`,
+      `B ${format(of("damping_nms_per_rad"))} N·m·s/rad`,
+      `delay ${format(1e3 * of("delay_s"), 3)} ms`,
+      store.gaps ? `${store.gaps} rows skipped` : "",
+    ];
+    say(parts.filter(Boolean).join(" · "), false);
+  }
+  element("readout").textContent = readout(row);
+}
+
+function readout(row) {
+  if (state.pin === null) return state.cursor === null ? "drag: zoom · wheel: zoom · click: pin a cursor · double click: newest" : `t ${store.time[row].toFixed(4)} s`;
+  const pinned = Math.min(store.length - 1, store.at(state.pin));
+  const dt = store.time[row] - store.time[pinned];
+  const difference = (name) => format(store.value(name, row) - store.value(name, pinned));
+  const rate = dt ? ` (${format(1 / Math.abs(dt), 3)} Hz)` : "";
+  return `from the pin: Δt ${(1e3 * dt).toFixed(1)} ms${rate}, Δx ${difference("position_rad")} rad, Δτ ${difference("torque_nm")} N·m`;
+}
+
+function frame() {
+  requestAnimationFrame(frame);
+  if (!dirty || !scope) return;
+  dirty = false;
+  element("pause").setAttribute("aria-pressed", String(!view.follows));
+  element("pause").textContent = view.follows ? "Pause" : "Go on";
+  for (const button of element("spans").children) button.setAttribute("aria-pressed", String(view.follows && +button.value === view.span));
+  scope.draw(view.stretch);
+  report();
+}
+
+for (const span of SPANS) {
+  const button = element("spans").appendChild(document.createElement("button"));
+  Object.assign(button, { type: "button", value: span, textContent: `${span} s` });
+  button.addEventListener("click", () => change(() => view.follow(span)));
+  element("spans").append(" ");
+}
+element("pause").addEventListener("click", () => change(() => (view.follows ? view.hold() : view.follow())));
+element("csv").addEventListener("click", () => saveCsv(store, view.stretch, state.hello.name));
+element("png").addEventListener("click", () => savePng(scope, state.hello.name, `${document.title}  ${element("state").textContent}`));
+addEventListener("keydown", (event) => {
+  if (event.key === " " && event.target === document.body) {
+    event.preventDefault();
+    element("pause").click();
+  }
+});
+requestAnimationFrame(frame);

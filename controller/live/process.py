@@ -1,0 +1,109 @@
+"""The live page's process: serves the rows of a running loop to browsers.
+
+It may be slow, flooded, stopped or killed without an effect on the loop or the log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+import socket
+from pathlib import Path
+from typing import Any
+
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.live.dead_man import DeadMan
+from haptic_wall.controller.live.marks import Mark, change_mark
+from haptic_wall.controller.live.server import LiveServer, View
+from haptic_wall.controller.live.source import RunningSource
+from haptic_wall.controller.processes.idle_window import until_idle_window
+from haptic_wall.controller.processes.live_place import Live
+from haptic_wall.controller.processes.orders import read_orders, say
+from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.controller.settings.changes import changed
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.signals import ended_by
+from haptic_wall.hw.hand import SharedHand
+
+_MOST_NEWS = 65_536
+"""Largest message of the supervisor [bytes]"""
+
+
+class News:
+    """Receives messages of the supervisor about the run, and passes them to the view.
+
+    Args:
+        line: Socket from the supervisor; each message is one JSON object.
+        telemetry: Of the run.
+        view: View of the run.
+    """
+
+    def __init__(self, line: socket.socket, telemetry: Telemetry, view: View) -> None:
+        self._line = line
+        self._words = telemetry.words
+        self._view = view
+
+    def take(self) -> None:
+        """Read the messages that have come, and show them."""
+        with contextlib.suppress(OSError):  # none more, or the supervisor is gone
+            while found := self._line.recv(_MOST_NEWS, socket.MSG_DONTWAIT):
+                self._show(json.loads(found))
+
+    def _show(self, news: dict[str, Any]) -> None:
+        view, origin_ns = self._view, self._words[Word.BEGAN_NS]
+        if "note" in news and origin_ns:
+            view.add([Mark((news["at_ns"] - origin_ns) * 1e-9, "note", news["note"])])
+        elif "ended" in news:
+            view.end(f"the run is over: {news['ended']}")
+        elif "change" in news:
+            change = news["change"]
+            if change["outcome"] == "applied":
+                with contextlib.suppress(HapticWallError):
+                    view.change(changed(view.config, change["set"]))
+            if change["at_s"] is not None:
+                view.add([change_mark(change)])
+
+
+def main() -> None:
+    """Serve until told to end."""
+    orders = read_orders()
+    ends = ended_by(signal.SIGTERM)
+    stand_back()
+    die_with_parent(orders["parent"], signal.SIGKILL)
+    live = Live(**orders["live"])
+    telemetry = Telemetry(orders["telemetry"])
+    config = Config.model_validate_json(orders["config"])
+    hand = None if orders["hand"] is None else SharedHand(orders["hand"])
+    view = View(
+        config,
+        orders["name"],
+        RunningSource(telemetry, config.period_ns),
+        recorded=False,
+        hand=hand,
+        dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
+    )
+    news = News(socket.socket(fileno=orders["news"]), telemetry, view)
+
+    def until() -> bool:
+        over = ends()
+        news.take()
+        return over
+
+    server = LiveServer(
+        view,
+        live.host,
+        live.token,
+        Path(orders["run"]),
+        lambda wanted_s: until_idle_window(telemetry.words, config.period_ns, wanted_s),
+    )
+    try:
+        asyncio.run(server.run(socket.socket(fileno=live.descriptor), until))
+    except OSError as error:
+        say({"trouble": f"the page is gone ({error.strerror or error})"})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Provides the rows of a view: from a running loop's memory, or from a log."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+
+BACK_S: Final = 60.0
+"""Time before a client's arrival for which it gets the rows [s]"""
+MOST_ROWS: Final = 900_000
+"""Rows of a log that can be shown: a quarter of an hour at 1 kHz, 60 MB in the browser"""
+
+
+class Source(Protocol):
+    """Rows of a run.
+
+    Attributes:
+        capacity: Number of rows that a page keeps.
+    """
+
+    capacity: int
+
+    def origin_ns(self) -> int:
+        """Return the zero of the time [ns]; 0: not known yet."""
+        ...
+
+    def first(self) -> int:
+        """Return the number of the first row for a client that comes now."""
+        ...
+
+    def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
+        ...
+
+
+class RunningSource:
+    """The rows of a running loop.
+
+    Args:
+        telemetry: Its memory.
+        period_ns: Of the loop [ns].
+    """
+
+    def __init__(self, telemetry: Telemetry, period_ns: int) -> None:
+        self._telemetry = telemetry
+        self.capacity = round(BACK_S * 1e9 / period_ns)
+
+    def origin_ns(self) -> int:
+        """Return the first deadline [ns]; 0: the loop does not run yet."""
+        return int(self._telemetry.words[Word.BEGAN_NS])
+
+    def first(self) -> int:
+        """Return the number of the row a minute ago."""
+        return max(0, int(self._telemetry.words[Word.HEAD]) - self.capacity)
+
+    def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
+        """Return rows from ``tail`` on, and the next tail; see ``Telemetry.read``."""
+        return self._telemetry.read(tail, most)
+
+
+class LoggedSource:
+    """The rows of a log, in memory.
+
+    Args:
+        log: The log, or a stretch of it.
+
+    Raises:
+        UserError: The log has no rows, or more than a page can show.
+        LogFormatError: The rows are not a run's.
+        OSError: The log cannot be read.
+    """
+
+    def __init__(self, log: LogRows) -> None:
+        blocks: list[NDArray[np.void]] = []
+        for block in log.blocks():
+            blocks.append(block)
+            if sum(map(len, blocks)) > MOST_ROWS:
+                raise UserError(
+                    f"holds more than {MOST_ROWS} rows there",
+                    field="LOG",
+                    given=log.log.path,
+                    advice="choose a stretch of it with --from and --to",
+                )
+        if not blocks:
+            raise UserError("holds no rows there", field="LOG", given=log.log.path)
+        self.rows = np.concatenate(blocks)
+        self._origin_ns = log.origin_ns
+        self.capacity = len(self.rows)
+
+    def origin_ns(self) -> int:
+        """Return the deadline of the log's first row [ns]."""
+        return self._origin_ns
+
+    def first(self) -> int:
+        """Return 0: all rows are sent."""
+        return 0
+
+    def read(self, tail: int, most: int) -> tuple[NDArray[np.void], int]:
+        """Return rows from place ``tail`` on, and the next place."""
+        rows = self.rows[tail : tail + most]
+        return rows, tail + len(rows)

@@ -1,0 +1,111 @@
+"""The walls of a logged run: that of its start, and that of each change while it ran."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from haptic_wall.controller.errors import ConfigError, LogFormatError
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
+from haptic_wall.controller.settings.changes import moved, with_changes
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import loaded
+
+_OF_LAWS = "wall.law:", "wall.options:", "wall.parts:"
+APPLIED = "applied"
+"""Outcome of a change that was made"""
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """The configurations of a run, one after the other."""
+
+    since: tuple[int, ...]
+    """Sequence number of the first row of each; the first is 0"""
+    configs: tuple[Config, ...]
+
+    def index(self, seq: int) -> int:
+        """Return the index of the configuration at a row."""
+        return bisect_right(self.since, seq) - 1
+
+    def moves(self) -> list[int]:
+        """Return the indices of the configurations with another law, or one elsewhere."""
+        pairs = enumerate(pairwise(self.configs), 1)
+        return [index for index, (old, new) in pairs if moved(old, new)]
+
+    def at(self, seq: int) -> Config:
+        """Return the configuration at a row."""
+        return self.configs[self.index(seq)]
+
+
+def walls_of(metadata: Mapping[str, Any], changes: Iterable[Mapping[str, Any]]) -> Walls:
+    """Return the configurations of a logged run.
+
+    Args:
+        metadata: With the configuration of the start.
+        changes: As the log has them, see ``changes_in``.
+
+    Raises:
+        LogFormatError: A configuration is not one that this program can use here.
+    """
+    if "config" not in metadata:
+        raise LogFormatError(
+            "the log tells no configuration, that part of it is damaged",
+            advice="export its rows with `haptic-wall log LOG --csv FILE`",
+        )
+    since, configs = [0], [_config(metadata["config"])]
+    for change in changes:
+        row, new = change.get("row"), change.get("changed")
+        if isinstance(row, int) and row >= since[-1] and isinstance(new, dict):
+            since.append(row)
+            configs.append(_config(with_changes(configs[-1], new)))
+    return Walls(tuple(since), tuple(configs))
+
+
+def changes_in(pieces: Iterable[Piece]) -> list[dict[str, Any]]:
+    """Return the changes that were made in a log, in the order of their rows, each once.
+
+    Args:
+        pieces: Of the log; those of a log that is joined to it are left out.
+    """
+    found: dict[int, dict[str, Any]] = {}
+    for piece in pieces:
+        if isinstance(piece, Head):
+            break
+        for change in told_in(piece):
+            row = change.get("row")
+            if change.get("outcome") == APPLIED and isinstance(row, int):
+                found[row] = change
+    return [found[row] for row in sorted(found)]
+
+
+def told_in(piece: Piece) -> list[dict[str, Any]]:
+    """Return the changes that a piece of a log tells: an event, or the end of a run."""
+    if isinstance(piece, Event):
+        return [piece.change]
+    if not isinstance(piece, End):
+        return []
+    changes = piece.ended.get("changes")
+    return [each for each in changes if isinstance(each, dict)] if isinstance(changes, list) else []
+
+
+def _config(data: object) -> Config:
+    problems: Sequence[str] = ("",)
+    try:
+        if isinstance(data, dict):
+            return loaded(data, "of the log")
+    except ConfigError as error:
+        problems = error.problems
+    law = next((each for each in problems if each.startswith(_OF_LAWS)), None)
+    if law is not None:
+        raise LogFormatError(
+            f"the run's law cannot be made here: {law}",
+            advice="install the distribution that brings it, or start in the folder of its module",
+        )
+    raise LogFormatError(
+        f"the log's configuration is not one this program knows ({len(problems)} differences)",
+        advice="use the haptic-wall that wrote the log",
+    )

@@ -1,0 +1,123 @@
+"""The supervisor's side of the live page: starts its process, and sends it news of the run."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import time
+from dataclasses import asdict
+from typing import Any, Final
+
+from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.plan import Plan, Tell
+from haptic_wall.controller.processes.run_socket import socket_of
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.hw.hand import SharedHand
+
+MODULE: Final = "haptic_wall.controller.live.process"
+_END_S: Final = 2.0
+_MOST_BYTES: Final = 60_000
+
+
+class LiveMonitor:
+    """Listens to the page's process, and sends it changes, messages and the end of the run.
+
+    Args:
+        server: The process.
+        news: Socket to the process.
+        hand: A person's hand on a servo that is not real; None: the page has none.
+        tell: Called with messages for a person.
+
+    Attributes:
+        server: See above.
+        hand: See above.
+    """
+
+    def __init__(
+        self, server: Child, news: socket.socket, hand: SharedHand | None, tell: Tell
+    ) -> None:
+        self.hand = hand
+        self.server = server
+        self._news = news
+        self._tell = tell
+        self._over = False
+        self._changes = 0
+
+    def look(self, changes: list[dict[str, Any]], count: int) -> None:
+        """Read the process's messages, and pass on changes of the wall.
+
+        Args:
+            changes: The last changes.
+            count: Number of all changes.
+        """
+        new = count - self._changes
+        self._changes = count
+        for change in changes[-new:] if new > 0 else []:
+            self._send({"change": change})
+        for line in self.server.lines():
+            self._tell(f"--live: {json.loads(line)['trouble']}")
+        if self.server.ended() and not self._over:
+            self._over = True
+            self._tell(f"--live: its process {self.server.exit_text()}; the run goes on without it")
+
+    def pass_on(self, text: str) -> None:
+        """Pass on a message for a person."""
+        self._send({"note": text, "at_ns": time.monotonic_ns()})
+
+    def end(self, words: str) -> None:
+        """Tell how the run ended, and end the process; safe to call twice.
+
+        Args:
+            words: Text about the end; empty: not known.
+        """
+        if words:
+            self._send({"ended": words})
+        self.server.send(signal.SIGTERM)
+        self.server.dismiss(_END_S)
+        self._news.close()
+        if self.hand is not None:
+            self.hand.release()
+            self.hand.close()
+            self.hand = None
+
+    def _send(self, what: dict[str, Any]) -> None:
+        message = json.dumps(what).encode()
+        if len(message) < _MOST_BYTES:
+            with contextlib.suppress(OSError):  # it is gone, or does not read: nothing waits for it
+                self._news.send(message, socket.MSG_DONTWAIT)
+
+
+def start_live(plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]) -> LiveMonitor | None:
+    """Start the page's process; return None if the plan has no page.
+
+    Args:
+        plan: Of the run.
+        telemetry: Shared memory of the run.
+        tell: Called with messages for a person.
+        cores: Cores on which the process runs.
+    """
+    live = plan.live
+    if live is None:
+        return None
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    simulated = plan.config.servo.kind != "hardware"
+    hand = SharedHand.create() if live.token and simulated else None
+    with theirs:
+        orders = {
+            "telemetry": telemetry.descriptor,
+            "news": theirs.fileno(),
+            "parent": os.getpid(),
+            "live": asdict(live),
+            "name": plan.metadata["name"],
+            "config": plan.config.model_dump_json(),
+            "run": str(socket_of(plan.log)),
+            "hand": None if hand is None else hand.descriptor,
+            "dead_man": plan.hold is not None and plan.hold.kind == "page",
+        }
+        descriptors = [telemetry.descriptor, theirs.fileno(), live.descriptor]
+        descriptors += [] if hand is None else [hand.descriptor]
+        server = Child("live page", [MODULE], orders, descriptors, cores)
+    return LiveMonitor(server, ours, hand, tell)

@@ -1,0 +1,104 @@
+"""``run --live`` and ``live``: what they refuse, and that the page's end is not the run's."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from websockets.sync.client import connect
+
+from haptic_wall.controller.cli import live, run
+from haptic_wall.controller.errors import HapticWallError, PlatformError
+from haptic_wall.controller.processes.live import MODULE
+from haptic_wall.controller.processes.live_place import live_at
+
+
+def refusal(command: object, *arguments: str) -> str:
+    done = CliRunner().invoke(command, [*arguments])  # type: ignore[arg-type]
+    assert isinstance(done.exception, HapticWallError), done.output
+    return str(done.exception)
+
+
+@pytest.mark.parametrize("place", ["simulated", "localhost", "localhost:70000", "a b:1"])
+def test_a_place_that_is_none_is_refused(place: str) -> None:
+    assert refusal(run.command, "--live", place).startswith("--live")
+
+
+def test_a_taken_port_is_refused_before_anything_starts() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        said = refusal(run.command, "--live", f"127.0.0.1:{taken.getsockname()[1]}")
+    assert "Address already in use" in said
+    assert "localhost:0 takes a free one" in said
+
+
+def test_control_without_a_page_and_a_page_without_time_are_refused() -> None:
+    assert "add --live" in refusal(run.command, "--live-control")
+    assert "haptic-wall live LOG" in refusal(
+        run.command, "--live", "localhost:0", "--set", "loop.clock=simulated"
+    )
+
+
+def test_without_websockets_the_install_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(PlatformError, match=r"pip install -e '\.\[live\]'"):
+        live_at("localhost:0")
+
+
+def test_a_token_only_where_knobs_may_be_turned() -> None:
+    reading, turning = live_at("127.0.0.1:0"), live_at("[::1]:0", control=True)
+    for place in (reading, turning):
+        os.close(place.descriptor)
+    assert reading.token == ""
+    assert reading.address.endswith("/")
+    assert len(turning.token) >= 20
+    assert turning.address.startswith("http://[::1]:")
+    assert turning.address.endswith(f"/?token={turning.token}")
+
+
+def test_a_log_that_is_none_is_refused(tmp_path: Path) -> None:
+    other = tmp_path / "x.hwlog"
+    other.write_text("no log")
+    assert "is not a log" in refusal(live.command, str(other))
+    assert "cannot be read" in refusal(live.command, str(tmp_path / "none"))
+
+
+def server_of(parent: int) -> int:
+    """The page's process that a run started."""
+    for each in Path("/proc").iterdir():
+        if each.name.isdigit():
+            try:
+                words = (each / "cmdline").read_bytes().split(b"\0")
+                mine = int((each / "stat").read_text().rpartition(")")[2].split()[1]) == parent
+            except OSError:
+                continue
+            if mine and MODULE.encode() in words:
+                return int(each.name)
+    raise AssertionError("no page")
+
+
+@pytest.mark.realtime
+def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", "simulated"]
+    command += ["--live", "--duration", "1.5", "--no-plot", "--json", "--log", str(tmp_path / "a")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None and child.stderr is not None
+        address = next(line for line in child.stderr if line.startswith("live: "))[6:].strip()
+        with connect(f"{address.replace('http', 'ws')}rows", open_timeout=60.0) as client:
+            while isinstance(client.recv(timeout=60.0), str):
+                pass
+            os.kill(server_of(child.pid), signal.SIGKILL)
+        report = json.loads(child.stdout.read())
+        said = child.stderr.read()
+    assert child.returncode == 0
+    assert report["stop_reason"] == "duration"
+    assert report["ticks"] + report["missed_ticks"] >= 1500
+    assert "--live: its process was killed by SIGKILL; the run goes on without it" in said

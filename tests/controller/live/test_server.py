@@ -1,0 +1,403 @@
+"""The page's server: what it serves, whom it refuses, and that no client harms another."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from haptic_wall.controller import live as room
+from haptic_wall.controller.guard.guard import Situation, decide
+from haptic_wall.controller.live.dead_man import DeadMan
+from haptic_wall.controller.live.frames import CHANNELS
+from haptic_wall.controller.live.relay import sets_of
+from haptic_wall.controller.live.server import MOST_ROWS, LiveServer, View
+from haptic_wall.controller.live.source import RunningSource
+from haptic_wall.controller.processes.run_socket import listening
+from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.hand import SharedHand
+
+PAGE = Path(str(room.__file__)).parent / "page"
+TOKEN = "the-right-token"
+BEGAN_NS = 5_000_000_000
+CONFIG = load_config("simulated", ()).config
+SIMULATED = (
+    CONFIG.request(),
+    CONFIG.guard_settings(),
+    Situation(CONFIG.belief(), 1e-3, CONFIG.true_servo().torque_limit, math.tau / 4096),
+    [0.0],
+)
+
+
+class Served:
+    """A server in a thread, of rows that a test writes."""
+
+    def __init__(self) -> None:
+        config = load_config("simulated", ()).config
+        self.telemetry = Telemetry.create()
+        self.telemetry.words[Word.BEGAN_NS] = BEGAN_NS
+        self.hand = SharedHand.create()
+        self.view = View(
+            config,
+            "a run",
+            RunningSource(self.telemetry, config.period_ns),
+            recorded=False,
+            hand=self.hand,
+        )
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.place = f"127.0.0.1:{listener.getsockname()[1]}"
+        self._over = False
+        self.server = server = LiveServer(self.view, "127.0.0.1", TOKEN)
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(server.run(listener, lambda: self._over))
+        )
+        self._thread.start()
+        self._count = 0
+
+    def write(self, count: int) -> None:
+        row = Row(stiffness=8.0)
+        for k in range(self._count, self._count + count):
+            row.deadline_ns, row.position = BEGAN_NS + 1_000_000 * k, 0.001 * k
+            self.telemetry.write(row)
+        self._count += count
+
+    def connect(self, query: str = "", **options: Any) -> ClientConnection:
+        client: ClientConnection = connect(
+            f"ws://{self.place}/rows{query}", compression=None, **options
+        )
+        return client
+
+    def close(self) -> None:
+        self._over = True
+        self._thread.join(10.0)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    made = Served()
+    made.write(500)
+    yield made
+    made.close()
+
+
+def heard(client: ClientConnection, kind: str) -> dict[str, Any]:
+    """The next object of a kind."""
+    while True:
+        message = client.recv(timeout=10.0)
+        if isinstance(message, str) and (found := json.loads(message))["kind"] == kind:
+            return dict(found)
+
+
+def numbers(client: ClientConnection) -> tuple[int, int]:
+    """First row and count of the next message of rows."""
+    while True:
+        message = client.recv(timeout=10.0)
+        if isinstance(message, bytes):
+            first, count, channels = struct.unpack_from("<dII", message)
+            assert channels == len(CHANNELS)
+            assert len(message) == 16 + count * (8 + 4 * channels)
+            return int(first), count
+
+
+def test_a_client_gets_what_was_and_what_comes(served: Served) -> None:
+    with served.connect() as client:
+        hello = heard(client, "hello")
+        assert hello["channels"] == list(CHANNELS)
+        assert not hello["controls"]
+        while isinstance(message := client.recv(timeout=10.0), str):
+            pass
+        count = struct.unpack_from("<dII", message)[1]
+        times = np.frombuffer(message, "<f8", count, 16)
+        position = np.frombuffer(message, "<f4", count, 16 + 8 * count)
+        assert times == pytest.approx(0.001 * np.arange(count))
+        assert position == pytest.approx(0.001 * np.arange(count), rel=1e-6)
+        before = count
+        served.write(40)
+        first, count = numbers(client)
+        assert first == before
+        assert count > 0
+
+
+def test_the_law_is_drawn_where_the_shaft_has_been(served: Served) -> None:
+    with served.connect() as client:
+        law = heard(client, "law")
+    assert law["low"] < 0.0
+    assert law["high"] > 0.499
+    places = np.linspace(law["low"], law["high"], len(law["torque"]))
+    assert law["torque"] == pytest.approx(-8.0 * np.maximum(places - law["surface"], 0.0))
+
+
+def test_the_page_is_whole_and_small(served: Served) -> None:
+    sizes = 0
+    for file in sorted(PAGE.iterdir()):
+        with urlopen(f"http://{served.place}/{file.name}") as answer:
+            content = answer.read()
+            assert answer.headers["Content-Security-Policy"].startswith("default-src 'self'")
+        assert content == file.read_bytes()
+        sizes += len(content)
+        assert b"http" not in content.replace(b"http://www.w3.org", b"") or "uPlot" in file.name
+    assert sizes < 300_000
+    with urlopen(f"http://{served.place}/") as answer:
+        assert answer.read() == (PAGE / "index.html").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/../server.py", {}, 404),
+        ("/nothing", {}, 404),
+        ("/", {"Host": "evil.example:80"}, 403),
+        ("/rows", {"Host": "evil.example", "Origin": "http://evil.example"}, 403),
+        ("/rows", {"Origin": "http://evil.example"}, 403),
+        ("/rows", {"Host": "[:::"}, 403),
+    ],
+)
+def test_others_are_refused(
+    served: Served, path: str, headers: dict[str, str], status: int
+) -> None:
+    with pytest.raises(HTTPError) as found:
+        urlopen(Request(f"http://{served.place}{path}", headers=headers))
+    assert found.value.code == status
+    found.value.close()
+
+
+def test_a_page_of_this_server_may_read(served: Served) -> None:
+    with served.connect(origin=f"http://{served.place}") as client:
+        heard(client, "hello")
+
+
+@pytest.mark.parametrize(("token", "controls"), [(TOKEN, True), ("", False)])
+def test_the_token_makes_the_difference(served: Served, token: str, controls: bool) -> None:
+    with served.connect(f"?token={token}" if token else "") as client:
+        assert heard(client, "hello")["controls"] is controls
+
+
+@pytest.mark.parametrize("token", ["wrong", TOKEN[:-1], "%00", "ü"])
+def test_a_wrong_token_closes_the_door(served: Served, token: str) -> None:
+    from urllib.parse import quote
+
+    with served.connect(f"?token={quote(token)}") as client:
+        with pytest.raises(ConnectionClosed):
+            client.recv(timeout=10.0)
+        assert client.close_code == 1008
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"set": 7}',
+        "[" * 3000,
+        b"\x00\xff",
+        '{"hold": "x"}',
+        '{"hand": {"x": 1e999}}',
+    ],
+)
+def test_nonsense_changes_nothing(served: Served, message: str | bytes) -> None:
+    with served.connect(f"?token={TOKEN}") as client:
+        heard(client, "hello")
+        client.send(message)
+        assert "not understood" in heard(client, "refused")["words"]
+        served.write(5)
+        numbers(client)
+
+
+@pytest.fixture
+def run(served: Served, tmp_path: Path) -> Iterator[socket.socket]:
+    """The end at which a run takes changes."""
+    path = tmp_path / "run.sock"
+    with listening(path) as listener:
+        listener.settimeout(10.0)
+        listener.setblocking(True)
+        served.server.run_socket = path
+        yield listener
+    served.server.run_socket = None
+
+
+def asked(listener: socket.socket) -> tuple[socket.socket, Any]:
+    connection, _ = listener.accept()
+    connection.settimeout(10.0)
+    return connection, json.loads(connection.recv(65536))
+
+
+def test_a_change_goes_to_the_run_and_its_answers_come_back(
+    served: Served, run: socket.socket
+) -> None:
+    with served.connect(f"?token={TOKEN}") as client:
+        client.send(json.dumps({"set": {"wall.stiffness": 4.5, "wall.law": "spring"}, "id": 7}))
+        connection, request = asked(run)
+        with connection:
+            assert request["set"] == ["wall.stiffness=4.5", 'wall.law="spring"']
+            connection.sendall(b'{"waits": "for you"}\n')
+            answer = heard(client, "answer")
+            assert (answer["id"], answer["waits"]) == (7, "for you")
+            client.send(json.dumps({"set": {"wall.stiffness": 5}, "id": 8}))
+            assert connection.recv(10) == b"", "the newer wish withdraws the older one"
+        connection, _ = asked(run)
+        with connection:
+            connection.sendall(b'{"applied": true}\n')
+            assert heard(client, "answer") == {"kind": "answer", "id": 8, "applied": True}
+        client.send(json.dumps({"set": {"wall.damping": 0.1}, "id": 9}))
+        connection, _ = asked(run)
+    with connection:
+        assert connection.recv(10) == b"", "a page that has gone wishes nothing"
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)
+
+
+def held(served: Served) -> float | None:
+    """Where the hand goes; None: it does not hold on."""
+    grasp = served.hand.look(time.monotonic_ns())
+    return None if grasp is None else grasp.target
+
+
+def test_one_hand_holds_the_shaft_and_lets_go_with_its_page(served: Served) -> None:
+    hold = '{"hand": {"position": 0.25, "stiffness": 4}}'
+    other = '{"hand": {"position": 0.5, "stiffness": 4}}'
+    with served.connect(f"?token={TOKEN}") as late, served.connect() as reader:
+        with served.connect(f"?token={TOKEN}") as client:
+            heard(client, "hello")
+            client.send(hold)
+            until(lambda: held(served) == 0.25)
+            reader.send(other)
+            assert "may look" in heard(reader, "refused")["words"]
+            client.send(hold)
+            late.send(other)
+            client.send('{"hand": null}')
+            until(lambda: held(served) is None)
+            client.send(hold)
+            until(lambda: held(served) == 0.25)
+        until(lambda: held(served) is None)
+        late.send(other)
+        until(lambda: held(served) == 0.5)
+        until(lambda: held(served) is None)  # it says nothing any more
+
+
+def test_a_page_that_answers_the_beats_holds_the_dead_man_until_it_goes(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = served.telemetry.words
+    words[Word.HELD_NS] = 0
+    monkeypatch.setattr(served.view, "dead_man", DeadMan(words))
+    with served.connect() as reader, served.connect(f"?token={TOKEN}") as client:
+        beat = heard(client, "beat")["beat"]
+        reader.send(json.dumps({"hold": beat}))
+        assert "may look" in heard(reader, "refused")["words"]
+        assert words[Word.HELD_NS] == 0
+        client.send(json.dumps({"hold": heard(client, "beat")["beat"]}))
+        until(lambda: words[Word.HELD_NS] > 0)
+        client.send('{"hold": null}')
+        until(lambda: words[Word.HELD_NS] == 0)
+        client.send(json.dumps({"hold": heard(client, "beat")["beat"]}))
+        until(lambda: words[Word.HELD_NS] > 0)
+    until(lambda: words[Word.HELD_NS] == 0)
+
+
+def test_only_the_token_turns_the_knobs(served: Served, run: socket.socket) -> None:
+    with served.connect() as client:
+        client.send('{"set": {"wall.stiffness": 4}}')
+        assert "may look" in heard(client, "refused")["words"]
+    run.settimeout(0.0)
+    with pytest.raises(BlockingIOError):
+        run.accept()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"servo.inertia": 1},
+        {"wall.profile": "/etc/passwd"},
+        {"wall.law": "os:system"},
+        {"wall.law": "profile"},
+        {"wall.stiffness": "4"},
+        {"wall.stiffness": [1]},
+        {"wall.stiffness": math.inf},
+        [1],
+    ],
+)
+def test_a_page_names_no_file_and_no_class(changes: object) -> None:
+    assert sets_of(changes) is None
+
+
+def test_the_guards_limits_are_told(served: Served) -> None:
+    with served.connect() as client:
+        limits = heard(client, "map")
+    assert limits["requested"]["stiffness"] == limits["commanded"]["stiffness"]
+    exact = np.interp(limits["requested"]["damping"], limits["damping"], limits["limits"]["exact"])
+    (decision,) = decide(*SIMULATED)
+    assert exact == pytest.approx(decision.limits.exact, rel=0.02)
+    assert all(len(each) == len(limits["damping"]) for each in limits["limits"].values())
+
+
+def test_a_message_of_100_mb_ends_its_client_only(served: Served) -> None:
+    with served.connect() as other, served.connect() as client:
+        with pytest.raises((ConnectionClosed, OSError)):
+            client.send(b"\0" * 1_000_000 for _ in range(100))
+            while True:
+                client.recv(timeout=10.0)
+        served.write(5)
+        numbers(other)
+
+
+def test_of_20_clients_one_that_does_not_read_is_not_buffered_and_misses_rows_at_last() -> None:
+    served = Served()
+    host, _, port = served.place.partition(":")
+    plain = socket.socket()
+    plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    plain.connect((host, int(port)))
+    try:
+        request = (
+            f"GET /rows HTTP/1.1\r\nHost: {served.place}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+        )
+        plain.sendall(request.encode())
+        with ExitStack() as connections:
+            others = [connections.enter_context(served.connect()) for _ in range(19)]
+            for round_ in range(11):
+                served.write(MOST_ROWS)
+                head = served.telemetry.words[Word.HEAD]
+                # Two read to the end; the others read for three rounds, as that takes a second.
+                for other in others if round_ < 3 else others[:2]:
+                    seen = 0
+                    while seen < head:
+                        first, count = numbers(other)
+                        seen = first + count
+            clients = sorted(served.view.clients, key=lambda each: each.tail)
+            assert len(clients) == 20
+            frame_bytes = MOST_ROWS * (8 + 4 * len(CHANNELS))
+            assert all(each.buffered < 2 * frame_bytes for each in clients)
+            slow = clients[0]
+        assert seen - slow.tail > CAPACITY, "it comes back to rows that are no longer there"
+        began_s = time.monotonic()
+        served.close()
+        assert time.monotonic() < began_s + 5.0, "a stopped client does not hold the end up"
+    finally:
+        plain.close()
+        served.close()

@@ -1,0 +1,233 @@
+"""Changes of a running wall in its log: picture, detector and excerpts follow them."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.logs.file import LogWriter, append_end
+from haptic_wall.controller.logs.reader import LogReader
+from haptic_wall.controller.logs.recordings import MOVED, recordings_of_log
+from haptic_wall.controller.logs.replayed import replayed
+from haptic_wall.controller.logs.rows import LogRows
+from haptic_wall.controller.logs.walls import changes_in, walls_of
+from haptic_wall.controller.processes.log_events import event_sockets, send_event, take_events
+from haptic_wall.controller.report.run_panels import DrawnRun
+from haptic_wall.controller.report.sketch import sketched
+from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.controller.settings.changes import difference
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from scripts.changed_walls import ChangedRun
+
+NOT_GIVEN = dict.fromkeys(("inertia", "damping", "coulomb", "lag"))
+METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_dump(mode="json")}
+
+
+Change = dict[str, Any]
+WRONG: list[Change] = [
+    {"row": -1},
+    {"row": True},
+    {"changed": 3},
+    {"outcome": 5},
+    {"set": "x"},
+    {"set": [1]},
+    {"at_s": "1"},
+]
+Swung = tuple[Path, ChangedRun, NDArray[np.void]]
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:
+    status = main([str(each) for each in words])
+    captured = capsys.readouterr()
+    return status, captured.out + captured.err
+
+
+def event(row: int | None, changed: Change | None, outcome: str = "applied") -> Change:
+    by = {"user": "me"}
+    return {"row": row, "set": [], "changed": changed, "outcome": outcome, "why": None, "by": by}
+
+
+@pytest.fixture(scope="module")
+def swung(tmp_path_factory: pytest.TempPathFactory) -> Swung:
+    """A wall that oscillates, in turn at two places, with two laws; its log."""
+    sets = (
+        "loop.clock=simulated",
+        "servo.hand=none",
+        "servo.kick=0.05",
+        "servo.coulomb=0",
+        "servo.delay=0.012",
+        "model.delay=0",
+        "model.inertia=0.012",
+        "model.damping=0.0117",
+        "model.coulomb=0",
+        "wall.side=both",
+        "wall.stiffness=3",
+        "safety.on_oscillation=report",
+    )
+    left = {
+        300: ("wall.position=0.01", "wall.stiffness=2.5"),
+        1500: ("wall.law=profile", "wall.profile=[[-1, 3], [1, -3]]"),
+        2500: ("delay.steps=1",),
+    }
+
+    def ask(row: int, _config: Config, _position: float) -> Sequence[str]:
+        due = [at for at in left if row >= at]
+        return left.pop(due[0]) if due else ()
+
+    run = ChangedRun(load_config("simulated", sets).config, ask, 2000)
+    _, rows = run.run(5.0)
+    path = tmp_path_factory.mktemp("swung") / "run.hwlog"
+    written(path, run, rows)
+    return path, run, rows
+
+
+def written(path: Path, run: ChangedRun, rows: NDArray[np.void], *, tells: bool = True) -> None:
+    with LogWriter(path, {"config": run.config.model_dump(mode="json")}, ROW) as log:
+        for start in range(0, len(rows), 250):
+            log.append(rows[start : start + 250])
+            for asked in run.asked if tells else ():
+                if start <= asked.row < start + 250 and asked.new is not None:
+                    log.event(event(asked.row, dict(difference(asked.before, asked.new))))
+
+
+def test_a_changed_wall_is_replayed_as_it_was(swung: Swung, tmp_path: Path) -> None:
+    path, run, rows = swung
+    assert len(run.asked) == 3 and all(asked.row > 0 for asked in run.asked)
+    detected = replayed(path, NOT_GIVEN)
+    assert detected is not None and detected.notes == [MOVED]
+    assert detected.state > 0, "it oscillates"
+    ((part, record),) = detected.drawn
+    assert record.state.tolist() == rows["oscillation"].tolist()[-len(part.times) :]
+    written(tmp_path / "silent.hwlog", run, rows, tells=False)
+    silent = replayed(tmp_path / "silent.hwlog", NOT_GIVEN)
+    assert silent is not None and "the log does not tell 3 changes" in silent.notes[0]
+    assert silent.drawn[0][1].state.tolist() != record.state.tolist()
+
+
+def test_each_stretch_is_judged_with_its_own_wall(swung: Swung) -> None:
+    path, run, rows = swung
+    found = list(recordings_of_log(path))  # the longer delay moves nothing
+    assert [each.known.surface for each in found] == [0.0, 0.01, 0.01]
+    assert MOVED in found[0].notes
+    lengths = [len(part.times) for each in found for part in each.parts]
+    assert (lengths[0], sum(lengths)) == (run.asked[0].row, len(rows))
+
+
+def test_the_picture_has_each_wall_in_its_time(
+    swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, run, rows = swung
+    read = LogRows.of(LogReader(path))
+    walls = walls_of(read.metadata, changes_in(read.log.pieces()))
+    drawn = DrawnRun(sketched([rows], len(rows), read.origin_ns), np.ones(len(rows), bool), walls)
+    times, surfaces = drawn.over_time(drawn.surface)
+    assert surfaces.tolist() == [0.0, 0.0, *[0.01] * 6]
+    assert times[1] == times[2] == drawn.time[run.asked[0].row]
+    assert drawn.config.delay.steps == 1
+    assert told(capsys, "log", path, "--plot", tmp_path / "run.png")[0] == 0
+
+
+def test_an_excerpt_knows_the_changes_before_it(
+    swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, run, _ = swung
+    out = tmp_path / "cut.hwlog"
+    assert told(capsys, "log", path, "--from", 2, "--to", 4, "--cut", out)[0] == 0
+    cut = LogReader(out)
+    assert [each["row"] for each in changes_in(cut.pieces())] == [asked.row for asked in run.asked]
+    assert walls_of(cut.metadata, changes_in(cut.pieces())).at(2000).wall.law == "profile"
+
+
+def test_the_summary_tells_who_asked(swung: Swung, capsys: pytest.CaptureFixture[str]) -> None:
+    changes = json.loads(told(capsys, "log", swung[0], "--json")[1])["changes"]
+    assert changes["count"] == 3 and {each["by"]["user"] for each in changes["last"]} == {"me"}
+    assert "changes     3" in told(capsys, "log", swung[0])[1]
+
+
+@pytest.mark.parametrize(
+    ("law", "why"),
+    [("ridge", "found ridge, wanted one of"), ("nowhere:Law", "found nowhere:Law, which fails")],
+)
+def test_a_log_of_an_absent_law_says_so(
+    swung: Swung, tmp_path: Path, capsys: pytest.CaptureFixture[str], law: str, why: str
+) -> None:
+    path = tmp_path / "run.hwlog"
+    config = {**METADATA["config"], "wall": {**METADATA["config"]["wall"], "law": law}}
+    with LogWriter(path, {"config": config}, ROW) as log:
+        log.append(swung[2][:50])
+    for words in (["detect", path], ["log", path, "--plot", tmp_path / "a.png"]):
+        status, text = told(capsys, *words)
+        assert status == 2 and f"the run's law cannot be made here: wall.law: {why}" in text
+        assert "install the distribution that brings it" in text
+
+
+@pytest.mark.parametrize(
+    "change",
+    [7, {}, *(event(0, None) | wrong for wrong in WRONG)],
+)
+def test_an_event_that_no_run_writes_is_damage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any
+) -> None:
+    path = tmp_path / "run.hwlog"
+    rows = np.zeros(20, ROW)
+    rows["seq"] = rows["deadline_ns"] = np.arange(20)
+    with LogWriter(path, METADATA, ROW) as log:
+        log.append(rows[:10])
+        log.event(change)
+        log.append(rows[10:])
+    summary = json.loads(told(capsys, "log", path, "--json")[1])
+    assert (summary["rows"], summary["damaged"]["places"]) == (20, 1)
+    assert "an event" in summary["damaged"]["why"]
+
+
+def test_changes_come_from_events_and_from_the_end_in_the_order_of_their_rows(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.hwlog"
+    rows = np.zeros(20, ROW)
+    rows["seq"] = rows["deadline_ns"] = np.arange(20)
+    with LogWriter(path, METADATA, ROW) as log:
+        log.append(rows)
+        for each in (
+            event(9, {"wall.position": 0.3}),
+            event(9, {"wall.position": 0.3}),
+            event(None, None, "refused"),
+            event(12, None),
+        ):
+            log.event(each)
+    append_end(path, {"rows": 20, "changes": [event(5, {"wall.position": 0.2}), 3]})
+    found = changes_in(LogReader(path).pieces())
+    assert [each["row"] for each in found] == [5, 9, 12]
+    walls = walls_of(METADATA, found)
+    places = [walls.at(seq).wall.position for seq in (0, 4, 5, 8, 9, 19)]
+    assert places == [0, 0, 0.2, 0.2, 0.3, 0.3]
+    with LogWriter.resume(path, ROW) as log:  # the next recorder
+        log.append(rows[:0])
+    assert [each["row"] for each in changes_in(LogReader(path).pieces())] == [5, 9, 12]
+
+
+def test_an_event_stays_for_the_next_recorder_until_it_is_written() -> None:
+    ours, recorders = event_sockets()
+    written: list[dict[str, Any]] = []
+
+    def full(_: dict[str, Any]) -> None:
+        raise OSError("no space")
+
+    with ours, recorders:
+        assert send_event(ours, event(3, {"wall.options": {"x": math.nan}}))
+        assert send_event(ours, event(4, {"wall.profile": [[0.0, 1.0]] * 200_000}))
+        with pytest.raises(OSError, match="no space"):
+            take_events(recorders, full)
+        take_events(recorders, written.append)
+        assert written == [event(3, None), event(4, None)]
+        sent = [send_event(ours, event(number, None)) for number in range(5000)]
+        assert not all(sent), "it never waits"
+        take_events(recorders, written.append)
+        assert len(written) == 2 + sum(sent)
