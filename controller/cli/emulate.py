@@ -112,7 +112,7 @@ _MS_NS = 1_000_000
 @force_option
 @click.option("--die-with-parent", is_flag=True, hidden=True)
 @click.option("--owner", type=int, hidden=True)  # its parent, who alone reads the record
-@click.option("--hand", type=int, hidden=True)  # inherited memory of a person's hand
+@click.option("--hand-memory", type=int, hidden=True)  # inherited memory of a person's hand
 def command(
     servos: tuple[str, ...],
     baud: str,
@@ -126,7 +126,7 @@ def command(
     force: bool,
     die_with_parent: bool,
     owner: int | None,
-    hand: int | None,
+    hand_memory: int | None,
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
@@ -173,8 +173,8 @@ def command(
                 )
                 for model, id_, firmware in plan
             ]
-        if hand is not None:
-            emulated[0].take_hand(SharedHand(hand))
+        if hand_memory is not None:
+            emulated[0].take_hand(SharedHand(hand_memory))
         with _as_user_error("--fault"):
             bus = EmulatedBus(
                 emulated,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, reading
 from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 )
 @click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
-def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> None:
+def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
     """Show LOG, a file written by run, in a browser; serves until Ctrl-C.
 
     The address is the first line on standard output. The page shows what `run --live` shows of a
@@ -46,17 +47,17 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
     live = live_at(place, field="--at")
     with socket.socket(fileno=live.descriptor) as listener:
         view = _view(log, stretch)
-        over = False
+        signals: list[int] = []
 
-        def stop(_signal: int, _frame: FrameType | None) -> None:
-            nonlocal over
-            over = True
+        def stop(number: int, _frame: FrameType | None) -> None:
+            signals.append(number)
 
         answer(live.address)
         from haptic_wall.controller.live.server import LiveServer
 
         with on_signals(stop), on_signals(stop, (signal.SIGINT,)):
-            asyncio.run(LiveServer(view, live.host).run(listener, lambda: over))
+            asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(signals)))
+        return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
 
 
 def _view(log: Path, stretch: TimeSpan) -> View:

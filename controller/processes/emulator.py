@@ -48,7 +48,7 @@ def emulator_arguments(
     if witness is not None:
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
     if hand is not None:
-        arguments += ["--hand", str(hand)]
+        arguments += ["--hand-memory", str(hand)]
     return arguments
 
 

@@ -63,6 +63,8 @@ JOBS = 2
 """Tries at a time"""
 BATCH = 20
 """Tries of one command in a row"""
+SERVES = ("emulate", "live")
+"""Commands that go on until they are interrupted"""
 CASES: dict[str, tuple[str, ...]] = {
     "identify": ("identify", *SERVO),
     "run": ("run", *SERVO),
@@ -87,6 +89,7 @@ CASES: dict[str, tuple[str, ...]] = {
     ),
     "set": ("set", "wall.stiffness=4", "--run", "{run}"),
     "detect": ("detect", "{log}", "--plot", "detect.png"),
+    "live": ("live", "{log}"),
     "log": ("log", "{log}", "--csv", "log.csv", "--plot", "log.png"),
     "config": ("config", "simulated"),
     "presets": ("presets",),
@@ -128,7 +131,7 @@ class Try:
     def done(self) -> bool:
         """Whether it was at its end already when the signal came."""
         soon = self.status == 0 and self.ended_s < JUST_ENDED_S
-        return self.before or (soon and self.name != "emulate")
+        return self.before or (soon and self.name not in SERVES)
 
     @property
     def trace(self) -> bool:
@@ -138,7 +141,7 @@ class Try:
     @property
     def asked(self) -> bool:
         """Whether its status says that it was interrupted, or ended by the signal itself."""
-        by_itself = self.name == "emulate" and self.number != signal.SIGINT and self.status == 0
+        by_itself = self.name in SERVES and self.number != signal.SIGINT and self.status == 0
         return self.status in (INTERRUPTED, -self.number) or by_itself
 
     @property

@@ -66,9 +66,14 @@ def readings() -> Readings:
 
 @pytest.fixture
 def ticks(readings: Readings) -> Iterator[LateTicks]:
-    with LateTicks(PLAIN, cast(CounterReader, readings), PERIOD) as late:
-        late.begin(0)
-        yield late
+    """Without the collections that happen by themselves: they would be a cause."""
+    gc.disable()
+    try:
+        with LateTicks(PLAIN, cast(CounterReader, readings), PERIOD) as late:
+            late.begin(0)
+            yield late
+    finally:
+        gc.enable()
 
 
 def serve(
