@@ -10,8 +10,8 @@ the servo measures its current, all results are in the unit of that measurement.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from haptic_wall.controller.errors import UserError
@@ -177,7 +177,8 @@ def identify(
     played, fit = bench.fitted("motions", bench.corrected(fit), FULL * reach)
     heaviest = heaviest_load(fit.inertia, config.belief())
     mode = find_mode(bench, fit, bounds, FULL * reach, config.servo.encoder, heaviest)
-    return _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
+    found = _judged(played, fit, bounds, tuple(bench.logs), mode, heaviest)
+    return replace(found, warnings=(*found.warnings, *_echo(fit, config)))
 
 
 def _believed(config: Config) -> Guess:
@@ -206,6 +207,17 @@ def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
         "drag": Prior(drag, drag),
         "fading": Prior(*_FADING),
     }
+
+
+def _echo(fit: Fit, config: Config) -> Iterator[str]:
+    """Yield a sentence where the damping that was found is only the believed one."""
+    believed = config.belief().damping
+    if fit.effects.excess and believed.high - believed.low < _LEAST:
+        yield (
+            "the damping is the believed one, which has no bounds: of friction that fades, the"
+            " motion tells it only within believed bounds; give model.damping as"
+            " {value, low, high}"
+        )
 
 
 def _judged(

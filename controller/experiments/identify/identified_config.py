@@ -73,7 +73,9 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
         most = max(model["damping"]["high"], believed[1])
         model["damping"] |= {"low": _short(identified.damping_least), "high": _short(most)}
     unsure = identified.damping_least is not None or identified.fit.effects.excess > 0.0
-    model["damping"] = _not_wider(model["damping"], *believed, unsure=unsure)
+    model["damping"] = _at_least(
+        _not_wider(model["damping"], *believed, unsure=unsure), FLOORS["damping"]
+    )
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
@@ -101,6 +103,14 @@ def _not_wider(
         return found
     low, high = _short(max(low, found["low"])), _short(min(high, found["high"]))
     return {"value": min(max(found["value"], low), high), "low": low, "high": high}
+
+
+def _at_least(found: dict[str, float], share: float) -> dict[str, float]:
+    """Return the bounds, wider where they are closer together than a relative distance allows."""
+    value = found["value"]
+    if found["high"] - found["low"] >= 2.0 * share * value:
+        return found
+    return {"value": value, "low": _short((1 - share) * value), "high": _short((1 + share) * value)}
 
 
 def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:

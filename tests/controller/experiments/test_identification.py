@@ -252,6 +252,24 @@ def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_dam
     assert identified_model(elsewhere, config)["damping"]["low"] == pytest.approx(0.07)
 
 
+def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(
+    usual: tuple[Config, Identified],
+) -> None:
+    config, found = usual
+    raw = config.model_dump(mode="json")
+    raw["model"]["damping"] = 0.003
+    unsure = replace(found, damping=replace(found.damping, value=0.003, stderr=0.01))
+    bounds = identified_model(unsure, Config.model_validate(raw))["damping"]
+    assert (bounds["low"], bounds["high"]) == pytest.approx((0.00285, 0.00315))
+
+
+def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None:
+    """Friction that fades with the speed hides the damping; a belief without bounds is repeated."""
+    fading = Effects(stiction=1.8, stribeck=1.5)
+    known = identify(fading.on(config_of("model.damping=0.003")), tmp_path)
+    assert any("the damping is the believed one" in warning for warning in known.warnings)
+
+
 def test_one_direction_alone_tells_the_same(usual: tuple[Config, Identified]) -> None:
     config, found = usual
     fit = fit_one_way(motion_of(found.played.rows), config.servo.position_step)
