@@ -269,7 +269,7 @@ def bus(
 
 
 def second_terminal() -> list[str]:
-    """The README's command for the other terminal."""
+    """The tutorial's command for the other terminal."""
     return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
 
 
@@ -277,8 +277,8 @@ def second_terminal() -> list[str]:
 def test_two_terminals(
     bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
 ) -> None:
-    """The README's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
-    first = next(words for page, words in RUNS if words in BUSES and page == "README.md")
+    """The tutorial's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
+    first = next(words for page, words in RUNS if words in BUSES and page == "docs/tutorial.md")
     emulator, _, there = bus(first)
     words = [*second_terminal(), "--set", f"servo.port={there}"]
     words += ["--duration", "0.3", "--json", "--log", str(tmp_path / "run.hwlog")]
