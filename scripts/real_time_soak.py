@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.bench.loops import FORGIVING
+from haptic_wall.controller.emulated_bus.record import read_rows
 from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.pytest_plugin.record import read_rows
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import PROGRAM, emulated_bus, with_sets

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_wall.controller.bench.loops import FORGIVING
-from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.emulated_bus.record import read_rows
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.whole_program import wall_run, with_sets

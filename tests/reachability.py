@@ -18,6 +18,8 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+import haptic_wall
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = "haptic_wall"
 THEORY = f"{PACKAGE}.controller.theory"
@@ -250,7 +252,7 @@ def unused(texts: Iterable[str], names: Iterable[Node], words: Iterable[str] = (
 
 
 def entry_points() -> Iterator[Node]:
-    """Where users of the package begin: the command, the plugin, and the theory as a library."""
+    """Where users of the package begin: the command, the plugin, the theory, the public face."""
     plugins = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
     for group in plugins.values():
         for target in group.values():
@@ -260,6 +262,9 @@ def entry_points() -> Iterator[Node]:
         yield f"{PACKAGE}.controller.cli.{path.stem}", "command"
     yield f"{PACKAGE}.controller.cli.entry", "main"
     yield from ((THEORY, name) for name in public(THEORY))
+    for home in haptic_wall._HOMES.items():
+        module, _, inner = home[1].partition(":")
+        yield f"{PACKAGE}.{module}", inner or home[0]
     named = {word for page in pages() for code in CODE.findall(page) for word in WORD.findall(code)}
     for path in (ROOT / "controller" / "theory").glob("*.py"):
         module = f"{THEORY}.{path.stem}"

@@ -20,8 +20,8 @@ from typing import Final
 from haptic_wall.controller.bench.bus_clients import rustypot
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
 from haptic_wall.controller.bench.rows import Histogram, Measurement, Section
+from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import Instruction

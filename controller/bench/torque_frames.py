@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
 from haptic_wall.controller.bench.loops import BAUD, LOOPS, emulated_bus
 from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
+from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.wire import wire_ns
 

@@ -1,8 +1,8 @@
-"""Starts a wall from Python, in separate processes, and changes it while it runs.
+"""Runs a wall from Python, in separate processes, and changes it while it runs.
 
 ::
 
-    with start("simulated", duration_s=60.0) as wall:
+    with run("simulated", duration_s=60.0) as wall:
         wall.set({"wall.stiffness": 4.0})
         wall.set({"wall.law": "detents", "wall.count": 12}, wait_s=30.0)
         print(wall.report()["changes"])
@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -26,15 +27,31 @@ from typing import Any, Final
 from haptic_wall.controller.errors import HapticWallError, UserError
 from haptic_wall.controller.processes.ask import ask
 from haptic_wall.controller.processes.run_socket import AliveRun, connected, socket_of
+from haptic_wall.controller.settings.load import load_config
 
 START_S: Final = 60.0
 """Longest time until a started run takes changes [s]"""
 END_S: Final = 30.0
 """Longest time from the request to end a run until its report [s]"""
 _LOOK_S: Final = 0.02
+_USER: Final = 2
+"""Exit status where the input is wrong"""
 
 
-class StartedWall:
+class RunError(HapticWallError):
+    """A run could not start, or ended without a report.
+
+    Args:
+        what: Why, as the run's own process says it.
+        exit_status: Exit status of ``haptic-wall run``: 4 where servo or machine are unfit.
+    """
+
+    def __init__(self, what: str, exit_status: int) -> None:
+        super().__init__(what)
+        self.exit_status = exit_status
+
+
+class RunningWall:
     """A running wall.
 
     Attributes:
@@ -69,9 +86,8 @@ class StartedWall:
                 unchanged.
             UserError: The run has ended.
         """
-        sets = [f"{path}={json.dumps(value)}" for path, value in changes.items()]
         run = AliveRun(socket_of(self.log), self._process.pid)
-        return ask(run, sets, wait_s, lambda _text: None)
+        return ask(run, _texts(changes), wait_s, lambda _text: None)
 
     def running(self) -> bool:
         """Whether the run goes on."""
@@ -81,7 +97,7 @@ class StartedWall:
         """Wait until the run ends by itself; return its report, as ``run --json`` prints it.
 
         Raises:
-            HapticWallError: The run could not start.
+            RunError: The run could not start.
         """
         self._process.wait()
         return self._report()
@@ -90,16 +106,17 @@ class StartedWall:
         """End the run, if it still goes on; return its report, as ``run --json`` prints it.
 
         Raises:
-            HapticWallError: The run could not start, or does not end.
+            RunError: The run could not start, or does not end.
         """
         if self.running():
             self._process.send_signal(signal.SIGTERM)
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
-            raise HapticWallError(
-                f"the run of {self.log} does not end",
-                advice="switch the servo's power off, and kill its processes",
+            raise RunError(
+                f"the run of {self.log} does not end; switch the servo's power off, and kill its"
+                " processes",
+                RunError.exit_status,
             ) from None
         return self._report()
 
@@ -108,12 +125,14 @@ class StartedWall:
         try:
             said: dict[str, Any] = json.loads(self._said)
         except ValueError:
-            raise HapticWallError(
-                f"the run of {self.log} ended without a report",
-                advice="its messages are on standard error",
+            raise RunError(
+                f"the run of {self.log} ended without a report; its messages are on standard error",
+                RunError.exit_status,
             ) from None
         if "error" in said:
-            raise UserError(said["error"])
+            if said["exit_status"] == _USER:
+                raise UserError(said["error"])
+            raise RunError(said["error"], said["exit_status"])
         return said
 
     def _read(self) -> None:
@@ -144,43 +163,56 @@ class StartedWall:
 
 
 @contextlib.contextmanager
-def start(
-    config: str | Path,
-    sets: Sequence[str] = (),
+def run(
+    config: str | os.PathLike[str],
+    changes: Mapping[str, Any] | Sequence[str] = (),
+    *,
     duration_s: float | None = None,
-    log: Path | None = None,
-) -> Iterator[StartedWall]:
-    """Start a wall; when the block ends, the run ends with torque off.
+    log: str | os.PathLike[str] | None = None,
+) -> Iterator[RunningWall]:
+    """Run a wall in processes of its own; when the block ends, the run ends with torque off.
 
-    The run's messages go to standard error.
+    The run's messages go to standard error. On the simulated clock it is over before it could be
+    changed, and ``report`` has its result.
 
     Args:
         config: A preset's name, or the path of a YAML file.
-        sets: Changes of it as ``PATH=VALUE``.
+        changes: Changes of it: values by path, such as ``{"wall.stiffness": 4.0}``, or texts
+            ``PATH=VALUE``.
         duration_s: Time for which the wall is on [s]; None: until the block ends.
         log: Path of its log; None: in a temporary folder, which is removed.
 
     Raises:
-        UserError: The configuration is wrong, or the wall takes no changes: it is on the simulated
-            clock.
+        ConfigError: The configuration is wrong.
+        UserError: The duration is missing on the simulated clock, or it or the log cannot be used.
+        RunError: The run could not start.
     """
-    if "loop.clock=simulated" in sets:
+    sets = _texts(changes) if isinstance(changes, Mapping) else list(changes)
+    loaded = load_config(os.fspath(config), sets)
+    if duration_s is None and loaded.config.loop.clock == "simulated":
         raise UserError(
-            "on the simulated clock a run is over before it can be changed",
-            field="sets",
-            advice="leave loop.clock=simulated out",
+            "found none",
+            field="duration_s",
+            wanted="the simulated time, because on the simulated clock no block lasts long",
+            advice="give for example duration_s=5",
         )
+    if duration_s is not None and not duration_s > 0.0:
+        raise UserError(f"found {duration_s:g}", field="duration_s", wanted="a time above 0 s")
     with contextlib.ExitStack() as scope:
         if log is None:
             folder = scope.enter_context(tempfile.TemporaryDirectory(prefix="haptic-wall-"))
             log = Path(folder) / "run.hwlog"
-        arguments = ["run", str(config), "--json", "--no-plot", "--log", str(log)]
+        arguments = ["run", os.fspath(config), "--json", "--no-plot", "--log", os.fspath(log)]
         arguments += [f"--duration={math.inf if duration_s is None else duration_s!r}"]
         for change in sets:
             arguments += ["--set", change]
-        wall = StartedWall(log, arguments)
+        wall = RunningWall(Path(log), arguments)
         scope.callback(wall.close)
         wall.await_start()
         if not wall.running():
             wall.wait()
         yield wall
+
+
+def _texts(changes: Mapping[str, Any]) -> list[str]:
+    return [f"{path}={json.dumps(value)}" for path, value in changes.items()]

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from .bus import BusError, DynamixelBus
-from .record import BusRow
+from haptic_wall.controller.emulated_bus.bus import BusError, DynamixelBus
+from haptic_wall.controller.emulated_bus.record import BusRow
 
 pytest.register_assert_rewrite(f"{__name__}.servo_contract")
 

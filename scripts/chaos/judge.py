@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.tables import REGISTERS

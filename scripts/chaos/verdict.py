@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from haptic_wall.controller.emulated_bus.record import rows_of
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.pytest_plugin.record import rows_of
 from haptic_wall.controller.runtime.safety import End
 from haptic_wall.controller.theory.checks import IntArray
 from scripts.chaos.judge import (

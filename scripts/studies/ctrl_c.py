@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
-from haptic_wall.controller.processes.started import start
+from haptic_wall.controller.processes.started import run
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.port import open_port
@@ -244,7 +244,7 @@ def with_wall(words: Sequence[str]) -> Iterator[Sequence[str]]:
     if "{run}" not in words:
         yield words
         return
-    with start("simulated", ["realtime.profile=off"]) as wall:
+    with run("simulated", ["realtime.profile=off"]) as wall:
         yield [word.replace("{run}", str(wall.log)) for word in words]
 
 

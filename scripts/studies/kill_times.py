@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.pytest_plugin.record import BusRow, read_rows
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.shots import SHOTS, Shot, target

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_wall.controller.bench import loops
-from haptic_wall.controller.pytest_plugin.record import read_rows
+from haptic_wall.controller.emulated_bus.record import read_rows
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.study import Found, Option, Part, Study, table
 from scripts.whole_program import PROGRAM, wall_run

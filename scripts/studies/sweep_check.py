@@ -22,13 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.bench.loops import FORGIVING
+from haptic_wall.controller.emulated_bus.record import read_rows
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.experiments.testbed import Testbed
 from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.pytest_plugin.record import read_rows
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping

@@ -118,8 +118,8 @@ def test_it_meets_no_modules_of_the_program_under_test(
         def test_loaded(request):
             assert request.config.pluginmanager.hasplugin("haptic_wall")
             loaded = {name for name in sys.modules if name.startswith(("haptic_wall", "numpy"))}
-            plugin = "haptic_wall.controller.pytest_plugin"
-            assert {name for name in loaded if not name.startswith(plugin)} == {
+            parts = tuple("haptic_wall.controller." + n for n in ("pytest_plugin", "emulated_bus"))
+            assert {name for name in loaded if not name.startswith(parts)} == {
                 "haptic_wall", "haptic_wall.controller"
             }
         """,

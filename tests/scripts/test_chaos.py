@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from haptic_wall.controller.pytest_plugin.record import BusRow
+from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.hw.dynamixel.codec import Instruction
 from scripts.chaos.judge import (
     Stall,

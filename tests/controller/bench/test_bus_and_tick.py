@@ -15,9 +15,9 @@ from haptic_wall.controller.bench.lost_reply import request_to_torque_s, waits_n
 from haptic_wall.controller.bench.report import measured
 from haptic_wall.controller.bench.stage_times import STAGES, WALL, StageTimes
 from haptic_wall.controller.bench.torque_frames import held_up, intervals_us
+from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.pytest_plugin.record import BusRow
 from haptic_wall.controller.runtime.session import run_session
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.runtime.tick import Tick

@@ -18,13 +18,13 @@ from haptic_wall.controller.logs.reader import Event, LogReader
 from haptic_wall.controller.logs.walls import changes_in
 from haptic_wall.controller.processes.ask import NotAppliedError
 from haptic_wall.controller.processes.run_socket import connected, socket_of
-from haptic_wall.controller.processes.started import StartedWall, start
+from haptic_wall.controller.processes.started import RunError, RunningWall, run
 from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
 
 pytestmark = pytest.mark.realtime
 
 
-def attacked(wall: StartedWall) -> None:
+def attacked(wall: RunningWall) -> None:
     """Send garbage, too much, and nothing, all at once."""
 
     def attack(content: bytes, times: int) -> None:
@@ -44,7 +44,7 @@ def attacked(wall: StartedWall) -> None:
         thread.join()
 
 
-def asked(wall: StartedWall, *words: str) -> tuple[int, dict[str, object]]:
+def asked(wall: RunningWall, *words: str) -> tuple[int, dict[str, object]]:
     """Call the command."""
     program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "set", "--json"]
     done = subprocess.run(
@@ -56,7 +56,7 @@ def asked(wall: StartedWall, *words: str) -> tuple[int, dict[str, object]]:
 def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: Path) -> None:
     log = tmp_path / "run.hwlog"
     sets = ("servo.hand=push", "wall.stiffness=8", "realtime.profile=off")
-    with start("simulated", sets, log=log) as wall:
+    with run("simulated", sets, log=log) as wall:
         told = wall.set({"wall.stiffness": 4.0}, wait_s=60.0)
         assert told["applied"] and told["guard"]["requested"]["stiffness"] == 4.0
         attacked(wall)
@@ -81,7 +81,7 @@ def test_a_wall_is_changed_from_outside_and_its_clients_harm_nothing(tmp_path: P
 
 def test_a_killed_run_leaves_in_its_log_who_asked(tmp_path: Path) -> None:
     log = tmp_path / "run.hwlog"
-    with start("simulated", ("servo.hand=none", "realtime.profile=off"), log=log) as wall:
+    with run("simulated", ("servo.hand=none", "realtime.profile=off"), log=log) as wall:
         assert wall.set({"wall.position": 0.2}, wait_s=60.0)["applied"]
         os.kill(wall._process.pid, signal.SIGKILL)
         end = time.monotonic() + 60.0
@@ -96,21 +96,41 @@ def test_a_killed_run_leaves_in_its_log_who_asked(tmp_path: Path) -> None:
 def test_a_wall_that_cannot_start_says_why() -> None:
     with (
         pytest.raises(UserError, match=r"wall\.stiffness"),
-        start("simulated", ["wall.stiffness=-1"]),
+        run("simulated", ["wall.stiffness=-1"]),
     ):
         pass
     with (
-        pytest.raises(UserError, match="simulated clock"),
-        start("simulated", ["loop.clock=simulated"]),
+        pytest.raises(UserError, match=r"duration_s: found none, .* simulated clock"),
+        run("simulated", ["loop.clock=simulated"]),
     ):
         pass
+    with (
+        pytest.raises(UserError, match="duration_s: found -1, wanted a time above 0 s"),
+        run("simulated", duration_s=-1.0),
+    ):
+        pass
+    with (
+        pytest.raises(RunError, match=r"Port /dev/none does not exist") as caught,
+        run("xm430-w350", {"servo.port": "/dev/none"}),
+    ):
+        pass
+    assert caught.value.exit_status == 4
+
+
+def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -> None:
+    changes = {"loop.clock": "simulated", "wall.stiffness": 4.0}
+    with run("simulated", changes, duration_s=0.5, log=tmp_path / "run.hwlog") as wall:
+        assert not wall.running()
+        assert wall.report()["guard"]["requested"]["stiffness"] == 4.0
+        with pytest.raises(UserError, match="has ended"):
+            wall.set({"wall.stiffness": 2.0})
 
 
 def test_a_wall_ends_with_its_starter() -> None:
     code = (
-        "from haptic_wall.controller.processes.started import start\n"
+        "from haptic_wall.controller.processes.started import run\n"
         "import os\n"
-        "with start('simulated', ['realtime.profile=off']) as wall:\n"
+        "with run('simulated', ['realtime.profile=off']) as wall:\n"
         "    print(wall._process.pid, flush=True)\n"
         "    os._exit(1)\n"
     )

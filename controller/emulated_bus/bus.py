@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Self
 
-from .record import BusRow, read_rows, written_until
+from haptic_wall.controller.emulated_bus.record import BusRow, read_rows, written_until
 
 _PATIENCE_S: Final = 30.0
 """Time allowed for the process to start, to reply or to end: a loaded machine may take seconds."""

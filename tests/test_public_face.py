@@ -1,0 +1,174 @@
+"""The names that other people's programs import, how they are called, and what they promise."""
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptic_wall
+from haptic_wall.controller.logs.columns import COLUMNS
+from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.hw.servo import Servo
+from tests.test_contracts import loaded_by, within
+
+CALLED = {
+    "run": (
+        "(config: 'str | os.PathLike[str]', changes: 'Mapping[str, Any] | Sequence[str]' = (), *,"
+        " duration_s: 'float | None' = None, log: 'str | os.PathLike[str] | None' = None)"
+        " -> 'Iterator[RunningWall]'"
+    ),
+    "RunningWall.set": (
+        "(self, changes: 'Mapping[str, Any]', wait_s: 'float' = 10.0) -> 'dict[str, Any]'"
+    ),
+    "RunningWall.running": "(self) -> 'bool'",
+    "RunningWall.wait": "(self) -> 'dict[str, Any]'",
+    "RunningWall.report": "(self) -> 'dict[str, Any]'",
+    "read_log": (
+        "(path: 'str | os.PathLike[str]', *, start_s: 'float' = -inf, end_s: 'float' = inf)"
+        " -> 'Log'"
+    ),
+    "boundary": (
+        "(*, inertia: 'Span', damping: 'Span', period: 'float', delay: 'Span',"
+        " virtual_damping: 'Sequence[float] | FloatArray | None' = None, torque_gain: 'Span' = 1.0,"
+        " velocity_samples: 'int' = 1) -> 'Boundary'"
+    ),
+    "emulated_bus": (
+        "(servos: 'Sequence[str]' = ('XM430-W350:1',), *, baud: 'int' = 4000000,"
+        " latency_timer: 'int' = 0, block: 'int | None' = None, faults: 'Sequence[str]' = (),"
+        " seed: 'int' = 0, truth: 'Mapping[str, float | str] | None' = None) -> 'None'"
+    ),
+}
+FIELDS = {
+    "Log": ["rows", "metadata", "end", "changes", "faults"],
+    "Boundary": [
+        *("virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"),
+        *("max_virtual_damping", "peak_stiffness", "peak_virtual_damping"),
+    ],
+}
+METHODS = {
+    "Law": ["high", "low", "torque"],
+    "Servo": ["bus", "close", "collect", "facts", "request", "start", "stop", "write"],
+}
+ERRORS = {
+    "HapticWallError": Exception,
+    "UserError": ValueError,
+    "ConfigError": haptic_wall.UserError,
+    "LogFormatError": haptic_wall.UserError,
+    "PlatformError": OSError,
+    "NotAppliedError": haptic_wall.HapticWallError,
+    "RunError": haptic_wall.HapticWallError,
+    "ServoError": Exception,
+    "BusError": Exception,
+}
+
+
+def test_the_names_are_these() -> None:
+    of_types = {*FIELDS, *METHODS, *ERRORS, "RunningWall", "theory"}
+    assert {*haptic_wall.__all__} == of_types | {name for name in CALLED if "." not in name}
+    assert {*haptic_wall.__all__} <= {*dir(haptic_wall)}
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        haptic_wall.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.parametrize("name", CALLED)
+def test_each_is_called_so(name: str) -> None:
+    found = haptic_wall
+    for step in name.split("."):
+        found = getattr(found, step)
+    assert str(inspect.signature(found)) == CALLED[name]  # type: ignore[arg-type]
+
+
+def test_the_types_have_these_fields_and_methods() -> None:
+    assert {name: [*getattr(haptic_wall, name).__dataclass_fields__] for name in FIELDS} == FIELDS
+    for name, wanted in METHODS.items():
+        made = getattr(haptic_wall, name)
+        assert sorted(n for n in {*vars(made), *made.__annotations__} if n[0] != "_") == wanted
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_errors_are_of_these_kinds(name: str) -> None:
+    assert issubclass(getattr(haptic_wall, name), ERRORS[name])
+
+
+def test_importing_it_imports_nothing_else() -> None:
+    assert within(loaded_by("import haptic_wall"), "haptic_wall", "numpy", "scipy", "pydantic") == [
+        "haptic_wall"
+    ]
+    bus = loaded_by("import haptic_wall; haptic_wall.emulated_bus")
+    assert within(bus, "numpy", "pytest", "pydantic") == []
+
+
+def test_a_type_checker_knows_them(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.py"
+    path.write_text(
+        "import haptic_wall\n"
+        "reveal_type(haptic_wall.read_log('run.hwlog').rows)\n"
+        "with haptic_wall.run('simulated') as wall:\n    reveal_type(wall)\n"
+        "haptic_wall.boundary(inertia='heavy', damping=0.1, period=1e-3, delay=0.0)\n"
+        "haptic_wall.nothing\n"
+    )
+    checker = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path / "cache"), str(path)]
+    done = subprocess.run(
+        [*checker, "--follow-imports=silent", "--ignore-missing-imports"],
+        check=False, capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    told = done.stdout
+    assert "ndarray" in told and "RunningWall" in told, told + done.stderr
+    assert 'Argument "inertia" to "boundary" has incompatible type "str"' in told
+    assert "theirs.py:6: error" in told
+
+
+def test_the_limits_are_those_of_the_theory_and_of_the_least_safe_corner() -> None:
+    asked = {"period": 1e-3, "virtual_damping": [0.0, 0.02, 50.0]}
+    found = haptic_wall.boundary(inertia=0.0058, damping=0.0117, delay=5e-4, **asked)  # type: ignore[arg-type]
+    exact = critical_stiffness(0.0058, 0.0117, np.array([0.0, 0.02, 50.0]), 1e-3, 5e-4)
+    assert found.exact == pytest.approx(exact) and found.exact[2] == 0.0
+    assert found.max_virtual_damping < 50.0 and found.peak_stiffness > exact.max()
+    ranges = {"inertia": 0.0058, "damping": (0.0117, 0.02), "delay": (0.0, 5e-4)}
+    corner = haptic_wall.boundary(**ranges, **asked)  # type: ignore[arg-type]
+    assert corner.exact == pytest.approx(exact)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"inertia": 0.0}, "inertia: found 0, wanted more than 0"),
+        ({"damping": (0.2, 0.1)}, "damping: found 0.2 to 0.1, wanted 0 or more"),
+        ({"period": float("nan")}, "period: found nan, wanted a time above 0 s"),
+        ({"velocity_samples": 0}, "velocity_samples: found 0, wanted 1 or more"),
+        ({"delay": float("inf")}, "delay: found inf, wanted 0 or more"),
+    ],
+)
+def test_a_value_outside_of_its_domain_is_named(given: dict[str, float], told: str) -> None:
+    usual = {"inertia": 0.01, "damping": 0.01, "period": 1e-3, "delay": 0.0}
+    with pytest.raises(haptic_wall.UserError, match=told):
+        haptic_wall.boundary(**(usual | given))  # type: ignore[arg-type]
+
+
+def test_a_log_is_a_table_in_documented_units(tmp_path: Path) -> None:
+    path = tmp_path / "run.hwlog"
+    changes = {"loop.clock": "simulated", "wall.stiffness": 4.0}
+    with haptic_wall.run("simulated", changes, duration_s=1.0, log=path) as wall:
+        report = wall.report()
+    log = haptic_wall.read_log(path)
+    assert log.rows.dtype.names == tuple(COLUMNS)
+    assert len(log.rows) == report["ticks"] and log.end is not None and log.faults == ()
+    assert log.metadata["config"]["wall"]["stiffness"] == 4.0
+    assert np.diff(log.rows["time_s"]) == pytest.approx(1e-3)
+    part = haptic_wall.read_log(str(path), start_s=0.2, end_s=0.3)
+    assert part.rows["time_s"][[0, -1]] == pytest.approx([0.2, 0.299]) and len(part.rows) == 100
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    assert "not a complete block" in haptic_wall.read_log(path).faults[0]
+    path.write_text("position\n1\n")
+    with pytest.raises(haptic_wall.LogFormatError, match="is not a log of haptic-wall"):
+        haptic_wall.read_log(path)
+    with pytest.raises(haptic_wall.UserError, match=r"nowhere: cannot be read: No such file"):
+        haptic_wall.read_log(tmp_path / "nowhere")
+
+
+def test_it_is_the_interface_that_the_controller_uses() -> None:
+    assert haptic_wall.Servo is Servo
