@@ -40,7 +40,7 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
     if importlib.util.find_spec("websockets") is None:
         raise PlatformError(
             "the live page needs the package websockets, which is not installed",
-            advice="install it: pip install -e '.[live]' in the clone",
+            advice="run pip install -e '.[live]' in the clone",
         )
     found = parsed_place(place)
     if found is None:
