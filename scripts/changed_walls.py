@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.hand import Grasp
 from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings
@@ -51,6 +54,13 @@ Ask = Callable[[int, Config, float], Sequence[str]]
 """From the row, the configuration and the position [rad]: changes; empty: none"""
 
 
+class Holding(Protocol):
+    """A hand that holds the shaft."""
+
+    def look(self, now_ns: int) -> Grasp | None:
+        """Return how it holds the shaft at a time [ns]; None: it does not."""
+
+
 class _Asking:
     """Stands before a servo: asks for changes, and records the true position."""
 
@@ -75,11 +85,13 @@ class ChangedRun:
         config: Configuration at the start; its servo is simulated, on the simulated clock.
         ask: Called in each tick in which no change waits.
         wait: Longest wait of a change [ticks].
+        hand: Holds the shaft; None: the hand of the configuration does.
     """
 
     config: Config
     ask: Ask
     wait: int = 5000
+    hand: Holding | None = None
     asked: list[Asked] = field(default_factory=list)
     truth: list[float] = field(default_factory=list)
     """True position at each tick [rad]"""
@@ -103,6 +115,8 @@ class ChangedRun:
 
     def _open(self, settings: ServoSettings, clock: Clock, port: int | None) -> Servo:
         servo = open_servo(settings, clock, port)
+        if self.hand is not None:
+            servo.take_hand(self.hand)  # type: ignore[attr-defined]
         self._changes = Changes(self.config, KnownServo(servo.facts, None, True))
         return _Asking(servo, self)
 
@@ -144,7 +158,8 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
 
     That is the work of the torque behind it, less the work that the old law would have done on the
     same motion, up to the tick from which the new law alone acts; and the difference of the
-    energies in both springs at the true position there.
+    energies in both springs at the true position there. A later change is left out, also where it
+    comes before that tick.
 
     Args:
         run: Run with the true motion.
@@ -159,8 +174,6 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
     last = row + most + 1 if most else row
     step = 2.0 * np.pi / new.servo.counts_per_rev if new.servo.counts_per_rev else 0.0
     old_law, new_law = asked.before.law(step), new.law(step)
-    gains = rows["stiffness"], rows["damping"]
-    ring = DelayRing(asked.before.delay.steps)
     limit = new.servo.torque_limit or 4.1
     truth = np.array(run.truth)
     times = np.arange(truth.size, dtype=np.float64)
@@ -170,20 +183,41 @@ def injected(run: ChangedRun, rows: NDArray[np.void], asked: Asked, since: int) 
         """Return the true position when the torque of a tick begins to act [rad]."""
         return float(np.interp(tick + lag, times, truth))
 
+    def rendered(law: Law, tick: int) -> float:
+        return law.torque(float(rows["position"][tick]), float(rows["velocity"][tick]))
+
+    def gains(law: Law, tick: int) -> None:
+        law.stiffness, law.damping = (float(rows[name][tick]) for name in ("stiffness", "damping"))
+
+    for tick in range(since, row):
+        gains(old_law, tick)
+        rendered(old_law, tick)
+    gains(new_law, row)
+    new_law.settle(float(rows["position"][row]))
+    old_ring = _ring(run, rows, row)
+    before = float(rows["wall_torque"][row - 1])
+    ring = old_ring.resized(new.delay.steps, before, rendered(deepcopy(old_law), row))
     work = 0.0
-    for tick in range(since, last):
-        from_row = min(tick, row - 1)
-        old_law.stiffness, old_law.damping = float(gains[0][from_row]), float(gains[1][from_row])
-        torque = old_law.torque(float(rows["position"][tick]), float(rows["velocity"][tick]))
-        would = max(-limit, min(limit, ring.push(torque)))
-        if tick >= row:
-            sent = float(rows["torque"][tick])
-            work += (sent - would) * (acting(tick + 1) - acting(tick))
-    new_law.stiffness = float(gains[0][row])
+    for tick in range(row, last):
+        would = max(-limit, min(limit, old_ring.push(rendered(old_law, tick))))
+        sent = max(-limit, min(limit, ring.push(rendered(new_law, tick))))
+        work += (sent - would) * (acting(tick + 1) - acting(tick))
     there = acting(last)
-    if new_law.name == "friction":
-        new_law.settle(float(rows["position"][row]))
     return work + _held(new_law, there, limit) - _held(old_law, there, limit)
+
+
+def _ring(run: ChangedRun, rows: NDArray[np.void], row: int) -> DelayRing:
+    """Return the inserted delay before a row, with the torques under way."""
+    ring = DelayRing(run.config.delay.steps)
+    torques = rows["wall_torque"][:row].tolist()
+    made = {each.row: each.new for each in run.asked if 0 <= each.row < row}
+    for tick, torque in enumerate(torques):
+        new = made.get(tick)
+        if new is not None and new.delay.steps != ring.steps:
+            before = torques[tick - 1]
+            ring = ring.resized(new.delay.steps, before, before)
+        ring.push(torque)
+    return ring
 
 
 def _held(law: Law, position: float, limit: float) -> float:

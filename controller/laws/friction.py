@@ -19,7 +19,7 @@ class Friction:
         torque: Torque at which it slips [N·m].
     """
 
-    __slots__ = ("_anchor", "_bent", "_torque")
+    __slots__ = ("_anchor", "_most", "_torque")
     lowest_slope, highest_slope = 0.0, 1.0
     damped_everywhere = True
     steepest = "its bristle"
@@ -28,7 +28,7 @@ class Friction:
     def __init__(self, torque: float) -> None:
         self._torque = torque
         self._anchor = math.nan
-        self._bent = 0.0
+        self._most = 0.0  # bend at which it slips [rad]
 
     def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
         """Return the bristle's bend [rad], and drag its anchor along."""
@@ -37,19 +37,19 @@ class Friction:
             bent = 0.0
             self._anchor = away
         if stiffness > 0.0:
-            most = self._torque / stiffness
+            self._most = most = self._torque / stiffness
             if not -most <= bent <= most:
                 bent = math.copysign(most, bent)
                 self._anchor = away - bent
         else:  # the bristle is not felt, so it does not bend
-            bent = 0.0
+            bent = self._most = 0.0
             self._anchor = away
-        self._bent = bent
         return bent
 
-    def potential(self, away: float) -> float:  # noqa: ARG002
-        """Return that of the bristle as it was bent last [rad²]."""
-        return 0.5 * self._bent * self._bent
+    def potential(self, away: float) -> float:
+        """Return that of the bristle as it would be bent there [rad²]."""
+        bent = abs(away - self._anchor)
+        return 0.5 * min(bent, self._most) ** 2 if bent > 0.0 else 0.0
 
     def in_contact(self, away: float) -> bool:  # noqa: ARG002
         """Return true: friction acts at every position."""
@@ -58,7 +58,6 @@ class Friction:
     def settle(self, away: float) -> None:
         """Straighten the bristle at this position."""
         self._anchor = away
-        self._bent = 0.0
 
     def resolved(self, step: float) -> float:
         """Return the K at which the bristle's travel is four encoder counts [N·m/rad]."""

@@ -12,7 +12,6 @@ oscillation again: only the stiffness may go down.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -85,7 +84,7 @@ class Changeover:
         size: Size of the obstacle found last, in its unit.
     """
 
-    __slots__ = ("_at", "_fastest", "_limits", "_positions", "size")
+    __slots__ = ("_limits", "_positions", "size")
 
     def __init__(self, limits: ChangeLimits) -> None:
         self._limits = limits
@@ -93,9 +92,7 @@ class Changeover:
 
     def restart(self) -> None:
         """Begin with another change: the positions so far are not followed by the next ones."""
-        self._positions = [math.nan] * SPEED_TICKS
-        self._at = 0
-        self._fastest = 0.0
+        self._positions: list[float] = []
         self.size = 0.0
 
     def watched(self, watch: Watch, softer: bool) -> Obstacle:
@@ -126,11 +123,15 @@ class Changeover:
             velocity: Velocity as the law gets it [rad/s].
         """
         limits, new = self._limits, target.law
-        speed = self._speed(position)
-        if math.isnan(speed):
+        most = max(ring.steps, target.steps)
+        if not self._known(position, most):
             return Obstacle.READING
-        ahead = position + speed * target.delay
-        held = self._held(old, position, least=True), self._held(old, ahead, least=True)
+        fastest = self._fastest(most)
+        reach = fastest * limits.period * (most + 1)
+        places = [position, position + self._speed() * target.delay]
+        if most >= SPEED_TICKS:  # so long that the shaft may turn before the torque acts
+            places += position - reach, position + reach
+        held = [self._held(old, place, least=True) for place in places]
         torque = old.torque(position, velocity)
         before = old.stiffness, old.damping
         if new is not old:
@@ -139,8 +140,8 @@ class Changeover:
         new.stiffness, new.damping = target.stiffness, target.damping
         torque_then = new.torque(position, velocity)
         more = max(
-            self._held(new, position, least=False) - held[0],
-            self._held(new, ahead, least=False) - held[1],
+            self._held(new, place, least=False) - less
+            for place, less in zip(places, held, strict=True)
         )
         if new is old:
             old.stiffness, old.damping = before
@@ -155,27 +156,48 @@ class Changeover:
         if not jump <= limits.torque:
             self.size = jump
             return Obstacle.TORQUE
-        # Until the new delay is whole the torque stays behind by the added periods.
-        moved = self._fastest * limits.period
-        stiffness = max(old.stiffness, target.stiffness)
-        late = stiffness * moved * moved * added * (target.steps + 1)
-        if added > 0 and not late <= 0.5 * MOST_J:
-            self.size = self._fastest
-            return Obstacle.DELAY
+        if added:
+            # Until the new delay is whole the torque is neither that of the old law nor that of the
+            # new one. It differs from them by what the shaft does in that time.
+            stiffness = max(before[0], target.stiffness) * abs(added) / (most + 1)
+            damping = max(before[1], target.damping)
+            late = (jump + stiffness * reach + 2.0 * damping * fastest) * reach
+            if not late <= 0.5 * MOST_J:
+                self.size = fastest
+                return Obstacle.DELAY
         return Obstacle.NONE
 
-    def _speed(self, position: float) -> float:
-        """Return the mean speed over the last ticks [rad/s]; NaN: not known yet.
+    def _known(self, position: float, most: int) -> bool:
+        """Store a position; whether those of as many ticks are known as a torque is under way.
 
-        ``_fastest`` is that of the faster half: near a turning point the mean is zero.
+        So the ring holds no torque of the law before the present one.
+
+        Args:
+            position: [rad]
+            most: Steps of the longer delay [periods].
         """
-        at, positions = self._at, self._positions
-        first, middle = positions[at], positions[(at + SPEED_TICKS // 2) % SPEED_TICKS]
-        positions[at] = position
-        self._at = (at + 1) % SPEED_TICKS
-        span = SPEED_TICKS * self._limits.period
-        self._fastest = 2.0 * max(abs(position - middle), abs(middle - first)) / span
-        return (position - first) / span
+        positions = self._positions
+        positions.append(position)
+        if len(positions) <= max(SPEED_TICKS, most + 1):
+            return False
+        del positions[: -max(SPEED_TICKS, most + 1) - 1]
+        return True
+
+    def _speed(self) -> float:
+        """Return the mean speed over the last ticks [rad/s]."""
+        positions = self._positions
+        return (positions[-1] - positions[-1 - SPEED_TICKS]) / (SPEED_TICKS * self._limits.period)
+
+    def _fastest(self, most: int) -> float:
+        """Return the speed of the last ticks, or that of a delay if it was higher [rad/s].
+
+        Of the last ticks the faster half counts: near a turning point the mean is zero.
+        """
+        positions, period, half = self._positions, self._limits.period, SPEED_TICKS // 2
+        last, middle, first = positions[-1], positions[-1 - half], positions[-1 - SPEED_TICKS]
+        way = max(abs(last - middle), abs(middle - first))
+        window = positions[-most - 2 :]
+        return max(way / half, (max(window) - min(window)) / (most + 1)) / period
 
     def _held(self, law: Law, position: float, *, least: bool) -> float:
         """Return a lower or an upper bound of the energy in the law's spring [J].

@@ -1,0 +1,106 @@
+"""Changes that an attacker makes while a hand swings the shaft: what the shaft gets from them."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from haptic_wall.controller.runtime.changeover import Obstacle
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.hand import Grasp
+from scripts.changed_walls import Asked, ChangedRun, injected
+from scripts.hostile_changes import Swing
+
+MOST_J = 1e-3
+STOPS_S = 0.8
+"""When the hand has stopped [s]"""
+
+
+class Stopping(Swing):
+    """It swings, and then holds still."""
+
+    def look(self, now_ns: int) -> Grasp:
+        grasp = super().look(min(now_ns, round(STOPS_S * 1e9)))
+        still = now_ns > STOPS_S * 1e9
+        return Grasp(now_ns, now_ns + 1, grasp.origin, grasp.origin, 20.0) if still else grasp
+
+
+def changed_at(
+    tick: int, first: Sequence[str], change: Sequence[str], amplitude: float, hertz: float
+) -> tuple[Asked, float]:
+    """Change a wall while the shaft is swung; return the change, and the energy it gave [J]."""
+    sets = ("loop.clock=simulated", "servo.hand=none", "safety.max_speed=1000", *first)
+    left = [tuple(change)]
+
+    def ask(row: int, _now: Config, _position: float) -> Sequence[str]:
+        return left.pop() if left and row >= tick else ()
+
+    hand = Stopping(amplitude, hertz, 20.0, 0.0)
+    run = ChangedRun(load_config("simulated", sets).config, ask, 5000, hand=hand)
+    _, rows = run.run(2.0)
+    asked = run.asked[0]
+    return asked, injected(run, rows, asked, 0) if asked.row >= 0 else 0.0
+
+
+DAMPER = "wall.law=damper", "wall.damping=0.2"
+FRICTION = (
+    "wall.law=friction",
+    "wall.friction=0.041",
+    "wall.stiffness=25",
+    "wall.damping=0.187",
+)
+SUM = (
+    "wall.law=sum",
+    "wall.parts=[{law: stops, low: -0.44, high: 0.44, share: 3}, {law: detents, count: 39}]",
+    "wall.stiffness=13.2",
+    "wall.damping=0.133",
+    "delay.steps=50",
+)
+
+
+def test_a_longer_delay_of_a_damper_waits_for_a_slow_shaft() -> None:
+    for tick in (310, 340, 370, 400):
+        asked, energy = changed_at(tick, DAMPER, ("delay.steps=20",), 0.6, 3.0)
+        assert asked.row >= 1e3 * STOPS_S and asked.obstacle is Obstacle.DELAY
+        assert energy <= MOST_J
+
+
+@pytest.mark.parametrize(
+    ("first", "change", "amplitude", "hertz", "tick"),
+    [
+        (
+            FRICTION,
+            ("wall.law=wall", "wall.position=0.46", "delay.steps=20"),
+            0.8756193428878896,
+            3.738229774197739,
+            339,
+        ),
+        (
+            SUM,
+            ("wall.position=-0.152", "delay.steps=3"),
+            0.565007263508559,
+            2.517783392050179,
+            391,
+        ),
+    ],
+    ids=["friction to a wall", "a sum that moves"],
+)
+def test_another_delay_with_another_law_gives_the_shaft_no_energy(
+    first: tuple[str, ...], change: tuple[str, ...], amplitude: float, hertz: float, tick: int
+) -> None:
+    _, energy = changed_at(tick, first, change, amplitude, hertz)
+    assert energy <= MOST_J
+
+
+def test_a_change_waits_until_the_torques_of_the_one_before_have_acted() -> None:
+    """Where the ring holds torques of several laws, nobody knows what the shaft gets."""
+    sets = ("loop.clock=simulated", "servo.hand=none", "delay.steps=30", "wall.position=0.5")
+    left = [("wall.position=0.6",), ("wall.position=0.7",)]
+
+    def ask(row: int, _now: Config, _position: float) -> Sequence[str]:
+        return left.pop(0) if left and row > 300 else ()
+
+    run = ChangedRun(load_config("simulated", sets).config, ask)
+    run.run(1.0)
+    first, second = run.asked
+    assert second.row - first.row > 30
