@@ -26,6 +26,7 @@ class LoadHold:
             softer spring has the whole limit.
         whole: The whole spring has acted until now, so that the load may be held at once.
         permitted: The law is one linear spring: nothing is held by another one.
+        one_sided: The wall has an outside, where nothing is held.
     """
 
     __slots__ = (
@@ -34,13 +35,13 @@ class LoadHold:
         "_load",
         "_low",
         "_motion",
-        "_one_sided",
         "_place",
         "_rested",
         "_since_rest",
         "_tuning",
         "deep",
         "inside",
+        "one_sided",
         "permitted",
         "reach",
         "torque",
@@ -56,12 +57,12 @@ class LoadHold:
             motion: The observed motion.
             torque_limit: Torque limit of the servo [N·m].
             tuning: Numbers for the hold.
-            one_sided: The wall has an outside, where nothing is held.
+            one_sided: As of the class.
         """
         self._motion = motion
         self._limit = torque_limit
         self._tuning = tuning
-        self._one_sided = one_sided
+        self.one_sided = one_sided
         self.inside = False
         self.whole = self.permitted = True
         self.torque = self.reach = self.deep = self._load = 0.0
@@ -206,4 +207,4 @@ class LoadHold:
             away: Distance from the surface [rad].
             soft: The wall stays soft.
         """
-        return ((self.inside and not soft) or self._one_sided) and away * self.torque >= 0.0
+        return ((self.inside and not soft) or self.one_sided) and away * self.torque >= 0.0

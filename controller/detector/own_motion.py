@@ -176,6 +176,30 @@ class OwnMotion:
         self._half_cycles.shift(way)
         self._contacts.shift(way * self._side)
 
+    def become(
+        self,
+        bounces: BackstopSettings | None,
+        side: int,
+        elongation: Callable[[float], float] | None,
+    ) -> None:
+        """Go on with the motion at another law; what was seen of it stays.
+
+        Args:
+            bounces: As of the class.
+            side: As of the class.
+            elongation: As of ``WatchSettings``.
+        """
+        self.elongation = elongation
+        self.hold.permitted = elongation is None
+        if side == self._side:
+            return
+        self._side, self._inside = side, True
+        self.hold.one_sided = side != 0
+        self._bounces = None
+        if bounces is not None:
+            self._contacts = Contacts(bounces.position_step, bounces.tuning.contacts)
+            self._bounces = Backstop(bounces, self._contacts, self.hold)
+
     @property
     def alarm(self) -> bool:
         """Whether the wall feeds the motion."""

@@ -255,30 +255,25 @@ class Watch:
         self._last_move = self._mean = 0.0
         self._periods = 0
 
-    def change(
-        self, settings: WatchSettings, own: OwnMotion | None, moved_by: float | None
-    ) -> None:
+    def change(self, settings: WatchSettings, moved_by: float, *, another: bool) -> None:
         """Watch another law from now on; earlier reports stay.
+
+        The backstop goes on: else a law that is changed again and again would never be found to
+        oscillate.
 
         Args:
             settings: Settings of the law.
-            own: The backstop for it; None: the law is the same but for its gains and position, and
-                so the present one goes on. Else a law that is moved again and again would never be
-                found to oscillate.
-            moved_by: Way of the same law to its new position [rad]; None: another law.
+            moved_by: Way from the position of the law before [rad].
+            another: The law is not the same with other gains or at another position.
         """
         self._settings = settings
         balance = self._detector.balance
         balance.side, balance.elongation = settings.side, settings.elongation
+        own = self.own
         if own is not None:
-            self.own = own
-            self.resume()
-            return
-        if self.own is not None:
-            self.own.elongation = settings.elongation
-            if moved_by:
-                self.own.shift(moved_by)
-        if moved_by != 0.0:
+            own.become(settings.bounces, settings.side, settings.elongation)
+            own.shift(moved_by)
+        if another or moved_by:
             self._restart()
 
     def _take_back(self) -> None:

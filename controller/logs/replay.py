@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import DetectionRecord
-from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.changeover import adopt
@@ -43,7 +42,7 @@ class LaterWall:
 
     law: Law
     settings: WatchSettings
-    moved_by: float | None
+    another: bool
     """As of ``Watch.change``"""
     before_age_s: float | None
     """As of ``Replay``"""
@@ -158,11 +157,9 @@ class Replay:
             self.unknown += 1
             return
         adopt(later.law, self._law)
+        way = later.law.position - self._law.position
         self._law, self._before_age_s, settings = later.law, later.before_age_s, later.settings
-        own = None
-        if later.moved_by is None and settings.backstop is not None:
-            own = OwnMotion(settings.backstop, settings.bounces, settings.side, settings.elongation)
-        self.watch.change(settings, own, later.moved_by)
+        self.watch.change(settings, way, another=later.another)
 
     def _sample(self, position: float, outcome: int, measured: float, periods: int) -> None:
         watch, law = self.watch, self._law

@@ -128,10 +128,10 @@ def _replay(
     walls: Walls, facts: _Facts, started_at: float, given: Mapping[str, float | None]
 ) -> tuple[Replay, Detected]:
     made = [_wall(config, facts, started_at, given) for config in walls.configs]
-    ways = [0.0, *(moved_by(*pair) for pair in pairwise(walls.configs))]
+    another = [False, *(moved_by(*pair) is None for pair in pairwise(walls.configs))]
     law, settings, before_age_s = made[0]
     later = {
-        seq: LaterWall(law, settings, ways[index], before_age_s)
+        seq: LaterWall(law, settings, another[index], before_age_s)
         for index, (seq, (law, settings, before_age_s)) in enumerate(
             zip(walls.since, made, strict=True)
         )

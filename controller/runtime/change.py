@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import WatchSettings
 from haptic_wall.controller.guard.guard import Decision
 from haptic_wall.controller.laws.wall import Law
@@ -52,15 +51,10 @@ class Change:
     placed: bool = False
     """Whether the start position was added to the law's position, where ``wall.reference`` says
     so"""
-    own: OwnMotion | None = None
-    """The backstop for another law"""
-    moved_by: float | None = 0.0
-    """Way of the same law to its new position [rad]; None: another law"""
+    another: bool = False
+    """Whether it is another law, not the same one with other gains or at another position"""
 
     def complete(self) -> None:
         """Compute the fields that are not sent to the loop's process."""
         decisions = self.decisions
         self.rows = [[decisions[index] for index in row] for row in self.bins]
-        watch = self.watch
-        if self.moved_by is None and watch.backstop is not None:
-            self.own = OwnMotion(watch.backstop, watch.bounces, watch.side, watch.elongation)

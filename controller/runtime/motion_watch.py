@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.passivity_control import PassivityControl
 from haptic_wall.controller.laws.wall import Law
@@ -59,8 +58,9 @@ class MotionWatch:
         position: float,
         most_injected: Sequence[float],
         settings: WatchSettings,
-        own: OwnMotion | None,
-        moved_by: float | None,
+        moved_by: float,
+        *,
+        another: bool,
     ) -> None:
         """Watch the motion on another law from now on.
 
@@ -69,12 +69,12 @@ class MotionWatch:
             position: Position of the shaft [rad].
             most_injected: As of the class.
             settings: As of ``Watch.change``.
-            own: The backstop, as of ``Watch.change``.
             moved_by: As of ``Watch.change``.
+            another: As of ``Watch.change``.
         """
         self._law = law
         self._most_injected = most_injected
-        self.watch.change(settings, own, moved_by)
+        self.watch.change(settings, moved_by, another=another)
         if self._passivity is not None:
             self._passivity.rebase(law.elongation(position))
 

@@ -304,6 +304,7 @@ class Tick:
         """Render, command and watch as the change asks for, from this tick on."""
         parts = self._parts
         law, ring, position = parts.law, parts.ring, parts.sampler.position
+        before = law.position
         if change.steps != ring.steps:
             coming = law.torque(position, parts.sampler.damped) if self._on else 0.0
             ring = ring.resized(change.steps, self._row.wall_torque, coming)
@@ -313,7 +314,12 @@ class Tick:
             law.settle(position)
         parts.gains.take(law, change.rows, change.highest)
         parts.motion.change(
-            law, position, change.injected, change.watch, change.own, change.moved_by
+            law,
+            position,
+            change.injected,
+            change.watch,
+            law.position - before,
+            another=change.another,
         )
         if not self._on:
             parts.engagement.restart()

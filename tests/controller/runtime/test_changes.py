@@ -328,18 +328,34 @@ def test_the_speed_is_not_taken_over_a_probe() -> None:
     assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
 
 
-def test_a_wall_elsewhere_keeps_the_watch_of_its_motion_and_another_law_does_not() -> None:
-    config = wall()
-    changes = Changes(config, KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True))
-    elsewhere, other, same = (
-        changes.computed(changed(config, [each]))
-        for each in ("wall.position=0.2", "wall.law=spring", "wall.stiffness=4")
+@pytest.mark.parametrize("side", ["both", "above"])
+def test_a_law_that_is_changed_every_third_of_a_second_is_found_to_oscillate(side: str) -> None:
+    """The evidence of the backstop stays: else such a wall swung by 4 rad, and nobody told."""
+    sets = (
+        "wall.side=both",
+        "servo.hand=none",
+        "servo.kick=0.15",
+        "servo.delay=0.012",
+        "model.delay=0.001",
+        "safety.max_speed=1000",
+        "safety.engage=at-once",
     )
-    for each in (elsewhere, other, same):
-        each.complete()
-    assert elsewhere.own is None and elsewhere.moved_by == pytest.approx(0.2)
-    assert other.own is not None and other.moved_by is None
-    assert same.own is None and same.moved_by == 0.0
+    last = [0]
+
+    def ask(row: int, now: Config, position: float) -> Sequence[str]:
+        inside = position > 0.01 or side == "both"
+        if row < last[0] + 300 or not inside:
+            return ()
+        last[0] = row
+        other = now.wall.law == "spring"
+        return ("wall.law=wall", f"wall.side={side}") if other else ("wall.law=spring",)
+
+    run = ChangedRun(wall(*sets), ask)
+    result, _ = run.run(4.0)
+    assert any(each.row >= 0 for each in run.asked)
+    seen = result.oscillation
+    assert seen is not None and seen["first_alarm_s"] is not None
+    assert seen["reduced_to"]["stiffness"] < 1.0
 
 
 def test_a_long_law_is_handed_over_in_short_pieces() -> None:
