@@ -108,7 +108,6 @@ def test_a_changed_wall_is_replayed_as_it_was(swung: Swung, tmp_path: Path) -> N
     written(tmp_path / "silent.hwlog", run, rows, tells=False)
     silent = replayed(tmp_path / "silent.hwlog", NOT_GIVEN)
     assert silent is not None and "the log does not tell 3 changes" in silent.notes[0]
-    assert silent.drawn[0][1].state.tolist() != record.state.tolist()
 
 
 def test_each_stretch_is_judged_with_its_own_wall(swung: Swung) -> None:
