@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps import lanes
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
 from haptic_wall.controller.theory.checks import FloatArray
@@ -70,7 +71,7 @@ def _returned(walls: Walls, speed: FloatArray, phase: FloatArray) -> FloatArray:
     half = np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
     length = float(np.max(_CONTACTS * (half + walls.whole) + lead))
     while loops.k < length:
-        loops.run(_LOOK, contact.at_sample, contact.at_switch)
+        contact.run(_LOOK)
         if contact.over():
             break
     back = contact.leaving > 0.0
@@ -94,6 +95,20 @@ class _Contact:
         self._outside_for = np.zeros(walls.size, dtype=np.int64)
         self.entered = np.zeros(walls.size, dtype=np.bool_)
         self.leaving = np.zeros(walls.size)
+        self._memory: FloatArray | None = None
+        if loops.lanes is not None:
+            self._memory = loops.lanes.seen(self._velocity, self._position)
+
+    def run(self, periods: int) -> None:
+        """Simulate some periods, and record them."""
+        memory = self._memory
+        if memory is None:
+            self._loops.run(periods, self.at_sample, self.at_switch)
+            return
+        self._loops.run_watched(periods, lanes.CONTACTS, memory)
+        self.leaving = memory[lanes.LEAVING]
+        np.not_equal(memory[lanes.ENTERED], 0.0, self.entered)
+        np.copyto(self._outside_for, memory[lanes.OUTSIDE], casting="unsafe")
 
     def at_sample(self) -> None:
         """Record the state at the end of a period."""

@@ -2,7 +2,8 @@
 
 Each wall is simulated to the last bit as the program would run it alone on the simulated clock with
 the simulated servo (without guard, safety and operator): the same operations in the same order, on
-blocks of walls that fit into the processor's cache.
+blocks of walls that fit into the processor's cache. Where Numba is installed, blocks without
+current loops, further effects and encoder errors run compiled (``compiled``), with equal results.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps.compiled import Lanes, compiled
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
 from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
@@ -25,6 +28,8 @@ BLOCK = 4096
 """Walls simulated together: their arrays fit into the processor's second-level cache."""
 _DELAYS = 8
 """Largest number of different delays in one block: each costs a copy per period."""
+_WORTH = 8
+"""Least number of periods that are worth a compiled call: it copies all walls"""
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
 
 
@@ -138,14 +143,26 @@ class Loops:
     The servos start after a long rest at their positions, without torque, or move freely with a
     velocity; the first velocity estimate is 0, as in the program.
 
+    Args:
+        walls: The walls.
+        position: Of the servos at the start [rad], shape (n,).
+        velocity: At the start [rad/s]; None: 0.
+        compile_: Run compiled, where that is possible.
+
     Attributes:
         bodies: The servos.
         k: Periods simulated.
+        lanes: The compiled loop; None: arrays.
         hand: Torque of an operator on each servo, held over each period [N·m]; None: no operator.
     """
 
     def __init__(
-        self, walls: Walls, position: FloatArray, velocity: FloatArray | None = None
+        self,
+        walls: Walls,
+        position: FloatArray,
+        velocity: FloatArray | None = None,
+        *,
+        compile_: bool = True,
     ) -> None:
         n = walls.size
         velocity = np.zeros(n) if velocity is None else velocity
@@ -185,6 +202,45 @@ class Loops:
         if not self._separate:
             self._measured[0] = position
             self.bodies.position = self._measured[0]
+        self.lanes = self._in_lanes() if compile_ else None
+
+    def _in_lanes(self) -> Lanes | None:
+        """Return the compiled loop of these walls; None: they have what it lacks, or no Numba."""
+        walls = self._walls
+        if (walls.effects, walls.current_loop, walls.encoder) != (None, None, None):
+            return None
+        run = compiled()
+        if run is None:
+            return None
+        fixed = np.zeros((lanes.FIXED, walls.size))
+        fixed[lanes.INERTIA] = walls.inertia
+        fixed[lanes.DECAY] = walls.damping / walls.inertia
+        fixed[lanes.COULOMB] = walls.coulomb
+        fixed[lanes.FRICTION] = walls.coulomb / walls.inertia
+        fixed[lanes.COUNTS] = walls.counts_per_radian
+        fixed[lanes.HALF] = self._half
+        fixed[lanes.LIMIT] = walls.torque_limit
+        fixed[lanes.STEP] = walls.torque_step
+        fixed[lanes.SOFTNESS] = self._minus_stiffness
+        fixed[lanes.VIRTUAL] = walls.virtual_damping
+        fixed[lanes.PERIOD] = walls.period
+        fixed[lanes.HELD : lanes.HELD + 4] = self._held
+        if self._late is not None:
+            fixed[lanes.LATE : lanes.LATE + 4] = self._late
+        fixed[lanes.FULL] = walls.torque_limit - walls.torque_step
+        fixed[lanes.GONE] = walls.whole + 2
+        traits = {
+            lanes.ONE_SIDED: self._one_sided,
+            lanes.IS_LIMITED: self._limited,
+            lanes.STEPPED: self._stepped,
+            lanes.ROUNDED: self._rounded,
+            lanes.PLAY: self._play,
+            lanes.FRICTIONAL: bool((walls.coulomb > 0.0).any()),
+            lanes.LAGS: self._late is not None,
+            lanes.SAMPLES: self._samples,
+        }
+        delays = [(whole, part.start, part.stop) for whole, part in self._delays]
+        return Lanes(run, traits, np.array(delays, dtype=np.int64), fixed)
 
     def run(
         self,
@@ -199,10 +255,85 @@ class Loops:
             watch: Called after each.
             at_switch: Called where the torque changes within a period, if it does.
         """
+        if self.lanes is not None and watch is None and at_switch is None and periods >= _WORTH:
+            self._run_in_lanes(periods)
+            return
         for _ in range(periods):
             self._period(at_switch)
             if watch is not None:
                 watch()
+
+    def run_watched(
+        self, periods: int, observer: int, seen: FloatArray, turned: FloatArray | None = None
+    ) -> int:
+        """Simulate some periods in ``lanes``, where there are, with an observer of theirs.
+
+        Args:
+            periods: Number of periods.
+            observer: ``lanes.TURNINGS`` or ``lanes.CONTACTS``.
+            seen: Its memory, from ``Lanes.seen``.
+            turned: Gets the turning points, shape (5, room); see ``lanes.run``.
+
+        Returns:
+            The number of turning points.
+        """
+        return self._run_in_lanes(periods, observer=observer, seen=seen, turned=turned)
+
+    def driven(self, hands: FloatArray) -> FloatArray:
+        """Simulate as many periods as there are rows of an operator's torques [N·m], (periods, n).
+
+        Returns:
+            The positions at the ends of the periods [rad], same shape.
+        """
+        course = np.empty(hands.shape)
+        if self.lanes is not None:
+            self._run_in_lanes(len(hands), hands=hands, course=course)
+            return course
+        for given, position in zip(hands, course, strict=True):
+            self.hand = given
+            self.run(1)
+            position[:] = self.bodies.position
+        return course
+
+    def _run_in_lanes(
+        self,
+        periods: int,
+        *,
+        observer: int = lanes.NOBODY,
+        seen: FloatArray | None = None,
+        turned: FloatArray | None = None,
+        hands: FloatArray | None = None,
+        course: FloatArray | None = None,
+    ) -> int:
+        assert self.lanes is not None
+        bodies = self.bodies
+        body = np.stack([bodies.position, bodies.velocity, self._followed])
+        if not self._play:
+            body[2] = body[0]
+        if hands is None and self.hand is not None:
+            hands = self.hand[None, :]
+        count = self.lanes.run(
+            self.k,
+            periods,
+            body,
+            self._measured,
+            self._torques,
+            hands=hands,
+            observer=observer,
+            seen=seen,
+            turned=turned,
+            course=course,
+        )
+        self.k += periods
+        if not self._separate:  # the next measured position
+            bodies.position = self._measured[self.k % self._measured.shape[0]]
+        np.copyto(bodies.position, body[0])
+        np.copyto(bodies.velocity, body[1])
+        if self._play:
+            np.copyto(self._followed, body[2])
+        elif self._separate:
+            self._followed = bodies.position
+        return count
 
     @property
     def walls(self) -> Walls:

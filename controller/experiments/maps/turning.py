@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.experiments.maps import lanes
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
 from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -76,7 +77,7 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     floor = start * (1.0 / _DECIDED if frictional else _DEAD)
     resting = np.full(walls.size, np.nan)
     while loops.k < length:
-        loops.run(_SEGMENT, turnings.watch)
+        turnings.run(_SEGMENT)
         turnings.gather()
         up = turnings.greatest > _DECIDED * start
         down = turnings.least < floor
@@ -184,11 +185,30 @@ class Turnings:
         self._position = loops.bodies.position.copy()
         self._turned = np.empty(n, dtype=np.bool_)
         self._product = np.empty(n)
+        self._memory: FloatArray | None = None
+        if loops.lanes is not None:
+            self._memory = loops.lanes.seen(self._before, self._position)
         self._seen: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
-        self._when: list[int] = []
+        self._when: list[FloatArray] = []
         self.count = np.zeros(n, dtype=np.int64)
         self.least = np.full(n, np.inf)
         self.greatest = np.zeros(n)
+
+    def run(self, periods: int) -> None:
+        """Simulate some periods, and watch them."""
+        if self._memory is None:
+            self._loops.run(periods, self.watch)
+            return
+        memory = self._memory
+        turned = np.empty((5, memory.shape[1] * periods))  # room for all; hardly any is touched
+        count = self._loops.run_watched(periods, lanes.TURNINGS, memory, turned)
+        if count:
+            index, when, before, after, position = turned[:, :count]
+            self._seen.append((index.astype(np.intp), before, after, position))
+            self._when.append(when)
+        if self._limited is not None:
+            np.not_equal(memory[lanes.LIMITED], 0.0, self._limited)
+            memory[lanes.LIMITED] = 0.0
 
     def watch(self) -> None:
         """Process the period that has just passed."""
@@ -199,7 +219,7 @@ class Turnings:
         index = self._turned.nonzero()[0]
         if index.size:
             self._seen.append((index, before[index], velocity[index], self._position[index]))
-            self._when.append(loops.k)
+            self._when.append(np.full(index.size, float(loops.k)))
         if self._limited is not None:
             np.absolute(loops.torque, self._product)
             np.greater_equal(self._product, self._full, self._turned)
@@ -219,7 +239,7 @@ class Turnings:
         index, before, after, position = (
             np.concatenate(arrays) for arrays in zip(*self._seen, strict=True)
         )
-        when = np.repeat(np.array(self._when, float), [seen[0].size for seen in self._seen])
+        when = np.concatenate(self._when)
         self._seen.clear()
         self._when.clear()
         # The number of earlier turning points of each body, in order of time.

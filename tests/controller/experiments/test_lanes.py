@@ -1,0 +1,193 @@
+"""The compiled loop does what the arrays do, to the last bit; so does its source, uncompiled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.experiments.maps import lanes, many_walls
+from haptic_wall.controller.experiments.maps.bounce import returned
+from haptic_wall.controller.experiments.maps.compiled import Run, compiled
+from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.turning import growth
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+
+PERIOD = 1e-3
+SOME = 7
+CASES = range(24)
+
+
+@pytest.fixture(params=["compiled", "uncompiled"])
+def run(request: pytest.FixtureRequest) -> Run:
+    if request.param == "uncompiled":
+        return lanes.run
+    pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
+    found = compiled()
+    assert found is not None
+    return found
+
+
+@pytest.fixture
+def arrays(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    """Nothing runs in lanes, until a test says so."""
+    monkeypatch.setattr(many_walls, "compiled", lambda: None)
+    with np.errstate(all="ignore"):  # plain Python floats of NumPy warn, compiled ones do not
+        yield monkeypatch
+
+
+def drawn(seed: int, count: int = 150) -> Walls:
+    """Walls that differ in everything but what is alike in a block."""
+    random = np.random.default_rng(seed)
+    some = random.random(8) < 0.5
+    inertia = 10 ** random.uniform(-3.0, -1.0, count)
+    damping = inertia * random.uniform(0.0, 4.0, count)
+    if seed % 6 == 0:
+        damping *= 1000.0  # loses its speed within a step
+    delay = np.sort(random.integers(0, 7, count)) + (0.001 + 0.99 * random.random(count)) * some[0]
+    samples = int(random.integers(1, 5)) if some[1] else 1
+    ceiling = max_virtual_damping(inertia, damping, PERIOD, delay * PERIOD, samples)
+    virtual = random.uniform(0.0, 1.1, count) * ceiling
+    limit = critical_stiffness(inertia, damping, virtual, PERIOD, delay * PERIOD, samples)
+    whole, lag, rest = split_delay(delay * PERIOD, np.full(count, PERIOD))
+    one = np.ones(count)
+    return Walls(
+        inertia=inertia,
+        damping=damping,
+        coulomb=random.uniform(0.1, 3.0, count) * inertia * some[2],
+        counts_per_radian=random.choice([4096, 500], count) / math.tau * some[3],
+        backlash=random.uniform(1e-4, 1e-2, count) * some[4],
+        torque_limit=50.0 * inertia if some[5] else math.inf * one,
+        torque_step=0.3 * inertia * some[6],
+        stiffness=random.uniform(0.1, 1.5, count) * np.maximum(limit, 0.1),
+        virtual_damping=virtual,
+        period=PERIOD * one,
+        whole=whole,
+        lag=lag,
+        rest=rest,
+        velocity_samples=np.full(count, samples),
+        one_sided=np.full(count, bool(some[7])),
+    )
+
+
+def states(loops: Loops) -> list[Any]:
+    return [
+        loops.bodies.position,
+        loops.bodies.velocity,
+        loops.measured,
+        loops.torque,
+        loops._followed if loops._play else loops.bodies.position,
+    ]
+
+
+@pytest.mark.parametrize("seed", CASES)
+def test_random_walls_move_as_the_arrays_do(
+    run: Run, arrays: pytest.MonkeyPatch, seed: int
+) -> None:
+    walls = drawn(seed, 150 if run is not lanes.run else SOME)
+    periods = 300 if run is not lanes.run else 12
+    if run is lanes.run and seed % 3:
+        return  # it is slow, and the same
+    random = np.random.default_rng(seed)
+    start, velocity = random.normal(0.0, 0.1, (2, walls.size))
+    expected = Loops(walls, start, velocity)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, start, velocity)
+    assert expected.lanes is None
+    assert found.lanes is not None
+    for part in (1, periods, 3, 8):  # short parts run in arrays, and take over from each other
+        expected.run(part)
+        found.run(part)
+        for one, other in zip(states(found), states(expected), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert np.ptp(found.bodies.position) > 0.0
+
+
+def test_the_draws_have_every_trait_and_its_absence() -> None:
+    every = [drawn(seed, SOME) for seed in CASES]
+    for trait in ("lag", "coulomb", "counts_per_radian", "backlash", "torque_step", "one_sided"):
+        assert {bool((getattr(walls, trait) > 0).any()) for walls in every} == {False, True}
+    assert {int(walls.velocity_samples[0]) for walls in every} >= {1, 2}
+    assert {bool(np.isfinite(walls.torque_limit[0])) for walls in every} == {False, True}
+
+
+def test_an_operator_pushes_as_in_the_arrays(run: Run, arrays: pytest.MonkeyPatch) -> None:
+    walls = drawn(3, SOME)
+    hands = np.random.default_rng(3).normal(0.0, 0.1, (40, SOME)) * walls.inertia
+    expected = Loops(walls, np.zeros(SOME))
+    course = expected.driven(hands)
+    expected.hand = hands[0]
+    expected.run(30)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, np.zeros(SOME))
+    np.testing.assert_array_equal(found.driven(hands), course)
+    found.hand = hands[0]
+    found.run(30)
+    np.testing.assert_array_equal(found.bodies.position, expected.bodies.position)
+
+
+@pytest.mark.parametrize("seed", CASES[1::4])
+def test_growth_and_returned_speeds_are_those_of_the_arrays(
+    arrays: pytest.MonkeyPatch, seed: int
+) -> None:
+    pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
+    walls = drawn(seed, 20)
+    kick = 10 ** np.random.default_rng(seed).uniform(-3.0, -0.5, walls.size)
+
+    def asked() -> Any:
+        return returned(walls, kick) if walls.one_sided[0] else growth(walls, kick, 3.0)
+
+    expected = asked()
+    arrays.setattr(many_walls, "compiled", compiled)
+    np.testing.assert_array_equal(asked(), expected)
+    assert len(list(blocks(walls))) >= 1
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_critical_stiffnesses_are_those_of_the_arrays(
+    arrays: pytest.MonkeyPatch, one_sided: bool
+) -> None:
+    pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
+
+    def asked() -> Any:
+        return simulated_critical_stiffness(
+            0.012,
+            0.0117,
+            np.array([0.0, 0.1, 0.3]),
+            PERIOD,
+            1.4e-3,
+            coulomb=0.05,
+            position_step=np.array([[0.0], [math.tau / 4096]]),
+            backlash=0.002,
+            torque_limit=1.0,
+            one_sided=one_sided,
+            kick=0.05,
+            tolerance=0.01,
+        )
+
+    expected = asked()
+    arrays.setattr(many_walls, "compiled", compiled)
+    np.testing.assert_array_equal(asked(), expected)
+
+
+def test_nothing_is_compiled_where_numba_is_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    compiled.cache_clear()
+    try:
+        assert compiled() is None
+        assert Loops(drawn(1, SOME), np.zeros(SOME)).lanes is None
+    finally:
+        compiled.cache_clear()
+
+
+def test_nothing_is_compiled_where_numba_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "numba", None)
+    compiled.cache_clear()
+    try:
+        assert compiled() is None
+    finally:
+        compiled.cache_clear()
