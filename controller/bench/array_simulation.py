@@ -1,16 +1,19 @@
-"""Measures how many wall periods are simulated per second: as an array, alone, and by peers."""
+"""Measures how many wall periods are simulated a second: in arrays, compiled, alone, by peers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from haptic_wall.controller.bench import arithmetic
 from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
@@ -23,7 +26,60 @@ _PERIODS, _PERIODS_ALONE = 1000, 5000
 _PERIOD_NS = round(1e9 * PERIOD_S)
 _COMPARED = 8
 """Number of walls of an array that are also simulated alone"""
+_NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
+_OPERATIONS = {"linear servos": (18, 3), "servos with friction and encoder": (36, 4)}
+"""Multiply-adds, or what takes as long, and divisions of a wall period in ``lanes``, where no body
+comes to rest: a period has two parts"""
 _KINDS = {"linear servos": False, "servos with friction and encoder": True}
+
+
+def _compiled_rows(
+    what: str, walls: list[ArrayWall], times: Mapping[str, Sequence[float]]
+) -> list[Measurement]:
+    """Return rates of the compiled loop, beside the arrays and the machine's arithmetic."""
+    each = len(walls) * _PERIODS
+    one, two = times[f"{what}, compiled"], times[f"{what}, compiled on two cores"]
+    adds, parts = _OPERATIONS[what]
+    least = [
+        (adds * add + parts * part) / arithmetic.OPERATIONS * each
+        for add, part in zip(times["multiply-adds"], times["divisions"], strict=True)
+    ]
+    in_arrays, in_lanes = (together(walls, _PERIODS, compile_=way) for way in (False, True))
+    name, unit = f"{len(walls)} random walls, {what}", "wall-periods/s"
+    return [
+        over_rounds(f"compiled, {name}", [each / time for time in one], unit, _NOT_THE_SEARCH),
+        over_rounds(
+            f"compiled on two cores, {name}", [each / time for time in two], unit, _NOT_THE_SEARCH
+        ),
+        ratio(f"compiled over the array, {what}", times[what], one, _NOT_THE_SEARCH),
+        ratio(f"compiled, two cores over one, {what}", one, two, "machines with more cores"),
+        over_rounds(
+            f"the arithmetic alone: {adds} multiply-adds and {parts} divisions for each, {what}",
+            [each / time for time in least],
+            unit,
+            "a loop that could be written: it loads, stores and stops nothing",
+        ),
+        ratio(
+            f"compiled over the arithmetic alone, {what}",
+            least,
+            one,
+            "a loop that could be written: it loads, stores and stops nothing",
+        ),
+        Measurement(
+            f"largest difference of position from the array, {what}",
+            float(np.max(np.abs(in_lanes - in_arrays))),
+            "rad",
+            "other walls than these, over one second",
+        ),
+    ]
+
+
+def _on_two_cores(many: Walls, start: FloatArray) -> None:
+    halves = np.array_split(np.arange(many.size), 2)
+    with ThreadPoolExecutor(2) as threads:
+        done = [threads.submit(_run, many.take(half), start[half], _PERIODS) for half in halves]
+        for half in done:
+            half.result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +96,20 @@ class ArrayWall:
 def measure() -> Section:
     """Measure two-sided walls as an array and one alone, and the servo alone beside peers."""
     drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
-    work: dict[str, Callable[[], object]] = {}
+    work: dict[str, Callable[[], object]] = dict(arithmetic.work())
+    fast = compiled() is not None
     for what, walls in drawn.items():
-        work[what] = partial(_run, *_as_arrays(walls)[:2], _PERIODS)
+        arrays = _as_arrays(walls)[:2]
+        work[what] = partial(_run, *arrays, _PERIODS, compile_=False)
         work[f"{what}, alone"] = partial(_each_alone, walls)
+        if fast:
+            work[f"{what}, compiled"] = partial(_run, *arrays, _PERIODS)
+            work[f"{what}, compiled on two cores"] = partial(_on_two_cores, *arrays)
     times = interleaved(work, _ROUNDS)
     rows = []
     for what, walls in drawn.items():
+        if fast:
+            rows += _compiled_rows(what, walls, times)
         many = [one / (len(walls) * _PERIODS) for one in times[what]]
         single = [one / _PERIODS_ALONE for one in times[f"{what}, alone"]]
         few = walls[:_COMPARED]
@@ -56,7 +119,7 @@ def measure() -> Section:
                 f"array of {len(walls)} random walls, {what}",
                 [1 / one for one in many],
                 "wall-periods/s",
-                "walls with backlash or long velocity differences, and the search around it",
+                _NOT_THE_SEARCH,
             ),
             over_rounds(
                 f"{len(few)} of them, one by one",
@@ -73,6 +136,8 @@ def measure() -> Section:
             ),
         ]
     compared, notes = beside_peers()
+    if not fast:
+        notes.append("nothing is compiled: pip install 'haptic-wall[fast]' adds Numba")
     return Section((*rows, *compared), tuple(notes))
 
 
@@ -116,16 +181,16 @@ def random_walls(rough: bool, count: int) -> list[ArrayWall]:
     ]
 
 
-def together(walls: list[ArrayWall], periods: int) -> FloatArray:
+def together(walls: list[ArrayWall], periods: int, *, compile_: bool = True) -> FloatArray:
     """Return the last measured positions [rad] of walls simulated as one array, in their order."""
     many, start, order = _as_arrays(walls)
     found = np.empty(len(walls))
-    found[order] = _run(many, start, periods)
+    found[order] = _run(many, start, periods, compile_=compile_)
     return found
 
 
-def _run(many: Walls, start: FloatArray, periods: int) -> FloatArray:
-    loops = Loops(many, start.copy())
+def _run(many: Walls, start: FloatArray, periods: int, *, compile_: bool = True) -> FloatArray:
+    loops = Loops(many, start.copy(), compile_=compile_)
     loops.run(periods)
     return loops.measured
 

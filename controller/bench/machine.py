@@ -19,6 +19,7 @@ _PACKAGES = (
     "dynamixel-sdk",
     "loop-rate-limiters",
     "mujoco",
+    "numba",
     "rustypot",
 )
 _STAT = Path("/proc/stat")

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from haptic_wall.controller.bench.rows import Measurement, interleaved, over_rounds, ratio
+from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
@@ -99,7 +100,10 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
     """Measure all simulators; return rates, differences of their answers, and notes."""
     notes = list(_NOTES)
     peers = {**_scipy(), **_mujoco(notes)}
-    clients = {"haptic-wall": Client(_arrays, _MANY), **peers}
+    ours = {"haptic-wall": Client(_arrays, _MANY)}
+    if compiled() is not None:
+        ours["haptic-wall, compiled"] = Client(partial(_arrays, compile_=True), _MANY)
+    clients = {**ours, **peers}
     torques = np.random.default_rng(1).uniform(-_TORQUE, _TORQUE, (_MANY, _PERIODS))
     work = {
         name: partial(client.positions, torques[: client.servos])
@@ -110,7 +114,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         name: [one / (client.servos * _PERIODS) for one in times[name]]
         for name, client in clients.items()
     }
-    ours = _arrays(torques)
+    expected = _arrays(torques)
     rows = one_tick()
     for name, client in clients.items():
         what = f"{name}, servo alone, {client.servos} at once"
@@ -119,15 +123,16 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         )
     for name, client in peers.items():
         theirs = client.positions(torques[: client.servos])
-        apart = float(np.max(np.abs(theirs - ours[: client.servos])))
-        rows.append(
+        apart = float(np.max(np.abs(theirs - expected[: client.servos])))
+        rows += [
             ratio(
-                f"haptic-wall over {name}, servo alone",
+                f"{own} over {name}, servo alone",
                 each[name],
-                each["haptic-wall"],
+                each[own],
                 "few servos, and what else the other can do",
             )
-        )
+            for own in ours
+        ]
         rows.append(
             Measurement(
                 f"largest difference of position from {name}",
@@ -166,14 +171,10 @@ def one_tick() -> list[Measurement]:
     ]
 
 
-def _arrays(torques: FloatArray) -> FloatArray:
-    loops = Loops(alike(LINEAR, len(torques), 0.0, 0.0), np.zeros(len(torques)))
-    positions = np.empty(torques.T.shape)
-    for given, position in zip(np.ascontiguousarray(torques.T), positions, strict=True):
-        loops.hand = given
-        loops.run(1)
-        position[:] = loops.bodies.position
-    return positions.T
+def _arrays(torques: FloatArray, *, compile_: bool = False) -> FloatArray:
+    walls = alike(LINEAR, len(torques), 0.0, 0.0)
+    loops = Loops(walls, np.zeros(len(torques)), compile_=compile_)
+    return loops.driven(np.ascontiguousarray(torques.T)).T
 
 
 def _scipy() -> dict[str, Client]:
