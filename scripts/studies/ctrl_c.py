@@ -75,6 +75,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "rendered": ("rendered", *SERVO),
     "sweep": ("sweep", *SERVO, "--virtual-damping=0.01", "--delay-steps=0"),
     "sweep, side by side": ("sweep", *IN_MEMORY, "--virtual-damping=0,0.1", "--delay-steps=1,3"),
+    "zwidth": ("zwidth", *SERVO, "--yes", "--out", "out"),
+    "zwidth, in memory": ("zwidth", *IN_MEMORY, "--out", "out"),
     "commission": ("commission", *SERVO, "--yes", "--out", "out"),
     "commission, in memory": ("commission", *IN_MEMORY, "--out", "out"),
     "doctor": ("doctor", *SERVO),

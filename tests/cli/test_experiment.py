@@ -9,7 +9,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep
+from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep, zwidth
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.servo import Servo
@@ -46,7 +46,7 @@ def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> No
     assert not asked
 
 
-@pytest.mark.parametrize("module", [delay, identify, rendered, sweep])
+@pytest.mark.parametrize("module", [delay, identify, rendered, sweep, zwidth])
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -61,7 +61,7 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
 
 
-@pytest.mark.parametrize("command", ["map", "sweep", "rendered", "commission"])
+@pytest.mark.parametrize("command", ["map", "sweep", "rendered", "commission", "zwidth"])
 def test_what_measures_walls_refuses_another_law(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,7 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     gc.enable()  # a run switches it off
 
 
-MEASURING = ("delay", "identify", "map", "rendered", "sweep")
+MEASURING = ("delay", "identify", "map", "rendered", "sweep", "zwidth")
 
 
 @pytest.fixture
@@ -80,6 +80,10 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
     )
+    for name in ("measure_points", "impedance_of"):
+        monkeypatch.setattr(
+            f"haptic_wall.controller.experiments.zwidth.measured.{name}", interrupted
+        )
     monkeypatch.setattr(maps, "processes", lambda _count: nullcontext(Nobody()))
     monkeypatch.setattr(cluster, "cluster", lambda _address: nullcontext(Nobody()))
     monkeypatch.setattr(

@@ -1,0 +1,205 @@
+"""Computes the largest stiffness over the virtual damping, for several estimates of the velocity.
+
+By exact theory for the servo in the middle of the belief, and by the guard, which uses the belief's
+least safe corner and its margin. The measured points are those of a sweep.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from haptic_wall.controller.errors import ConfigError
+from haptic_wall.controller.experiments.commission.sweep_points import short_sweep
+from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
+from haptic_wall.controller.experiments.holding import sample_age
+from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.plan import PlanePoint
+from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.sweep import experiment_config
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.load import loaded
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.flexible import MOST_PERIODS
+
+_LEAST, _MOST = 1e-4, 0.98
+"""Fractions of the ceiling from which and up to which limits are computed, beside none"""
+_POINTS = 80
+_LOWPASS_OF_RATE = 0.1
+"""Corner of the usual low-pass, over the rate"""
+_Q = 0.7
+_SAMPLES = (1, 2, 4)
+
+FilterKind = Literal["none", "lowpass", "notch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """An estimate of the velocity that damps."""
+
+    samples: int
+    """N of the difference"""
+    filter: FilterKind = "none"
+    hz: float | None = None
+    """Corner of the low-pass, or middle of the notch [Hz]"""
+    q: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Return a few words for tables and legends."""
+        filtered = "" if self.filter == "none" else f", {self.filter} {self.hz:g} Hz q {self.q:g}"
+        return f"N {self.samples}{filtered}"
+
+    @property
+    def folder(self) -> str:
+        """Return the name of the folder of its measured points."""
+        return self.label.replace(", ", "-").replace(" ", "")
+
+
+@dataclass(slots=True)
+class Width:
+    """Stiffness over virtual damping with one estimate of the velocity."""
+
+    velocity: Velocity
+    config: Config | None
+    """With this estimate, and with a two-sided wall; None: such a configuration is refused"""
+    reason: str | None = None
+    """Why it is refused"""
+    virtual_damping: FloatArray = field(default_factory=lambda: np.empty(0))
+    """[N·m·s/rad]"""
+    exact: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Two-sided, for the middle of the belief [N·m/rad]"""
+    guard_two_sided: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Commanded for a two-sided wall; NaN above the damping that is commanded [N·m/rad]"""
+    guard: FloatArray = field(default_factory=lambda: np.empty(0))
+    """The same for the wall's side in CONFIG; NaN where that is not known too"""
+    ceiling: float = math.nan
+    """Of the exact theory [N·m·s/rad]"""
+    delay_s: float = math.nan
+    """Total, believed"""
+    points: list[PointResult] = field(default_factory=list)
+    """Measured"""
+
+    def settings(self) -> tuple[PlanePoint, ...]:
+        """Return the points to measure: none, a third, and two thirds of the useful damping."""
+        assert self.config is not None
+        steps = self.config.delay.steps
+        return tuple(point for point in short_sweep(self.config) if point.delay_steps == steps)
+
+    def report(self) -> dict[str, Any]:
+        """Return JSON-ready values."""
+        curves = {
+            "exact": self.exact,
+            "guard": self.guard,
+            "guard_two_sided": self.guard_two_sided,
+        }
+        return {
+            "velocity": asdict(self.velocity),
+            "label": self.velocity.label,
+            "reason": self.reason,
+            "delay_s": _known(self.delay_s),
+            "max_virtual_damping": _known(self.ceiling),
+            "peak": {name: self.peak(curve) for name, curve in curves.items()},
+            "curve": [
+                {"virtual_damping": float(damping)}
+                | {name: _known(float(curve[i])) for name, curve in curves.items()}
+                for i, damping in enumerate(self.virtual_damping)
+            ],
+            "measured": [asdict(point) for point in self.points],
+        }
+
+    def peak(self, curve: FloatArray) -> dict[str, float] | None:
+        """Return the highest stiffness of a curve with its damping; None: it has none."""
+        if not np.isfinite(curve).any():
+            return None
+        best = int(np.nanargmax(curve))
+        return {
+            "stiffness": float(curve[best]),
+            "virtual_damping": float(self.virtual_damping[best]),
+        }
+
+
+def velocities(config: Config, samples: Sequence[int] | None) -> tuple[Velocity, ...]:
+    """Return the estimates to compare, CONFIG's own first.
+
+    Args:
+        config: With N and perhaps a filter.
+        samples: N of the unfiltered ones; None: 1, 2 and 4.
+    """
+    wall, rate = config.wall, config.loop.rate_hz
+    found = []
+    if wall.velocity_filter != "none":
+        own = (wall.velocity_filter, wall.velocity_hz, wall.velocity_q)
+        found.append(Velocity(wall.velocity_samples, *own))
+    own_samples = [wall.velocity_samples] if samples is None else []
+    found += [Velocity(n) for n in (*own_samples, *(samples or _SAMPLES))]
+    if wall.velocity_filter == "none":
+        n = wall.velocity_samples
+        found.append(Velocity(n, "lowpass", _LOWPASS_OF_RATE * rate, _Q))
+        belief = config.belief()
+        if belief.is_flexible and not belief.is_fast(config.period_s):
+            found.append(Velocity(n, "notch", float(f"{belief.flexible_hz.value:.3g}"), _Q))
+    return tuple(dict.fromkeys(found))
+
+
+def width_of(config: Config, velocity: Velocity) -> Width:
+    """Return theory and guard for one estimate of the velocity.
+
+    Args:
+        config: The effective configuration.
+        velocity: The estimate.
+    """
+    try:
+        two_sided = _with(config, velocity, side="both")
+    except ConfigError as error:
+        return Width(velocity, None, str(error.problem))
+    device = Device.of(two_sided)
+    delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
+    if velocity.filter != "none" and delay / device.period + 2.0 > MOST_PERIODS:
+        return Width(velocity, None, f"a delay of {delay / device.period:.3g} periods: at most"
+                     f" {MOST_PERIODS - 2} are computed with a filter")  # fmt: skip
+    ceiling = device.ceiling(delay)
+    # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
+    dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])
+    one_sided = np.full(dampings.size, np.nan)
+    if velocity.filter == "none" and config.wall.side != "both":
+        one_sided = _guarded(_with(config, velocity, side=config.wall.side), dampings)
+    both = _guarded(two_sided, dampings)
+    return Width(
+        velocity,
+        two_sided,
+        virtual_damping=dampings,
+        exact=np.asarray(device.loop.critical(dampings, delay).stiffness),
+        guard_two_sided=both,
+        guard=both if config.wall.side == "both" else one_sided,
+        ceiling=ceiling,
+        delay_s=delay,
+    )
+
+
+def _with(config: Config, velocity: Velocity, side: str) -> Config:
+    raw: dict[str, Any] = experiment_config(config).model_dump(mode="json")
+    raw["wall"] |= {
+        "side": side,
+        "velocity_samples": velocity.samples,
+        "velocity_filter": velocity.filter,
+    }
+    if velocity.filter != "none":
+        raw["wall"] |= {"velocity_hz": velocity.hz, "velocity_q": velocity.q}
+    return loaded(raw, velocity.label)
+
+
+def _guarded(config: Config, dampings: FloatArray) -> FloatArray:
+    """Return the stiffness that the guard commands at each damping; NaN where it lowers that."""
+    question = GuardQuestion.of(config, None)
+    found = question.limits(dampings)
+    commanded = question.settings.margin * found.smallest()
+    return np.where(found.damping < dampings * (1.0 - 1e-9), np.nan, commanded)
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
