@@ -92,7 +92,10 @@ def test_the_impedance_is_that_of_the_law_where_a_tap_excites_it(
     assert len(measured) >= 6
     for band in measured:
         assert band["stiffness"] == pytest.approx(band["commanded_stiffness"], rel=0.05)
-        assert band["damping"] == pytest.approx(band["commanded_damping"], rel=0.15)
+        off = 0.05 * band["commanded_damping"] + 4.0 * band["stderr"] / (
+            math.tau * band["frequency_hz"]
+        )
+        assert band["damping"] == pytest.approx(band["commanded_damping"], abs=off)
         assert 0.5 <= band["coherence"] <= 1.0 and band["stderr"] >= 0.0
     assert found["bands"][-1]["stiffness"] is None  # no tap is so quick
     low = found["bands"][0]

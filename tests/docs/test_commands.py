@@ -215,6 +215,8 @@ def test_commands_of_the_program(
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
         quick = [f"--duration={seconds}", "--set=loop.clock=simulated"]
         assert call(["run", "--log", words[1], *quick]) == 0
+    if words[0] == "zwidth" and (log := value_of(words, "--log")) is not None:
+        assert call(["run", "--log", log, "--duration=0.1", "--set=loop.clock=simulated"]) == 0
     assert call(words) == (0 if thorough or words[0] not in MEASURING else 130)
     if (csv := value_of(words, "--csv")) is not None:
         assert (folder / csv).read_text().startswith("time_s,position_rad,torque_nm,")
