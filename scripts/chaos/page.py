@@ -92,12 +92,12 @@ def lines(hour: Hour) -> list[str]:
     shots = sum(len(run.thrown) for run in hour.runs)
     partial = "" if hour.whole else "**It was broken off; this is what there was until then.** "
     return [
-        f"{partial}{hour.minutes:g} min, seed {hour.seed}: {len(hour.runs)} runs, {shots} shots,"
+        f"{partial}{hour.minutes:g} min, seed {hour.seed}: {len(hour.runs)} runs, {shots} faults,"
         f" {sum(run.rows for run in hour.runs)} ticks in the logs.",
         "",
         *_promises(hour),
         "",
-        "| shot | thrown | ended a run | by | off, ms |",
+        "| fault | injected | ended a run | by | torque off, ms |",
         "|---|---|---|---|---|",
         *_shots(hour),
         "",
@@ -121,21 +121,22 @@ def _promises(hour: Hour) -> list[str]:
     return [
         "| promise | found | holds |",
         "|---|---|---|",
-        f"| no torque after a trip | {len(witnessed)} ends witnessed, torque or orders for it"
-        f" behind the cut: {after} | {_holds(not after)} |",
+        f"| no torque after a trip | {len(witnessed)} ends witnessed; torque or torque commands"
+        f" after the cut: {after} | {_holds(not after)} |",
         f"| a dead, stopped or starved loop's torque is gone within {OFF_MS:.0f} ms | {longest}"
         f" | {_holds(not hour.off_late)} |",
-        f"| no unexplained stop | {explained} by a shot, {causes[ASKED]} asked to end,"
-        f" {causes[MACHINE]} by a stall of the machine that was seen, {causes[STRANGERS]} while"
-        f" others ran at real-time priority, {causes[REFUSED]} refused to start and said why,"
+        f"| no unexplained stop | {explained} by a fault, {causes[ASKED]} on request,"
+        f" {causes[MACHINE]} by an observed stall of the machine, {causes[STRANGERS]} while other"
+        f" programs ran at real-time priority, {causes[REFUSED]} refused to start with a reason,"
         f" {causes[None]} unexplained"
         f" | {_holds(not causes[None])} |",
         f"| no lost log block | {sum(run.goals for run in runs)} torques witnessed,"
-        f" {sum(run.rows for run in runs)} rows; lost and said so: {sum(run.lost for run in runs)},"
-        f" lost without a word: in {sum(bool(run.log_problems) for run in runs)} runs"
+        f" {sum(run.rows for run in runs)} rows; lost and reported:"
+        f" {sum(run.lost for run in runs)}; runs with unreported losses:"
+        f" {sum(bool(run.log_problems) for run in runs)}"
         f" | {_holds(not any(run.log_problems for run in runs))} |",
-        f"| memory flat within {FLAT_MB:g} MB | last minute of one process against its second,"
-        " at most, the shared ring of rows left out:"
+        f"| memory flat within {FLAT_MB:g} MB | largest growth of a process from its second"
+        " minute to its last, without the shared ring of rows:"
         f" {memory if grown else 'no run was long enough'}"
         f" | {'–' if flat and len(grown) < len(WATCHED) else _holds(flat)} |",
         "| nothing left behind | processes that outlived their run, runs that did not end:"
@@ -176,8 +177,8 @@ def _notes(hour: Hour) -> list[str]:
         else "The disk was full because the recorder's files were not allowed to grow."
     )
     notes.append(
-        "A supervisor is killed only while a recorder lives: with both dead nobody is left to write"
-        " the rows that wait."
+        "A supervisor is killed only while a recorder lives, because with both dead nothing writes"
+        " the waiting rows."
     )
     lengths = [1e3 * (stall.until_s - stall.from_s) for stall in hour.stalls]
     worst = f", the longest {max(lengths):.0f} ms" if lengths else ""
@@ -188,7 +189,7 @@ def _notes(hour: Hour) -> list[str]:
     busy = sum(bool(run.strangers) for run in hour.runs)
     if busy:
         notes.append(
-            f"In {busy} runs programs of others ran at real-time priority; at the loop's own they"
+            f"In {busy} runs other programs ran at real-time priority; at the loop's own they"
             " can keep it waiting, which the observers, above it, do not see."
         )
     for number, run in enumerate(hour.runs, 1):
@@ -197,6 +198,7 @@ def _notes(hour: Hour) -> list[str]:
     gone = sum(not run.witnessed for run in hour.runs)
     if gone:
         notes.append(f"In {gone} runs the bus was killed, and its record ends with it.")
-    for text in sorted({text for run in hour.runs for text in run.warnings if "it lacks" in text}):
-        notes.append(f"Said of a log: {text}.")
+    lacks = sorted({text for run in hour.runs for text in run.warnings if "it lacks" in text})
+    if lacks:
+        notes.append(f"A message about an incomplete log, of {len(lacks)}: {lacks[0]}.")
     return [line for note in notes for line in (note, "")]

@@ -79,17 +79,16 @@ def memory(rows: Found[tuple[int, int, int], Memory]) -> list[str]:
         "",
         f"Replies that came late and were never used: {found.counts['late']}. Failed cycles in a"
         f" row: {found.longest_gap} at most.",
-        "A reply that is cut short, or whose length is broken, leaves a beginning that might still"
-        " be completed: its cycle became a lost one. Once another frame begins it was cut short,"
-        " and the driver counts it as corrupt instead.",
+        "A reply that is cut short, or whose length is broken, might still be completed, so its"
+        " cycle is lost. If another frame begins meanwhile the driver counts it as corrupt.",
         "",
-        f"Changed or cut: {found.damaged} replies, of which **{found.undetected}** passed for good;"
+        f"Changed or cut: {found.damaged} replies, of which **{found.undetected}** passed as valid;"
         f" a 16-bit CRC lets {low} to {high} through if they were random bytes ({CONFIDENCE:.0%}"
         " confidence; flips of few bits it finds always).",
-        f"To see that rate itself: of {frames} replies with random data and checksum {found.passed}"
-        f" passed the codec, wanted {low_random} to {high_random}.",
+        f"To measure that rate: of {frames} replies with random data and checksum {found.passed}"
+        f" passed the codec; expected {low_random} to {high_random}.",
         "",
-        f"The position in use, however old, was never further from the true one than"
+        "The error of the position in use, however old, was at most"
         f" {found.furthest:.0%} of what {MAX_SPEED:g} rad/s, its age and one count allow.",
         "",
         f"Did not hold, {len(found.problems)} times: " + "; ".join(found.problems[:20])
@@ -125,10 +124,10 @@ def in_real_time(case: tuple[float, int, tuple[str, ...]]) -> dict[str, str]:
         "rate by the witness's median interval, Hz": f"{found.rate_hz:.2f}",
         "lateness p50, µs": f"{lateness['p50']:.1f}",
         "lateness p99, µs": f"{lateness['p99']:.1f}",
-        "replies struck, by the witness": f"{found.struck.total()}",
+        "damaged replies, by the witness": f"{found.struck.total()}",
         **{name: f"{bus[name]}" for name in ("lost", "corrupt", "refused", "late")},
-        "failed beyond those struck": f"{failed - found.struck.total()}",
-        "furthest from the true position at its instant, rad": f"{found.furthest:.4f}",
+        "failed cycles beyond these": f"{failed - found.struck.total()}",
+        "largest error of the position at its instant, rad": f"{found.furthest:.4f}",
     }
 
 

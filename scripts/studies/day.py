@@ -157,7 +157,7 @@ def long_run(case: tuple[str, float]) -> Lines:
         ("rows out of order", f"{passed.off_seq}", not passed.off_seq),
         ("deadlines off the grid, to the nanosecond", f"{passed.off_grid}", not passed.off_grid),
         ("readings that failed", f"{passed.failed}", not passed.failed),
-        ("positions or torques that are no number", f"{passed.not_finite}", not passed.not_finite),
+        ("positions or torques that are not finite", f"{passed.not_finite}", not passed.not_finite),
         (
             "rows in the statistics, rows they missed",
             f"{statistics.rows}, {statistics.unread}",
@@ -169,7 +169,7 @@ def long_run(case: tuple[str, float]) -> Lines:
             not passed.alarmed,
         ),
         (
-            "one round of the hand against its third, encoder counts, at most",
+            "largest difference of a round of the hand from its third, encoder counts",
             f"{passed.furthest_counts:.1f}",
             passed.furthest_counts <= SAME_COUNTS,
         ),
@@ -220,7 +220,7 @@ def turning(minutes: float) -> Lines:
         ("turns of the shaft", f"{turns:.0f}", None),
         ("wraps of the servo's 15-bit clock", f"{wraps}", None),
         ("cycles that failed", f"{failed}", not failed),
-        ("position against the true one, encoder counts, at most", f"{furthest:.2f}", furthest < 1),
+        ("largest error of the position, encoder counts", f"{furthest:.2f}", furthest < 1),
         ("torque off at the end, read back", "yes" if off else "no", off),
     ]
     rows += _over_time(Passed(), time.monotonic() - began, 60.0 * minutes)

@@ -226,17 +226,17 @@ def lines(found: Found[tuple[str, int], Hit]) -> list[str]:
     names = list(dict.fromkeys(name for (name, _), _ in found))
     hits = {name: [hit for case, hit in found if case[0] == name] for name in names}
     words = ([name, most_said(hits[name]).replace("|", "/")] for name in names)
-    head = ["shot", "median, ms", "longest, ms", "stall, ms", "what ended the torque"]
+    head = ["fault", "median, ms", "longest, ms", "stall, ms", "ended the torque"]
     return [
         *table([*head, "exit", "rows lost", "left"], *(cells(n, hits[n]) for n in names)),
         "",
         "The program's messages:",
         "",
-        *table(["shot", "what the program says"], *words),
+        *table(["fault", "message"], *words),
         "",
-        f"Wanted: that the torque ends, in {LIMIT_MS:g} ms where the loop is struck or the bus is"
-        " gone; where the run must go on, that it does, with no row lost, and exits with"
-        f" {INTERRUPTED} when it is asked to end; nothing left. "
+        "Wanted: where the loop is struck or the bus is gone the torque ends within"
+        f" {LIMIT_MS:g} ms; a run that must go on does, loses no row, and exits with {INTERRUPTED}"
+        " on request; no process is left. "
         + ("It holds." if held(found) else "It does not hold on this machine."),
     ]
 

@@ -453,15 +453,12 @@ def numbers_lines(found: Found[str, dict[str, Felt]]) -> Iterator[str]:
     yield ""
     yield from table(("with", "may", "ran", "better", "worse"), *changes)
     yield ""
-    figures = [f"`{t}` ({o.ran} of {o.may})" for t, o in felt if o.differ and not o.change]
-    nothing = [f"`{t}` ({o.ran} of {o.may})" for t, o in felt if o.may and not o.differ]
-    never = [f"`{t}`" for t, o in felt if not o.may]
-    yield "Figures change, but no answer, in brackets how many ran:"
-    yield f"{', '.join(figures) or 'none'}."
-    yield ""
-    yield f"Nothing changes: {', '.join(nothing) or 'none'}."
-    yield ""
-    yield f"No case may change: {', '.join(never) or 'none'}."
+    figures = sum(bool(one.differ and not one.change) for _, one in felt)
+    nothing = sum(bool(one.may and not one.differ) for _, one in felt)
+    never = [number for number, tries in found if not any(one.may for one in tries.values())]
+    yield f"Of the other values {figures} change figures, but no answer; {nothing} change nothing;"
+    yield f"{len(felt) - len(changes) - figures - nothing} can change no case. With every value:"
+    yield f"{', '.join(f'`{number}`' for number in never) or 'none'}."
 
 
 def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
@@ -470,24 +467,17 @@ def criteria_lines(found: Found[str, Row]) -> Iterator[str]:
         yield "Not run."
         return
     yield from _lines(found, len(table_cases()))
-    yield "A case stays the same to the bit for every value of a number that turns none of its"
-    yield "comparisons. How many of these cases may change if a number is left out, divided by"
-    yield f"{FACTOR:g}, or multiplied by it; numbers that none may feel are named below."
-    yield ""
-    rows, unfelt = [], []
+    yield "Every number may change a case if it is left out, divided or multiplied by"
+    yield f"{FACTOR:g}, except for these, in brackets how many cases ask for it:"
+    unfelt = []
     for group in EVERY:
         for name, _, _ in _of_group(group):
             number = f"{group}.{name}"
             ends = ("", f" / {FACTOR:g}", f" × {FACTOR:g}")
-            felt = [_felt(found, number, end) for end in ends]
             asked = sum(number in row.asked for _, row in found)
-            if any(felt):
-                rows.append((f"`{number}`", asked, *felt))
-            else:
+            if not any(_felt(found, number, end) for end in ends):
                 unfelt.append(f"`{number}` ({asked})")
-    yield from table(("number", "asked", "left out", "smaller", "larger"), *rows)
-    yield ""
-    yield f"Felt by none, in brackets how many ask for it: {', '.join(unfelt) or 'none'}."
+    yield f"{', '.join(unfelt) or 'none'}."
 
 
 def _felt(found: Found[str, Row], number: str, end: str) -> int | str:

@@ -156,5 +156,7 @@ def test_the_page_tells_what_got_worse_what_differs_and_what_was_not_run() -> No
     }
     lines = list(leave_out.numbers_lines([("probe.scale", tries)]))
     assert "| `probe.scale / 1.5` | 7 | 2 |  | walls: in time → late |" in lines
-    assert "`probe.scale × 1.5` (4 of 7)." in lines
-    assert lines[-1] == "No case may change: `probe.scale`."
+    assert "Of the other values 1 change figures, but no answer; 0 change nothing;" in lines
+    assert lines[-2:] == ["1 can change no case. With every value:", "none."]
+    lines = list(leave_out.numbers_lines([("probe.scale", {"probe.scale": Felt(0, 0, 0, "")})]))
+    assert lines[-1] == "`probe.scale`."
