@@ -29,6 +29,7 @@ COMMANDS = {
     "run": "Run the wall; write report, log and picture at the end.",
     "set": "Change the wall that runs in another terminal.",
     "live": "Show a recorded run in a browser.",
+    "demo": "Show in a browser why a stiff wall oscillates; no hardware.",
     "emulate": "Emulate a Dynamixel bus on a pseudo-terminal.",
     "scan": "List the servos on a bus: ids, baud rates, models.",
     "doctor": "Find the faults of a testbed, and the remedy of each.",
@@ -54,6 +55,7 @@ NEEDS_LINUX = frozenset(
     {
         "run",
         "set",
+        "demo",
         "emulate",
         "scan",
         "doctor",

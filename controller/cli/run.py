@@ -84,6 +84,7 @@ SIMULATED_S = 5.0
     flag_value="localhost:0",
     help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
 )
+@click.option("--page-socket", type=int, hidden=True)  # inherited, of a page of several runs
 @click.option("--live-control", is_flag=True, help="Whoever has that address may change the wall.")
 @click.option(
     "--hold",
@@ -110,6 +111,7 @@ def command(
     stream_rate: float | None,
     stream_anywhere: bool,
     live: str | None,
+    page_socket: int | None,
     live_control: bool,
     hold: tuple[str, ...],
     verbose: bool,
@@ -157,6 +159,7 @@ def command(
         witness=witness,
         stream=streamed,
         live=shown_live,
+        page=page_socket,
         hold=held,
         changeable=True,
         force=force,

@@ -23,7 +23,9 @@ _TYPES: Final = {
 _POLICY: Final = "default-src 'self'; img-src 'self' data: blob:; frame-ancestors 'none'"
 
 
-def judged(request: Request, own_host: str) -> Response | None:
+def judged(
+    request: Request, own_host: str, folders: tuple[str, ...] = ("page",)
+) -> Response | None:
     """Return the answer to a request: a file or a refusal; None: the websocket may open.
 
     A page of another origin must not read the rows. So the host name in the request must be this
@@ -33,6 +35,7 @@ def judged(request: Request, own_host: str) -> Response | None:
     Args:
         request: Request of a client.
         own_host: Host name in the address that was given out.
+        folders: Those with the page's files; a file of a later folder replaces one of its name.
     """
     host = request.headers.get("Host", "")
     if not _is_ours(host, own_host):
@@ -43,10 +46,15 @@ def judged(request: Request, own_host: str) -> Response | None:
         if origin is not None and origin != f"http://{host}":
             return _answer(403, "Forbidden", f"a page of {origin!r:.200} may not read this\n")
         return None
-    found = _page().get(path)
+    found = _page(folders).get(path)
     if found is None:
         return _answer(404, "Not Found", "there is no such file\n")
     return _answer(200, "OK", *found)
+
+
+def servo_of(request: Request) -> str:
+    """Return the servo that a request's address names, of a page with several; empty: none."""
+    return parse_qs(urlsplit(request.path).query).get("servo", [""])[0]
 
 
 def token_of(request: Request) -> str:
@@ -74,13 +82,14 @@ def _is_ours(host: str, own_host: str) -> bool:
 
 
 @cache
-def _page() -> dict[str, tuple[bytes, str]]:
+def _page(folders: tuple[str, ...]) -> dict[str, tuple[bytes, str]]:
     """Return every file of the page by its path, with its type."""
     found = {}
-    for file in (files("haptic_wall.controller.live") / "page").iterdir():
-        kind = _TYPES.get(file.name.rpartition(".")[2])
-        if kind is not None:
-            found[f"/{file.name}"] = file.read_bytes(), kind
+    for folder in folders:
+        for file in (files("haptic_wall.controller.live") / folder).iterdir():
+            kind = _TYPES.get(file.name.rpartition(".")[2])
+            if kind is not None:
+                found[f"/{file.name}"] = file.read_bytes(), kind
     found["/"] = found["/index.html"]
     return found
 

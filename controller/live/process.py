@@ -10,6 +10,7 @@ import contextlib
 import json
 import signal
 import socket
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +46,23 @@ class News:
         self._line = line
         self._words = telemetry.words
         self._view = view
+        self.over = False
+        """Whether the run has ended, and nothing more comes"""
 
     def take(self) -> None:
         """Read the messages that have come, and show them."""
-        with contextlib.suppress(OSError):  # none more, or the supervisor is gone
+        try:
             while found := self._line.recv(_MOST_NEWS, socket.MSG_DONTWAIT):
                 self._show(json.loads(found))
+        except BlockingIOError:
+            return  # none more
+        except OSError:
+            pass  # the supervisor is gone
+        self.over = True
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._line.close()
 
     def _show(self, news: dict[str, Any]) -> None:
         view, origin_ns = self._view, self._words[Word.BEGAN_NS]
@@ -67,6 +79,25 @@ class News:
                 view.add([change_mark(change)])
 
 
+def view_of(orders: Mapping[str, Any]) -> tuple[View, News, Telemetry]:
+    """Return the view of a running wall, its news, and its rows.
+
+    Args:
+        orders: Of the run's supervisor; the view takes the descriptors in them.
+    """
+    telemetry = Telemetry(orders["telemetry"])
+    config = Config.model_validate_json(orders["config"])
+    view = View(
+        config,
+        orders["name"],
+        RunningSource(telemetry, config.period_ns),
+        recorded=False,
+        hand=None if orders["hand"] is None else SharedHand(orders["hand"]),
+        dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
+    )
+    return view, News(socket.socket(fileno=orders["news"]), telemetry, view), telemetry
+
+
 def main() -> None:
     """Serve until told to end."""
     orders = read_orders()
@@ -74,18 +105,7 @@ def main() -> None:
     stand_back()
     die_with_parent(orders["parent"], signal.SIGKILL)
     live = Live(**orders["live"])
-    telemetry = Telemetry(orders["telemetry"])
-    config = Config.model_validate_json(orders["config"])
-    hand = None if orders["hand"] is None else SharedHand(orders["hand"])
-    view = View(
-        config,
-        orders["name"],
-        RunningSource(telemetry, config.period_ns),
-        recorded=False,
-        hand=hand,
-        dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
-    )
-    news = News(socket.socket(fileno=orders["news"]), telemetry, view)
+    view, news, telemetry = view_of(orders)
 
     def until() -> bool:
         over = ends()
@@ -97,7 +117,7 @@ def main() -> None:
         live.host,
         live.token,
         Path(orders["run"]),
-        lambda wanted_s: until_idle_window(telemetry.words, config.period_ns, wanted_s),
+        lambda wanted_s: until_idle_window(telemetry.words, view.config.period_ns, wanted_s),
     )
     try:
         asyncio.run(server.run(socket.socket(fileno=live.descriptor), until))

@@ -13,12 +13,12 @@ import math
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
@@ -115,9 +115,11 @@ class View:
         recorded: Whether the run is a log.
         hand: A person's hand on the simulated servo; None: the run has none.
         dead_man: The dead man; None: no page holds it.
+        judged_as: Returns configuration and delay whose limits the map shows, from those in force.
 
     Attributes:
         dead_man: See above.
+        judged_as: See above.
     """
 
     def __init__(
@@ -129,10 +131,12 @@ class View:
         recorded: bool,
         hand: SharedHand | None = None,
         dead_man: DeadMan | None = None,
+        judged_as: Callable[[Config, float], tuple[Config, float]] = lambda *given: given,
     ) -> None:
+        self.judged_as = judged_as
         self._hand = hand
         self.dead_man = dead_man
-        self._holds: Client | None = None
+        self._holds: object = None
         self._shaft = math.nan
         self.config = config
         self.source = source
@@ -152,8 +156,10 @@ class View:
         self._tail = 0
         self._started_at = math.nan
         self._span = (math.inf, -math.inf)
-        self._stiffness = math.nan
-        self._delay = math.nan
+        self.stiffness = math.nan
+        """Commanded now [N·m/rad]; not a number: not known yet"""
+        self.delay = math.nan
+        """That the guard uses [s]; not a number: not known yet"""
         self._map: dict[str, Any] = {}
         self._map_of: tuple[Config, float] | None = None
         self._law: dict[str, Any] = {}
@@ -178,7 +184,7 @@ class View:
         if ended.get("stop_reason"):
             self.end(f"the run ended: {ended['stop_reason']}")
 
-    def grasp(self, client: Client, wish: Mapping[str, Any] | None) -> bool:
+    def grasp(self, client: object, wish: Mapping[str, Any] | None) -> bool:
         """Let a client's hand hold the shaft, or let go; one client holds it at a time.
 
         Args:
@@ -261,26 +267,26 @@ class View:
                 self._started_at = float(position[0])
             low, high = self._span
             self._span = min(low, float(position.min())), max(high, float(position.max()))
-        self._stiffness = float(rows["stiffness"][-1])
-        self._delay = float(rows["delay_s"][-1])
+        self.stiffness = float(rows["stiffness"][-1])
+        self.delay = float(rows["delay_s"][-1])
 
     def draw_law(self) -> None:
         """Send the curve of the law if the law or the range of motion has changed."""
         low, high = self._span
-        if math.isnan(self._started_at) or not math.isfinite(self._stiffness):
+        if math.isnan(self._started_at) or not math.isfinite(self.stiffness):
             return
-        wanted = (self.config, float(f"{self._stiffness:.3g}"))
+        wanted = (self.config, float(f"{self.stiffness:.3g}"))
         drawn = self._law
         inside = bool(drawn) and drawn["low"] <= low and high <= drawn["high"]
         if not inside or wanted != self._law_of:
             self._law_of = wanted
-            law = law_over_position(self.config, self._started_at, self._stiffness, low, high)
+            law = law_over_position(self.config, self._started_at, self.stiffness, low, high)
             self._law = {"kind": "law", **law}
             self.tell(self._law)
 
     async def draw_map(self) -> None:
         """Tell the guard's limits, where the wall, or the delay, is another one."""
-        config, delay = self.config, self._delay
+        config, delay = self.config, self.delay
         if not math.isfinite(delay):
             return
         if self._map_of is not None:
@@ -289,7 +295,7 @@ class View:
                 return
         self._map_of = config, delay
         try:
-            found = await asyncio.to_thread(guard_map, config, delay)
+            found = await asyncio.to_thread(guard_map, *self.judged_as(config, delay))
         except (ValueError, HapticWallError) as error:  # a wall whose limits are not known
             found = {"trouble": str(error)}
         self._map = {"kind": "map", **found}
@@ -298,6 +304,38 @@ class View:
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
         return {"wall": data["wall"], "delay_steps": data["delay"]["steps"]}
+
+
+async def opened(
+    listener: socket.socket,
+    attend: Callable[[ServerConnection], Awaitable[None]],
+    judge: Callable[[Request], Response | None],
+) -> Server:
+    """Return a server that listens.
+
+    Args:
+        listener: Bound and listening.
+        attend: Serves a client until it is gone.
+        judge: Answers a request; None: the websocket may open.
+    """
+    return await serve(
+        attend,
+        sock=listener,
+        process_request=lambda _connection, request: judge(request),
+        compression=None,
+        max_size=MOST_REQUEST,
+        max_queue=4,
+        open_timeout=5.0,
+        close_timeout=1.0,
+        server_header=None,
+    )
+
+
+async def closed(server: Server) -> None:
+    """Close a server; a client that has been stopped would never answer, and is not waited for."""
+    server.close(code=1001)
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(asyncio.shield(server.wait_closed()), END_S)
 
 
 class LiveServer:
@@ -309,6 +347,8 @@ class LiveServer:
         token: Token of clients that may turn knobs; empty: no client may.
         run_socket: Socket of the run that takes changes; None: the run takes none.
         pause: Returns for how long to wait until the next messages [s].
+        further: Called with requests that are not those of the live page, of clients that may turn
+            knobs; returns whether it took the request.
     """
 
     def __init__(
@@ -318,7 +358,9 @@ class LiveServer:
         token: str = "",
         run_socket: Path | None = None,
         pause: Callable[[float], float] = lambda wanted_s: wanted_s,
+        further: Callable[[Client, dict[str, Any]], bool] = lambda _client, _request: False,
     ) -> None:
+        self._further = further
         self._view = view
         self._host = host
         self._token = token
@@ -332,26 +374,18 @@ class LiveServer:
             listener: Bound and listening.
             until: Called with every message; true: end.
         """
-        server = await serve(
-            self._serve,
-            sock=listener,
-            process_request=self._judge,
-            compression=None,
-            max_size=MOST_REQUEST,
-            max_queue=4,
-            open_timeout=5.0,
-            close_timeout=1.0,
-            server_header=None,
-        )
-        await self._pump(until)
-        server.close(code=1001)
-        # A client that has been stopped would never answer.
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(asyncio.shield(server.wait_closed()), END_S)
+        server = await opened(listener, self.attend, lambda request: judged(request, self._host))
+        await self.pump(until)
+        await closed(server)
+        self.abort()
+
+    def abort(self) -> None:
+        """Close all connections at once."""
         for client in tuple(self._view.clients):
             client.abort()
 
-    async def _pump(self, until: Callable[[], bool]) -> None:
+    async def pump(self, until: Callable[[], bool]) -> None:
+        """Send rows and texts to the clients, until ``until`` says so."""
         view, count = self._view, 0
         draws: asyncio.Task[None] | None = None
         while True:
@@ -370,10 +404,8 @@ class LiveServer:
             count += 1
             await asyncio.sleep(self._pause(FRAME_S))
 
-    def _judge(self, _connection: ServerConnection, request: Request) -> Response | None:
-        return judged(request, self._host)
-
-    async def _serve(self, connection: ServerConnection) -> None:
+    async def attend(self, connection: ServerConnection) -> None:
+        """Serve a client until it is gone."""
         view, request = self._view, connection.request
         given = token_of(request) if request is not None else ""
         if given and not is_token(given, self._token):
@@ -408,6 +440,8 @@ class LiveServer:
             request = None
         if not isinstance(request, dict):
             request = {}
+        if client.turns and self._further(client, request):
+            return
         sets, hand = sets_of(request.get("set")), request.get("hand")
         grasps = "hand" in request and (hand is None or isinstance(hand, dict))
         if sets is None and not grasps and "hold" not in request:

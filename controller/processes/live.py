@@ -1,4 +1,8 @@
-"""The supervisor's side of the live page: starts its process, and sends it news of the run."""
+"""The supervisor's side of the live page: starts its process, and sends it news of the run.
+
+A page that shows several runs, as ``haptic-wall demo`` does, has a process already; it gets what a
+new one would inherit.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +24,15 @@ from haptic_wall.hw.hand import SharedHand
 MODULE: Final = "haptic_wall.controller.live.process"
 _END_S: Final = 2.0
 _MOST_BYTES: Final = 60_000
+_MOST_ORDERS: Final = 1 << 17
+"""Largest orders of a run for a page [bytes]"""
 
 
 class LiveMonitor:
     """Listens to the page's process, and sends it changes, messages and the end of the run.
 
     Args:
-        server: The process.
+        server: The process; None: it is not a child of this run.
         news: Socket to the process.
         hand: A person's hand on a servo that is not real; None: the page has none.
         tell: Called with messages for a person.
@@ -37,7 +43,7 @@ class LiveMonitor:
     """
 
     def __init__(
-        self, server: Child, news: socket.socket, hand: SharedHand | None, tell: Tell
+        self, server: Child | None, news: socket.socket, hand: SharedHand | None, tell: Tell
     ) -> None:
         self.hand = hand
         self.server = server
@@ -57,6 +63,8 @@ class LiveMonitor:
         self._changes = count
         for change in changes[-new:] if new > 0 else []:
             self._send({"change": change})
+        if self.server is None:
+            return
         for line in self.server.lines():
             self._tell(f"--live: {json.loads(line)['trouble']}")
         if self.server.ended() and not self._over:
@@ -75,8 +83,9 @@ class LiveMonitor:
         """
         if words:
             self._send({"ended": words})
-        self.server.send(signal.SIGTERM)
-        self.server.dismiss(_END_S)
+        if self.server is not None:
+            self.server.send(signal.SIGTERM)
+            self.server.dismiss(_END_S)
         self._news.close()
         if self.hand is not None:
             self.hand.release()
@@ -91,7 +100,7 @@ class LiveMonitor:
 
 
 def start_live(plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]) -> LiveMonitor | None:
-    """Start the page's process; return None if the plan has no page.
+    """Start the page's process, or connect to it; return None if the plan has no page.
 
     Args:
         plan: Of the run.
@@ -100,24 +109,57 @@ def start_live(plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]) ->
         cores: Cores on which the process runs.
     """
     live = plan.live
-    if live is None:
+    if live is None and plan.page is None:
         return None
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     simulated = plan.config.servo.kind != "hardware"
-    hand = SharedHand.create() if live.token and simulated else None
+    turns = live is None or bool(live.token)
+    hand = SharedHand.create() if turns and simulated else None
+    shown = {
+        "name": plan.metadata["name"],
+        "config": plan.config.model_dump_json(),
+        "run": str(socket_of(plan.log)),
+        "dead_man": plan.hold is not None and plan.hold.kind == "page",
+    }
+    inherited = {"telemetry": telemetry.descriptor, "news": theirs.fileno()}
+    inherited |= {} if hand is None else {"hand": hand.descriptor}
+    server = None
     with theirs:
-        orders = {
-            "telemetry": telemetry.descriptor,
-            "news": theirs.fileno(),
-            "parent": os.getpid(),
-            "live": asdict(live),
-            "name": plan.metadata["name"],
-            "config": plan.config.model_dump_json(),
-            "run": str(socket_of(plan.log)),
-            "hand": None if hand is None else hand.descriptor,
-            "dead_man": plan.hold is not None and plan.hold.kind == "page",
-        }
-        descriptors = [telemetry.descriptor, theirs.fileno(), live.descriptor]
-        descriptors += [] if hand is None else [hand.descriptor]
-        server = Child("live page", [MODULE], orders, descriptors, cores)
+        if live is None:
+            hand_over(plan.page, shown, inherited)
+        else:
+            orders = {"hand": None, **inherited, **shown}
+            orders |= {"parent": os.getpid(), "live": asdict(live)}
+            descriptors = [*inherited.values(), live.descriptor]
+            server = Child("live page", [MODULE], orders, descriptors, cores)
     return LiveMonitor(server, ours, hand, tell)
+
+
+def hand_over(page: int | None, shown: dict[str, Any], inherited: dict[str, int]) -> None:
+    """Send the page's process the orders of a run, with the descriptors that belong to them."""
+    assert page is not None
+    message = json.dumps({**shown, "descriptors": list(inherited)}).encode()
+    with (
+        socket.socket(fileno=os.dup(page)) as line,
+        contextlib.suppress(OSError),  # it is gone: the run goes on without it
+    ):
+        socket.send_fds(line, [message], list(inherited.values()))
+
+
+def take_over(line: socket.socket) -> dict[str, Any] | None:
+    """Return the orders of the next run that a page shows; None: there are none yet.
+
+    Args:
+        line: The other end of the socket ``Plan.page``; it does not block.
+
+    Raises:
+        EOFError: No run comes any more.
+    """
+    try:
+        message, received, _, _ = socket.recv_fds(line, _MOST_ORDERS, 3)
+    except BlockingIOError:
+        return None
+    if not message:
+        raise EOFError
+    orders: dict[str, Any] = json.loads(message)
+    return {"hand": None, **orders, **dict(zip(orders["descriptors"], received, strict=True))}

@@ -88,6 +88,8 @@ class Plan:
     """Receiver of the live stream; None: none"""
     live: Live | None = None
     """The page in a browser; None: none"""
+    page: int | None = None
+    """Socket to the process of a page that shows this run besides others; None: none"""
     hold: Hold | None = None
     """The dead man; None: none"""
     changeable: bool = False

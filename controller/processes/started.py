@@ -20,7 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,14 +56,29 @@ class RunningWall:
 
     Attributes:
         log: Path of its log.
+
+    Args:
+        log: See above.
+        arguments: Of its command, ``haptic-wall`` left out.
+        descriptors: Descriptors that it inherits.
+        quiet: Whether its messages are dropped; else they go to standard error.
     """
 
-    def __init__(self, log: Path, arguments: Sequence[str]) -> None:
+    def __init__(
+        self,
+        log: Path,
+        arguments: Sequence[str],
+        descriptors: Sequence[int] = (),
+        *,
+        quiet: bool = False,
+    ) -> None:
         self.log = log
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "haptic_wall.controller.cli.attached", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL if quiet else None,
+            pass_fds=descriptors,
             process_group=0,  # a Ctrl-C is for the starter, which ends the run as it leaves
         )
         self._said = b""
@@ -139,19 +154,28 @@ class RunningWall:
         assert self._process.stdout is not None
         self._said = self._process.stdout.read()
 
-    def await_start(self) -> None:
-        """Wait until the run takes changes, or has ended."""
+    def await_start(self, given_up: Callable[[], bool] = lambda: False) -> None:
+        """Wait until the run takes changes, or has ended.
+
+        Args:
+            given_up: Whether to stop waiting.
+        """
         end_s = time.monotonic() + START_S
-        while self.running() and time.monotonic() < end_s:
+        while self.running() and time.monotonic() < end_s and not given_up():
             with contextlib.suppress(OSError):
                 connected(socket_of(self.log)).close()
                 return
             time.sleep(_LOOK_S)
 
+    def end(self) -> None:
+        """Let the run end; it is over after ``close``."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+
     def close(self) -> None:
         """End the run, and its processes."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.close()
+        assert self._process.stdout is not None
+        self.end()
         try:
             self._process.wait(END_S)
         finally:

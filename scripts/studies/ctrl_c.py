@@ -63,7 +63,7 @@ JOBS = 2
 """Tries at a time"""
 BATCH = 20
 """Tries of one command in a row"""
-SERVES = ("emulate", "live")
+SERVES = ("emulate", "live", "demo")
 """Commands that go on until they are interrupted"""
 CASES: dict[str, tuple[str, ...]] = {
     "identify": ("identify", *SERVO),
@@ -92,6 +92,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "set": ("set", "wall.stiffness=4", "--run", "{run}"),
     "detect": ("detect", "{log}", "--plot", "detect.png"),
     "live": ("live", "{log}"),
+    "demo": ("demo",),
     "log": ("log", "{log}", "--csv", "log.csv", "--plot", "log.png"),
     "config": ("config", "simulated"),
     "presets": ("presets",),

@@ -2,12 +2,12 @@
 
 import { colour, torqueAt } from "./backdrop.js";
 
-const EVERY_MS = 50, HEIGHT = 64, ROOM = 1.0; // rad beside the wall
+const EVERY_MS = 50, HEIGHT = 64;
 
 export class Hand {
-  // send(object): to the server; state: {law}
-  constructor(canvas, stiffness, state, send) {
-    Object.assign(this, { canvas, stiffness, state, send, shaft: NaN, pointer: null, timer: null });
+  // send(object): to the server; state: {law}; room: what is seen on each side of the wall [rad]
+  constructor(canvas, stiffness, state, send, room = 1.0) {
+    Object.assign(this, { canvas, stiffness, state, send, room, shaft: NaN, pointer: null, timer: null });
     canvas.addEventListener("pointerdown", (event) => this.take(event));
     canvas.addEventListener("pointermove", (event) => { if (this.pointer !== null) this.pointer = this.position(event); });
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) canvas.addEventListener(kind, () => this.release());
@@ -16,7 +16,7 @@ export class Hand {
 
   get range() {
     const middle = this.state.law?.surface ?? 0;
-    return [middle - ROOM, middle + ROOM];
+    return [middle - this.room, middle + this.room];
   }
 
   position(event) {

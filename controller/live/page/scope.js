@@ -11,11 +11,13 @@ export const PANELS = [
   { name: "age of the sample", unit: "µs", lines: [["sample_age_us", "--age"]], height: 1.2, log: true },
 ];
 const AXIS = 58;
+const wholeRoom = () => Math.max(420, Math.min(900, innerHeight - 190));
 
 export class Scope {
   // state: {law, marks, pin}; on: {zoom(from, to), wheel(factor, time), pin(time), shift(s), follow(), cursor()}
-  constructor(root, store, state, on) {
-    Object.assign(this, { root, store, state, on });
+  // panels: of PANELS; room(): their height together; key: scopes with one key share the pointer
+  constructor(root, store, state, on, { panels = PANELS, room = wholeRoom, key = "scope" } = {}) {
+    Object.assign(this, { root, store, state, on, panels, room, key });
     this.build();
     new ResizeObserver(() => this.resize()).observe(root);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.build());
@@ -25,14 +27,13 @@ export class Scope {
     for (const plot of this.plots ?? []) plot.destroy();
     this.root.replaceChildren();
     this.width = this.root.clientWidth;
-    this.plots = PANELS.map((panel, index) => this.panel(panel, index));
+    this.plots = this.panels.map((panel, index) => this.panel(panel, index));
     this.labels = [...this.root.querySelectorAll(".label")];
   }
 
   heights() {
-    const room = Math.max(420, Math.min(900, innerHeight - 190));
-    const parts = PANELS.reduce((sum, panel) => sum + panel.height, 0);
-    return PANELS.map((panel, index) => Math.round((panel.height * room) / parts) + (index === PANELS.length - 1 ? 26 : 0));
+    const parts = this.panels.reduce((sum, panel) => sum + panel.height, 0);
+    return this.panels.map((panel, index) => Math.round((panel.height * this.room()) / parts) + (index === this.panels.length - 1 ? 26 : 0));
   }
 
   resize() {
@@ -43,7 +44,7 @@ export class Scope {
   }
 
   panel(panel, index) {
-    const last = index === PANELS.length - 1;
+    const last = index === this.panels.length - 1;
     const box = this.root.appendChild(document.createElement("div"));
     box.className = "panel";
     box.innerHTML = '<div class="label"></div>';
@@ -53,7 +54,7 @@ export class Scope {
       height: this.heights()[index],
       padding: [6, 8, last ? 0 : 4, 0],
       legend: { show: false },
-      cursor: { sync: { key: "scope", setSeries: false }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
+      cursor: { sync: { key: this.key, setSeries: false }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
       scales: { x: { time: false }, y: panel.log ? { distr: 3, range: decades } : { range: (_, low, high) => range(low, high, panel) } },
       axes: [
         { ...line, show: true, size: last ? 26 : 0, values: (u, ticks) => (last ? ticks.map((t) => +t.toFixed(6)) : ticks.map(() => "")) },
@@ -106,7 +107,7 @@ export class Scope {
     const [begin, end] = this.store.indices(from, to), { time, columns } = this.store;
     const times = time.subarray(begin, end);
     this.plots.forEach((plot, index) => {
-      const data = [times, ...PANELS[index].lines.map(([name]) => columns[name].subarray(begin, end))];
+      const data = [times, ...this.panels[index].lines.map(([name]) => columns[name].subarray(begin, end))];
       plot.batch(() => {
         plot.setData(data, false);
         plot.setScale("x", { min: from, max: to });
@@ -116,7 +117,7 @@ export class Scope {
 
   // Show the values of one row in the panels' labels.
   label(index) {
-    PANELS.forEach((panel, k) => {
+    this.panels.forEach((panel, k) => {
       const names = panel.shown ?? panel.lines.map(([name]) => name);
       const text = names.map((name, i) => `${panel.words?.[i] ?? ""}${format(this.store.value(name, index))}`).join(", ");
       this.labels[k].innerHTML = `<span>${panel.name} <b>${text}</b> ${panel.unit}</span>`;

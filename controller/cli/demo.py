@@ -1,0 +1,47 @@
+"""``haptic-wall demo``: a lesson in the browser, with two simulated servos."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from types import FrameType
+
+import click
+
+from haptic_wall.controller.cli import interrupt
+from haptic_wall.controller.cli.options import answer
+from haptic_wall.controller.processes.live_place import live_at
+from haptic_wall.controller.system.signals import on_signals
+
+
+@click.command()
+@click.option(
+    "--at",
+    "place",
+    metavar="HOST:PORT",
+    default="localhost:0",
+    help="Where to listen; default: a free port of this machine, for this machine only.",
+)
+def command(place: str) -> int:
+    """Show in a browser why a stiff wall oscillates, and what the guard does about it.
+
+    The address is the first line on standard output; it serves until Ctrl-C. The page has two
+    simulated servos, one with the guard and one without. A mouse or a finger drags each of them.
+    Needs no hardware.
+    """
+    from haptic_wall.controller.processes.demo import demo, serve
+
+    live = live_at(place, control=True, field="--at")
+    signals: list[int] = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        signals.append(number)
+
+    def over() -> bool:
+        return bool(signals)
+
+    with socket.socket(fileno=live.descriptor), on_signals(stop), demo(live, over) as running:
+        if not over():
+            answer(live.address)
+        serve(running, over)
+    return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
