@@ -22,7 +22,7 @@ from typing import Final
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.live_place import Live
-from haptic_wall.controller.processes.started import StartedWall
+from haptic_wall.controller.processes.started import RunningWall
 from haptic_wall.controller.runtime.realtime import pick_cores
 
 MODULE: Final = "haptic_wall.controller.live.lesson_process"
@@ -77,7 +77,7 @@ class Demo:
     ) -> None:
         self._folder = folder
         self._ours: dict[str, socket.socket] = {}
-        self._walls: dict[str, tuple[StartedWall, float]] = {}
+        self._walls: dict[str, tuple[RunningWall, float]] = {}
         theirs = {}
         for name in SERVOS:
             ours, their = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -108,7 +108,7 @@ class Demo:
         arguments += ["--duration", f"{RUN_S:g}", "--page-socket", str(page)]
         for change in (*SERVO, *SERVOS[name]):
             arguments += ["--set", change]
-        self._walls[name] = StartedWall(log, arguments, [page], quiet=True), time.monotonic()
+        self._walls[name] = RunningWall(log, arguments, [page], quiet=True), time.monotonic()
 
     def look(self) -> None:
         """Start a run anew that has ended.

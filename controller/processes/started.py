@@ -54,14 +54,14 @@ class RunError(HapticWallError):
 class RunningWall:
     """A running wall.
 
-    Attributes:
-        log: Path of its log.
-
     Args:
-        log: See above.
+        log: Path of its log.
         arguments: Of its command, ``haptic-wall`` left out.
         descriptors: Descriptors that it inherits.
         quiet: Whether its messages are dropped; else they go to standard error.
+
+    Attributes:
+        log: See above.
     """
 
     def __init__(
