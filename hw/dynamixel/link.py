@@ -5,12 +5,13 @@ otherwise a loop that once misses a reply would from then on use the reply of th
 Three cheap checks do it:
 
 1. **Length.** Requests ask for the same block in different lengths (16 to 27 bytes). A length whose
-request was not answered is not used again for the next ten requests, so a late reply is recognised
-by its length, in any order of replies. Undisturbed, lengths alternate between 16 and 17. 2.
-**Time.** Bytes that arrived before the request was sent cannot be its answer. 3. **The servo's
-clock.** The block begins with the servo's millisecond tick, which must have advanced by the time
-that passed since the last accepted sample. A clock that continues from another reading means that
-the servo has restarted.
+   request was not answered is not used again for the next ten requests, so a late reply is
+   recognised by its length, in any order of replies. Undisturbed, lengths alternate between 16 and
+   17.
+2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
+3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
+   advanced by the time that passed since the last accepted sample. A clock that continues from
+   another reading means that the servo has restarted.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 """

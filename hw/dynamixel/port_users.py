@@ -7,9 +7,9 @@ because none of them suffices alone:
    It is released at the end; where this process is killed, the last close of the port does it.
    A pseudo-terminal would stay refused, because its users do not close it last: there the measure
    is omitted.
-2. **Detection of openings** (inotify), also by root, without the name of the program. 3. **Search
-of open files** (``/proc``), a few processes at each look, so that all processes visible to this
-user are searched within a second, and sooner after an opening.
+2. **Detection of openings** (inotify), also by root, without the name of the program.
+3. **Search of open files** (``/proc``), a few processes at each look, so that all processes visible
+   to this user are searched within a second, and sooner after an opening.
 """
 
 from __future__ import annotations

@@ -38,8 +38,7 @@ def carry_out_as_secondary(frame: Frame, servo: EmulatedServo, now_ns: int) -> N
     """Execute ``frame`` for the servo's Secondary ID, which reaches RAM alone.
 
     Only writes, reg writes and actions are executed. The manual does not describe the other
-    instructions:
-    they are useless without a reply, or affect more than a group should.
+    instructions: they are useless without a reply, or affect more than a group should.
     """
     if frame.instruction == Instruction.ACTION:
         servo.act(now_ns)
