@@ -101,7 +101,7 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
     side = "one-sided" if design["side"] == "one" else "two-sided"
     stiffest = ", the stiffest of these:" if points > 1 else ":"
     yield (
-        f"What limits the {side} wall at a virtual damping of {design['virtual_damping']:.4g}"
+        f"Limit of the {side} wall at a virtual damping of {design['virtual_damping']:.4g}"
         f"{stiffest}"
     )
     yield f"limit    {_name(design['binding'])}, {design['stiffness']:.4g} N·m/rad"
@@ -116,7 +116,7 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
     better = [each for each in design["improvements"] if each["buys"]]
     if better:
         yield ""
-        rows = [["what one change buys", "K N·m/rad", "times", "limit then"]]
+        rows = [["with one change", "K N·m/rad", "times", "limit then"]]
         rows += [
             [
                 each["description"],
@@ -131,8 +131,8 @@ def _design(design: Mapping[str, Any], points: int) -> Iterator[str]:
     lower = [each for each in others if each["factor"] is not None and each["factor"] < _LOWER]
     useless = [each for each in others if each not in lower]
     for what, changes in (
-        ("buys nothing here (under 2 %)", useless),
-        ("would lower it", lower),
+        ("no gain here (under 2 %)", useless),
+        ("lower with", lower),
     ):
         if changes:
             listed = "; ".join(
@@ -153,7 +153,7 @@ def _unknown(unknown: Mapping[str, Any] | None) -> Iterator[str]:
         f"Guaranteed for every servo within the ranges, two-sided: "
         f"{unknown['guaranteed']:.4g} N·m/rad; {unknown['known']:.4g} if all were known"
     )
-    rows = [["if it were known", "at", "guaranteed", "is lost now"]]
+    rows = [["if exactly known", "at", "guaranteed", "lost now"]]
     rows += [
         [
             each["name"].replace("_", " "),
@@ -178,9 +178,7 @@ def _not_counted(design: Mapping[str, Any]) -> Iterator[str]:
         if not known
     ]
     if missing:
-        yield from wrapped(
-            f"not looked at, for nothing was said of it: {', '.join(missing)}", "", "  "
-        )
+        yield from wrapped(f"not examined, because not given: {', '.join(missing)}", "", "  ")
 
 
 def _aligned(rows: Sequence[Sequence[str]], left: Sequence[int] = ()) -> Iterator[str]:

@@ -165,9 +165,9 @@ def test_the_text_names_units_ceiling_peak_limit_and_what_helps(
     assert (status, err) == (0, "")
     for words in (
         "N·m·s/rad", "N·m/rad", "one-sided", "passive", "oscillation", "ceiling", "peak",
-        "What limits the one-sided wall at a virtual damping of 0.1, the stiffest of these:",
+        "Limit of the one-sided wall at a virtual damping of 0.1, the stiffest of these:",
         "limit    one-sided", "half the delay, 1 ms instead of 2 ms", "twice the rate",
-        "not looked at",
+        "not examined",
     ):  # fmt: skip
         assert words in out
     assert max(map(len, out.splitlines())) <= 100
@@ -177,7 +177,7 @@ def test_the_text_names_units_ceiling_peak_limit_and_what_helps(
 def test_what_buys_nothing_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--inertia", "1", "--damping", "1e-6", "--period", "1e-3", "--delay", "0"]
     _, out, _ = call(capsys, *words, "--virtual-damping=10")
-    line = next(line for line in out.splitlines() if line.startswith("buys nothing here"))
+    line = next(line for line in out.splitlines() if line.startswith("no gain here"))
     assert "twice the viscous damping" in line
 
 
