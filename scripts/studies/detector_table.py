@@ -24,6 +24,7 @@ from scripts.trials.detector_trials import (
 )
 from scripts.trials.hand_hours import HOURS
 from scripts.trials.hands import HANDS
+from scripts.trials.laws import LAW_ROWS
 from scripts.trials.own_walls import WALLS
 from scripts.trials.real_rows import REAL
 from scripts.trials.recordings import RECORDINGS
@@ -187,6 +188,7 @@ STUDY = Study(
         LIMIT,
         BOUNCES,
         BACKLASH_CYCLES,
+        LAW_ROWS,
         REAL,
         RECORDINGS,
     ),

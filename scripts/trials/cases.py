@@ -89,6 +89,10 @@ class Case:
     """Seed of the operator"""
     stiffness_hz: float = 3.0
     """Natural frequency of the wall, for a resonant operator [Hz]"""
+    velocity: float = 0.0
+    """Initial velocity of the shaft [rad/s]"""
+    law: tuple[str, ...] = ()
+    """Settings of another law than a wall, as changes of a configuration"""
 
     def moved_by(self) -> Operator:
         """Return the operator that moves the output."""
@@ -124,11 +128,12 @@ class Case:
         limits = ("safety.max_speed=null",) if speed_limits else ()
         return run_trial(
             self.truth,
-            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}", *limits),
+            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}", *limits, *self.law),
             self.wall,
             self.moved_by() if operator is None else operator,
             duration_s=self.duration_s,
             position=self.position,
+            velocity=self.velocity,
             tuning=tuning,
         )
 

@@ -22,7 +22,9 @@ from scripts.trials.hands import (
 HARDER = ("jittered", "resonant", "varying", "heavy")
 """A rhythm whose periods vary by 3 to 5 %; a rhythm at 0.8 to 1.2 times the wall's own frequency;
 a grip that tightens and loosens; a hand with up to twice the servo's inertia."""
-OPERATORS = (*HANDS, *HARDER)
+TURN = "turn"
+"""A hand that turns the shaft to and fro, up to a turn or so: for laws that go on everywhere"""
+OPERATORS = (*HANDS, *HARDER, TURN)
 ROW_NS = 1_000_000
 Row = tuple[float, float, float, float, float]
 """Stiffness [N·m/rad], damping [N·m·s/rad], reference [rad] and its speed [rad/s], push [N·m]"""
@@ -104,6 +106,9 @@ def draw_operator(
         wanted = _rhythm(random.uniform(1.0, 10.0), random.uniform(0.03, 0.05), periods, random)
     elif kind == "resonant":
         wanted = _rhythm(natural_hz * random.uniform(0.8, 1.2), 0.02, periods, random)
+    elif kind == TURN:
+        reach = random.uniform(0.5, 3.0)
+        wanted = reach * slow_changes(1, periods, random.uniform(0.5, 2.0), random)[:, 0]
     else:
         motion = str(random.choice(HANDS)) if kind in HARDER else kind
         wanted = wanted_motion(motion, 1, periods, random)[:, 0]

@@ -124,7 +124,11 @@ WALL_HEAD = [
 
 def late_or_unseen(cells: list[Cell]) -> list[tuple[str, object]]:
     """Return the failures, each with its case."""
-    found = [one for some in cells for one in some.found]
+    return late_or_unseen_of([one for some in cells for one in some.found])
+
+
+def late_or_unseen_of(found: list[Answered]) -> list[tuple[str, object]]:
+    """Return the failures among some walls, each with its case."""
     return [(_what(one), one.case) for one in found if not one.in_time or one.unseen]
 
 
