@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import EVERY_NS, FASTEST, MOST_STIFFNESS, Grasp
@@ -64,17 +65,18 @@ class Swing:
 class Hostile(NamedTuple):
     """The outcome of a hostile run."""
 
-    energy: float
-    """Largest given to the shaft by one of its changes [J]; 0: none was made"""
-    made: int
-    """Changes that were made"""
-    refused: int
-    """Changes that the rules of the configuration refused"""
-    sets: tuple[str, ...]
-    """The change with the largest energy"""
+    energies: tuple[float, ...]
+    """Given to the shaft by each change that was made [J]"""
+    worst: tuple[str, ...]
+    """The first wall, and the change with the largest energy"""
+
+    @property
+    def largest(self) -> float:
+        """Return the largest energy [J]; 0: none was made, or each took energy."""
+        return max(self.energies, default=0.0)
 
 
-def box() -> list[Axis]:
+def box(most_steps: int = MOST_STEPS) -> list[Axis]:
     """Return the box of the search: the hand, the servo, the first wall and each change."""
     axes = [
         Axis("preset", 0.0, 1.999),
@@ -90,7 +92,7 @@ def box() -> list[Axis]:
             Axis(f"number{k}", 0.0, 1.0),
             Axis(f"stiffness{k}", 0.1, 60.0, log=True),
             Axis(f"damping{k}", 0.0, 0.3),
-            Axis(f"steps{k}", 0.0, MOST_STEPS + 0.999),
+            Axis(f"steps{k}", 0.0, most_steps + 0.999),
             Axis(f"position{k}", -0.3, 0.3),
             Axis(f"fields{k}", 0.0, 15.999),
         ]
@@ -137,23 +139,20 @@ def fields_of(point: Mapping[str, float], k: int, now: Config) -> tuple[str, ...
 def tried(point: Mapping[str, float]) -> Hostile:
     """Run a wall, and change it three times, by a point of the box."""
     first = fields_of(point, 0, load_config("simulated").config)
-    run = attacked(point, first)
-    result, rows = run.run(SECONDS)
-    del result
-    worst, since, made = 0.0, 0, 0
-    sets: tuple[str, ...] = ()
-    refused = sum(bool(asked.refused) for asked in run.asked)
+    try:
+        run = attacked(point, first)
+    except ConfigError:
+        return Hostile((), first)  # the encoder does not resolve the law
+    _, rows = run.run(SECONDS)
+    since, energies, worst = 0, [], first
     for asked in run.asked:
-        if asked.refused or asked.number or asked.row < 0:
+        if asked.row < 0 or asked.row + BEHIND > len(rows):
             continue
-        if asked.row + BEHIND > len(rows):
-            continue
-        made += 1
-        energy = injected(run, rows, asked, since)
-        if energy > worst:
-            worst, sets = energy, asked.sets
+        energies.append(injected(run, rows, asked, since))
+        if energies[-1] == max(energies):
+            worst = (*first, "->", *asked.sets)
         since = asked.row
-    return Hostile(worst, made, refused, sets)
+    return Hostile(tuple(energies), worst)
 
 
 def attacked(point: Mapping[str, float], first: Sequence[str]) -> ChangedRun:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from haptic_wall.controller.detector.watch import WatchSettings
 from haptic_wall.controller.guard.guard import Decision
@@ -22,6 +24,49 @@ class KnownServo:
 
 
 @dataclass(slots=True)
+class SentDecision:
+    """The numbers of a decision that a tick needs; the others stay in bytes until somebody asks.
+
+    It takes the place of a ``Decision`` in the gain schedule: to make a whole one takes longer.
+    """
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+    delay: float
+    """[s]"""
+    damping_ceiling: float
+    """[N·m·s/rad]"""
+    whole: bytes
+
+    @classmethod
+    def of(cls, decision: Decision) -> Self:
+        """Return the decision as it is sent."""
+        return cls(
+            decision.stiffness,
+            decision.damping,
+            decision.delay,
+            decision.damping_ceiling,
+            pickle.dumps(decision, pickle.HIGHEST_PROTOCOL),
+        )
+
+    @property
+    def fields(self) -> tuple[float, float, float, float, bytes]:
+        """Return its fields, in their order."""
+        return self.stiffness, self.damping, self.delay, self.damping_ceiling, self.whole
+
+
+def whole_decision(decision: Decision | SentDecision) -> Decision:
+    """Return a decision of the gain schedule with all of its fields."""
+    if not isinstance(decision, SentDecision):
+        return decision
+    whole = pickle.loads(decision.whole)
+    assert isinstance(whole, Decision)
+    return whole
+
+
+@dataclass(slots=True)
 class Change:
     """All data that the loop needs for a change; another process computes them."""
 
@@ -37,7 +82,7 @@ class Change:
     softer: bool
     """Whether the change is only a lower stiffness"""
     decisions: list[Decision]
-    """The different decisions"""
+    """The different decisions; where they were sent, each is a ``SentDecision``"""
     bins: list[list[int]]
     """The index of each bin's decision, as ``GainSchedule`` takes the decisions"""
     injected: list[float]

@@ -16,14 +16,16 @@ from typing import Any, Final, NamedTuple
 
 from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.guard.guard import Decision
-from haptic_wall.controller.runtime.change import Change, KnownServo
+from haptic_wall.controller.runtime.change import Change, KnownServo, SentDecision
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.runtime.telemetry import Word
 
 FLOATS: Final = 512
 """Numbers in a piece"""
-OBJECTS: Final = 6
+DECISIONS: Final = 10
 """Decisions in a piece"""
+_SHORT: Final = 32
+"""Numbers of a list that is not taken apart: the fields of an object may be a list, too"""
 MOST_BYTES: Final = 1 << 15
 """Longest piece: a socket takes several"""
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
@@ -65,10 +67,10 @@ def _at_a_time(whole: list[Any]) -> int:
     """Return how many elements of a list go into a piece; 0: it is never long."""
     first = whole[0]
     if isinstance(first, float):
-        return FLOATS
+        return FLOATS if len(whole) > _SHORT else 0
     if isinstance(first, str):
         return 1
-    return OBJECTS if isinstance(first, Decision) else 0
+    return DECISIONS if isinstance(first, Decision) else 0
 
 
 def pieces_of(change: Change) -> list[bytes]:
@@ -80,8 +82,11 @@ def pieces_of(change: Change) -> list[bytes]:
     for number, whole in enumerate(pickler.lists):
         size = _at_a_time(whole)
         for start in range(0, len(whole), size):
-            part = (number, whole[start : start + size])
-            pieces.append(b"+" + pickle.dumps(part, pickle.HIGHEST_PROTOCOL))
+            part = whole[start : start + size]
+            kind = b"+"
+            if isinstance(part[0], Decision):
+                kind, part = b"d", [SentDecision.of(each).fields for each in part]
+            pieces.append(kind + pickle.dumps((number, part), pickle.HIGHEST_PROTOCOL))
     pieces.append(b"." + file.getvalue())
     assert max(map(len, pieces)) <= MOST_BYTES
     return pieces
@@ -200,6 +205,8 @@ class Inbox:
             return
         self.taken += 1
         number, part = pickle.loads(piece[1:])
+        if piece[:1] == b"d":
+            part = [SentDecision(*fields) for fields in part]
         if number == len(self._lists):
             self._lists.append(part)
         else:

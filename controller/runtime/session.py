@@ -20,7 +20,7 @@ from haptic_wall.controller.runtime.assembly import (
     situation_of,
     tick_parts,
 )
-from haptic_wall.controller.runtime.change import KnownServo
+from haptic_wall.controller.runtime.change import KnownServo, whole_decision
 from haptic_wall.controller.runtime.deadlines import waiter_for
 from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.handover import Inbox
@@ -286,7 +286,7 @@ class _Session:
                 f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
             )
         decision = decision_in_force(
-            config, servo, gains.decision, gains.age_ns, self._tick.commanded[0]
+            config, servo, whole_decision(gains.decision), gains.age_ns, self._tick.commanded[0]
         )
         return replace(
             result,

@@ -5,7 +5,7 @@ scripts/study changes_check [--runs N]
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +16,11 @@ from haptic_wall.controller.settings.changes import moved
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from scripts.changed_walls import Asked, ChangedRun, injected
+from scripts.hostile_changes import MOST_STEPS, Hostile, box
+from scripts.hostile_changes import tried as attacked
 from scripts.study import Given, Option, Part, Study, table
+from scripts.trials.rates import few
+from scripts.trials.search import Axis, worst_cases
 
 SECONDS = 30.0
 """Duration of a run [s]"""
@@ -275,9 +279,127 @@ def harmless(found: Sequence[tuple[Bench, Row]]) -> bool:
     return all(each.energy <= MOST_J for each in made) and len(made) > 0.8 * len(every)
 
 
+FEW_STEPS = 6
+HOW = "drawn", "searched"
+_A_CASE = 20
+"""Runs drawn in a case; a search has some times as many"""
+PARENTS, CHILDREN = 20, 40
+Attack = tuple[str, int, int, int]
+"""How, longest delay [periods], generations, seed"""
+
+
+def attacks(given: Given) -> list[Attack]:
+    """Return hostile runs: many drawn at random, and searches."""
+    return [
+        (how, steps, given.generations, SEED + k)
+        for steps in (FEW_STEPS, MOST_STEPS)
+        for how, count in zip(HOW, (given.drawn // _A_CASE, given.searches), strict=True)
+        for k in range(max(1, count))
+    ]
+
+
+def attack(case: Attack) -> tuple[Hostile, ...]:
+    """Draw hostile runs, or search for the worst one; all that were tried."""
+    how, steps, generations, seed = case
+    axes = box(steps)
+    found: list[Hostile] = []
+
+    def energy(point: Mapping[str, float]) -> float:
+        found.append(attacked(point))
+        return found[-1].largest
+
+    if how == HOW[0]:
+        random = np.random.default_rng([seed, steps])
+        for _ in range(_A_CASE):
+            energy(_anywhere(axes, random))
+    else:
+        worst_cases(
+            energy,
+            axes,
+            parents=PARENTS,
+            children=CHILDREN,
+            generations=generations,
+            seed=seed,
+            workers=0,
+        )
+    return tuple(found)
+
+
+def _anywhere(axes: Sequence[Axis], random: np.random.Generator) -> dict[str, float]:
+    """Draw a point of a box; three coordinates of ten are at a bound."""
+    shares = random.random(len(axes))
+    shares = np.where(random.random(len(axes)) < 0.3, np.rint(shares), shares)
+    return {axis.name: axis.value(share) for axis, share in zip(axes, shares.tolist(), strict=True)}
+
+
+def by_attack(found: Sequence[tuple[Attack, tuple[Hostile, ...]]]) -> Iterable[str]:
+    """Return the table of the hostile runs, and the worst of each kind."""
+    rows, worst = [], []
+    for steps in (FEW_STEPS, MOST_STEPS):
+        for how in HOW:
+            runs = [
+                run
+                for case, some in found
+                if case[:2] == (how, steps)
+                for run in some
+                if run.energies
+            ]
+            energies = np.array([energy for run in runs for energy in run.energies])
+            if not energies.size:
+                continue
+            above = int(np.count_nonzero(energies > MOST_J))
+            small = int(np.count_nonzero(energies > 0.1 * MOST_J))
+            rows.append(
+                (
+                    how,
+                    f"0 to {steps}",
+                    str(len(runs)),
+                    str(energies.size),
+                    few(small, energies.size) if how == HOW[0] else str(small),
+                    few(above, energies.size) if how == HOW[0] else str(above),
+                    f"{1e3 * energies.max():.2f}",
+                )
+            )
+            one = max(runs, key=lambda run: run.largest)
+            worst.append(f"- {how}, 0 to {steps}: `{' '.join(_short(each) for each in one.worst)}`")
+    yield from table(_HOSTILE, *rows)
+    yield ""
+    yield "The worst of each row:"
+    yield ""
+    yield from worst
+
+
+def _short(setting: str) -> str:
+    """Return a setting with its number in four digits."""
+    name, sign, value = setting.partition("=")
+    try:
+        return f"{name}{sign}{float(value):.4g}"
+    except ValueError:
+        return setting
+
+
+_HOSTILE = (
+    "how",
+    "delays [periods]",
+    "runs",
+    "changes made",
+    "above 0.1 mJ",
+    "above 1 mJ",
+    "largest energy [mJ]",
+)
+
+
 STUDY = Study(
     "changes-check.md",
-    (Part("changes", benches, tried, by_kind, case_s=4.0, wanted=harmless),),
-    (Option("runs", 13, "runs of each servo and hand", quick=1),),
+    (
+        Part("changes", benches, tried, by_kind, case_s=4.0, wanted=harmless),
+        Part("hostile", attacks, attack, by_attack, case_s=40.0),
+    ),
+    (
+        Option("runs", 13, "runs of each servo and hand", quick=1),
+        Option("drawn", 400, "hostile runs drawn, for each range of delays", quick=20),
+        Option("searches", 3, "searches, for each range of delays", quick=1),
+        Option("generations", 8, "generations of each search", quick=1),
+    ),
     everywhere=True,
 )

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+import socket
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptic_wall.controller.detector.tuning import TUNING
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Wall
-from haptic_wall.controller.runtime.change import KnownServo
+from haptic_wall.controller.runtime.change import KnownServo, SentDecision, whole_decision
 from haptic_wall.controller.runtime.changeover import (
     ChangeLimits,
     Changeover,
@@ -20,10 +22,16 @@ from haptic_wall.controller.runtime.changeover import (
     Target,
 )
 from haptic_wall.controller.runtime.changes import Changes
-from haptic_wall.controller.runtime.handover import FLOATS, pieces_of
+from haptic_wall.controller.runtime.handover import FLOATS, Inbox, Offers, pieces_of
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result
-from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED, FLAG_CONTACT, FLAG_OFF, Word
+from haptic_wall.controller.runtime.telemetry import (
+    FLAG_CHANGED,
+    FLAG_CONTACT,
+    FLAG_OFF,
+    Telemetry,
+    Word,
+)
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -368,6 +376,33 @@ def test_a_long_law_is_handed_over_in_short_pieces() -> None:
     assert len(pieces) > 3 * 3000 / FLOATS
     assert max(map(len, pieces)) < 16_000
     assert sum(len(pickle.loads(piece[1:])[1]) for piece in pieces[:-1]) > 3 * 3000
+
+
+def test_the_loop_gets_numbers_and_makes_a_whole_decision_only_when_asked() -> None:
+    """To make objects of all decisions and of the detector's numbers cost half a tick each."""
+    config = wall("loop.clock=monotonic")
+    changes = Changes(config, KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, False))
+    sent = changes.computed(changed(config, ["wall.stiffness=4"]))
+    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    telemetry = Telemetry.create()
+    with ours, loops:
+        inbox = Inbox(loops, telemetry.words)
+        Offers(ours, telemetry.words).send(sent)
+        for _ in range(telemetry.words[Word.OFFERED]):
+            assert inbox.change is None
+            inbox.take()
+        inbox.take()
+    telemetry.close()
+    taken = inbox.change
+    assert taken is not None
+    assert len(taken.decisions) > 100
+    assert all(isinstance(each, SentDecision) for each in taken.decisions)
+    assert [whole_decision(each) for each in taken.decisions] == sent.decisions
+    assert [each.stiffness for each in taken.decisions] == [d.stiffness for d in sent.decisions]
+    watch = taken.watch
+    assert watch.backstop is not None and watch.bounces is not None
+    numbers = watch.detector.tuning, watch.backstop.tuning, watch.bounces.tuning
+    assert all(each is TUNING for each in numbers)
 
 
 def test_random_changes_give_the_shaft_no_energy() -> None:
