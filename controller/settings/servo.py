@@ -207,7 +207,7 @@ class Servo(Section):
     stribeck_speed: float = setting(
         0.0,
         "True speed over which the excess of the static friction falls by a factor e; 0: it is "
-        "gone as soon as the shaft moves. Published fits: 1.1 to 2.6",
+        "gone as soon as the shaft moves. Published fits: 0.75 to 4.2",
         "rad/s",
         ge=0,
         le=100,
