@@ -46,6 +46,8 @@ FIRST: Final = "soft"
 """The scene with which a run begins"""
 LIFT_RAD: Final = 0.08
 """How far from the wall the weight is lifted [rad]"""
+AWAY_RAD: Final = 1.2
+"""Distance from the wall beyond which a weight is brought back: a stalled machine threw it [rad]"""
 LIFT_S: Final = 0.5
 """Shortest time for which it is lifted [s]"""
 RAISED_S: Final = 0.3
@@ -162,6 +164,8 @@ class Stage:
                     self._scenes = self._scenes or scenes(config, config.belief().delay.high)
             if self._scenes and not self._scene:
                 self._begin(view, FIRST)  # without a hand the weight would keep the wall off
+            elif abs(view.shaft - config.wall.position) > AWAY_RAD and self._rests:
+                self._move(self._play(view, None))
             view.tell(
                 {
                     "kind": "lesson",
@@ -188,6 +192,11 @@ class Stage:
             return False
         self._begin(view, scene)
         return True
+
+    @property
+    def _rests(self) -> bool:
+        """Return whether the lesson leaves the weight alone."""
+        return self._moves is None or self._moves.done()
 
     def _begin(self, view: View, scene: str) -> None:
         """Show a scene; the one before ends."""

@@ -137,7 +137,8 @@ class View:
         self._hand = hand
         self.dead_man = dead_man
         self._holds: object = None
-        self._shaft = math.nan
+        self.shaft = math.nan
+        """Position of the shaft [rad]; not a number: not known yet"""
         self.config = config
         self.source = source
         self.clients: set[Client] = set()
@@ -206,9 +207,9 @@ class View:
         if not all(isinstance(each, int | float) and abs(each) < MOST_NUMBER for each in numbers):
             return False
         free = self._holds in (None, client) or hand.look(now_ns) is None
-        if free and math.isfinite(self._shaft):
+        if free and math.isfinite(self.shaft):
             self._holds = client
-            hand.hold(float(wish["position"]), float(wish["stiffness"]), self._shaft, now_ns)
+            hand.hold(float(wish["position"]), float(wish["stiffness"]), self.shaft, now_ns)
         return True
 
     def hold(self, client: Client, beat: object) -> bool:
@@ -262,7 +263,7 @@ class View:
         self.add(self._finder.look(rows, origin_ns))
         position = rows["position"][np.isfinite(rows["position"])]
         if len(position):
-            self._shaft = float(position[-1])
+            self.shaft = float(position[-1])
             if math.isnan(self._started_at):
                 self._started_at = float(position[0])
             low, high = self._span

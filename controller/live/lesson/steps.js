@@ -58,7 +58,7 @@ export const STEPS = [
     tries: [["stiff", "The stiff wall"], ["far", "Far too stiff"], ["late", "More delay"], ["too_much", "Too much damping"]],
     text: ({ free, guarded, limits, commanded }) => `
       <p>Both servos are asked for K = ${K(guarded.facts.asked.stiffness)} and B = ${B(guarded.facts.asked.damping)}. The guard knows bounds of inertia, friction and delay. It computes the limits, the curves of the map, and commands at most <b>${number(limits?.margin)}</b> of the lowest: K = ${K(commanded.stiffness)}, B = ${B(commanded.damping)}.</p>
-      <p>Measured now: without the guard the servo <b>${does(free)}</b>; with it the servo <b>${guarded.measured_hz ? `oscillates at ${number(guarded.measured_hz)} Hz` : "is calm"}</b>.${commanded.stiffness < 0.97 * limits?.commanded.stiffness ? " Now it is softer still: the run had late ticks, or its detector found an oscillation. Drop the weight to have the wall back." : ""}</p>
+      <p>Measured now: without the guard the servo <b>${does(free)}</b>; with it the servo <b>${guarded.measured_hz ? `oscillates at ${number(guarded.measured_hz)} Hz` : "is calm"}</b>.${commanded.stiffness < 0.97 * limits?.commanded.stiffness ? " Now it is softer still: ticks were late, or its detector found an oscillation." : ""}</p>
       <p class="words">${escaped(limits?.reasons?.[0] ?? "")}</p>`,
   },
   {

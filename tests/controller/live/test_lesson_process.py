@@ -236,6 +236,18 @@ def test_a_client_that_goes_in_mid_drag_lets_go(page: Page) -> None:
     until(lambda: run.hand.look(time.monotonic_ns()) is None)
 
 
+def test_a_weight_that_was_thrown_away_is_brought_back(page: Page) -> None:
+    run = page.runs["guarded"]
+    assert run.hand.look(time.monotonic_ns()) is None
+    row = Row(stiffness=2.5, position=-4.7)
+    row.deadline_ns = BEGAN_NS + 1_000_000_000
+    run.telemetry.write(row)
+    until(lambda: run.hand.look(time.monotonic_ns()) is not None)
+    row.position = 0.0
+    run.telemetry.write(row)
+    until(lambda: run.hand.look(time.monotonic_ns()) is None)
+
+
 def test_a_run_that_is_started_anew_is_shown_again(page: Page) -> None:
     run = page.runs["guarded"]
     with page.connect("guarded") as client:
