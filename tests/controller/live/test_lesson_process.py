@@ -69,6 +69,9 @@ class FakeRun:
 class Page:
     """The page's server in a thread, with two runs."""
 
+    first: dict[str, list[str]]
+    """The first change that each run was asked for"""
+
     def __init__(self, folder: Path) -> None:
         self._over = False
         listener = socket.create_server(("127.0.0.1", 0))
@@ -106,6 +109,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     made = Page(tmp_path_factory.mktemp("runs"))
     for servo in SERVOS:
         until(lambda servo=servo: greeted(made, servo))  # type: ignore[misc]
+    made.first = {name: asked(run) for name, run in made.runs.items()}
     yield made
     made.close()
 
@@ -152,8 +156,7 @@ def asked(run: FakeRun) -> list[str]:
 
 
 def test_each_servo_begins_with_the_soft_wall_and_a_scene_changes_one_servo(page: Page) -> None:
-    first = {name: asked(run) for name, run in page.runs.items()}
-    assert first["free"] == first["guarded"], "both get the same walls"
+    assert page.first["free"] == page.first["guarded"], "both get the same walls"
     with page.connect("free") as client:
         told = heard(client, "lesson", lambda each: each["scenes"])
         assert told["scene"] == "soft"
