@@ -34,10 +34,10 @@ import numpy as np
 
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.controller.guard.bins import settings_at
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.guard.schedule import interval_bins_ns
-from haptic_wall.controller.runtime.assembly import settings_at
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
@@ -248,9 +248,9 @@ def intervals() -> tuple[list[str], list[list[object]]]:
     config = load_config("emulated-ideal").config
     asked = replace(config.request(), stiffness=1e6)
     rows: list[list[object]] = []
-    for interval in (each * 1e-9 for each in interval_bins_ns(config.period_ns)):
+    for index, interval in enumerate(each * 1e-9 for each in interval_bins_ns(config.period_ns)):
         seen = replace(situation(config), period=interval)
-        d = decide(asked, settings_at(config, interval), seen, [0.25e-3])[0]
+        d = decide(asked, settings_at(config.guard_settings(), index), seen, [0.25e-3])[0]
         limits = d.limits.linear, d.limits.exact, d.limits.one_sided
         rows.append([1e3 * interval, *limits, d.damping_ceiling, d.damping, d.stiffness])
     head = ["T [ms]", "linear", "exact", "one_sided", "damping ceiling", "B commanded"]

@@ -11,6 +11,7 @@ flexible_guard`` searches for truths inside the box that the guard's walls make 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -33,6 +34,8 @@ _SLOW = 0.8
 """Cycles per period up to which a faster vibration bounds less"""
 _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
+_NOTCH = 0.25
+"""Largest relative step of the interval, in widths of a notch"""
 _BESIDE = np.linspace(-2.0, 2.0, 17)
 """Frequencies beside that of a notch, in widths of it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
@@ -51,6 +54,7 @@ def flexible_ceiling(
     samples: int,
     inserted: float = 0.0,
     velocity_filter: VelocityFilter | None = None,
+    served: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
     """Return the commanded damping above which the load may vibrate without any stiffness.
 
@@ -61,15 +65,18 @@ def flexible_ceiling(
         samples: Samples of the velocity difference.
         inserted: The part of it that is neither the sample's age nor the device's own lag [s].
         velocity_filter: Filter of the velocity that damps; None: none.
+        served: Shortest and longest interval that may take the place of a period, over it.
 
     Returns:
         [N·m·s/rad]
     """
     gain = belief.torque_gain.high
+    every = _is_notch(velocity_filter)
     found = [
         min(
-            float(_scan(belief, t, knot, samples, velocity_filter).ceilings().min())
-            for knot in knots(belief, t, t_d, inserted, _is_notch(velocity_filter))
+            float(_scan(at.belief, at.period, knot, samples, velocity_filter).ceilings().min())
+            for at in _intervals(belief, t, served, velocity_filter)
+            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, every)
         )
         / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
@@ -85,24 +92,23 @@ def flexible_limit(
     samples: int,
     inserted: float = 0.0,
     velocity_filter: VelocityFilter | None = None,
+    served: tuple[float, float] = (1.0, 1.0),
 ) -> FloatArray:
     """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
 
     Arguments as of ``flexible_ceiling``; ``damping`` is the commanded one of each plant
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
-    found = [
-        _limit(
-            belief,
-            t,
-            knots(belief, t, t_d, inserted, _is_notch(velocity_filter)),
-            t_d,
-            b,
-            samples,
-            velocity_filter,
-        )
-        for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True)
-    ]
+    every = _is_notch(velocity_filter)
+    found = []
+    for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True):
+        least = _UNBOUND
+        for at in _intervals(belief, t, served, velocity_filter):
+            late = at.longer * t_d
+            grid = knots(at.belief, at.period, late, inserted, every)
+            limit = _limit(at.belief, at.period, grid, late, b, samples, velocity_filter)
+            least = min(least, limit)
+        found.append(least)
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
 
 
@@ -158,6 +164,60 @@ def fast_limit(
     damped = belief.flexible_damping_ratio.low * rate**3 * period * belief.inertia.low
     by_spring = _FAST_CEILING * left * damped / belief.torque_gain.high
     found: FloatArray = np.minimum(exact * (1.0 - _FAST_COST * (1.0 - left)), by_spring)
+    return found
+
+
+class _Interval(NamedTuple):
+    """An interval between ticks, and what is counted with it."""
+
+    period: float
+    """[s]"""
+    belief: Belief
+    longer: float
+    """Factor on the longest delay"""
+
+
+@lru_cache(maxsize=1024)
+def _intervals(
+    belief: Belief,
+    period: float,
+    served: tuple[float, float],
+    velocity_filter: VelocityFilter | None,
+) -> list[_Interval]:
+    """Return the intervals that stand for all from ``served[0]`` to ``served[1]`` periods.
+
+    Between two of them the phase of no vibration over the interval turns by more than ``_PHASE``.
+    Where that would take many, they follow each other by a ratio. A vibration at an interval
+    between two has the same phases at the longer one at a frequency that is lower by the ratio,
+    after delays that are longer by it: so frequencies and friction are widened downward by it.
+    A cycle of the slowest vibration above the shortest interval all phases have occurred, and
+    longer intervals bound less by their phase: only the longest is counted besides.
+    """
+    low, high = served[0] * period, served[1] * period
+    if low == high:
+        return [_Interval(period, belief, 1.0)]
+    hz = belief.flexible_hz
+    end = min(high, low + _CYCLES / hz.low)
+    even = math.ceil(math.tau * hz.high * (end - low) / _PHASE)
+    ratios = math.ceil(math.log(end / low) / -math.log(_SLOWER))
+    if velocity_filter is not None:
+        # a filter is slower by the interval, and a notch then lies elsewhere
+        even = max(even, math.ceil(velocity_filter.q * math.log(end / low) / _NOTCH))
+    if even <= ratios:
+        found = [_Interval(t, belief, 1.0) for t in np.linspace(low, end, even + 1).tolist()]
+    else:
+        slower = (low / end) ** (1.0 / ratios)
+        widened = replace(
+            belief,
+            flexible_hz=replace(hz, low=slower * hz.low),
+            damping=replace(belief.damping, low=slower * belief.damping.low),
+        )
+        found = [
+            _Interval(t, widened, 1.0 / slower)
+            for t in np.geomspace(low, end, ratios + 1).tolist()[1:]
+        ]
+    if end < high:
+        found.append(_Interval(high, belief, 1.0))
     return found
 
 
@@ -266,7 +326,7 @@ def _counted(low: float, high: float, period: float, delay: float) -> tuple[floa
     return slow, slow + span
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def _scan(
     belief: Belief,
     period: float,

@@ -53,6 +53,7 @@ def decide(
     inserted: float = 0.0,
     explained: bool = True,
     reduced: bool = False,
+    least_inserted: float | None = None,
 ) -> list[Decision]:
     """Decide which stiffness and damping may be commanded, for each of several delays.
 
@@ -61,10 +62,11 @@ def decide(
         settings: The guard's settings.
         situation: The belief about the servo, the period, and its limits.
         delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
-        inserted: The inserted part of each delay [s]: no sample comes sooner.
+        inserted: The inserted part of each delay [s].
         explained: Whether to also give the reasons, which takes several times as long.
         reduced: Whether something else commands less than this decision; the reasons then say
             "allowed".
+        least_inserted: Shortest inserted part, where it varies [s]; None: ``inserted``.
 
     Returns:
         One decision per delay, in order.
@@ -74,7 +76,8 @@ def decide(
             it.
     """
     before_device = np.atleast_1d(not_negative("delays", list(delays)))
-    situation = replace(situation, inserted=inserted)
+    least = inserted if least_inserted is None else least_inserted
+    situation = replace(situation, inserted=least)
     corner = Plants.at_corner(situation, before_device)
     found = evaluate_box(request, settings, situation, corner, LOOKED_UP)
     alone = (
@@ -85,14 +88,14 @@ def decide(
     decisions = []
     for i, delay in enumerate(corner.delay.tolist()):
         limits = found.limits(i)
-        name, least = limits.smallest()
-        bound = settings.mode != "off" and request.stiffness > settings.margin * least
+        name, smallest = limits.smallest()
+        bound = settings.mode != "off" and request.stiffness > settings.margin * smallest
         decisions.append(
             Decision(
                 request=request,
                 delay=delay,
                 period=situation.period,
-                stiffness=settings.margin * least if bound else request.stiffness,
+                stiffness=settings.margin * smallest if bound else request.stiffness,
                 damping=float(found.damping[i]),
                 limits=limits,
                 damping_ceiling=float(found.ceiling[i]),
@@ -101,6 +104,7 @@ def decide(
                 reasons=(),
                 only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
                 vibrates=found.vibrates is not None and bool(found.vibrates[i]),
+                inserted=inserted,
             )
         )
     if not explained:

@@ -150,15 +150,14 @@ def evaluate(
             )
         )
     flexible = None
-    if belief.is_fast(situation.period):
+    shortest = situation.served[0]
+    if belief.is_fast(shortest * situation.period):
         full = np.ones_like(damping)  # a load without damping allows no virtual damping at all
-        flexible = fast_limit(
-            belief, exact / g, np.divide(damping, vibration, out=full, where=vibration > 0.0), t
-        )
+        of_ceiling = np.divide(damping, vibration, out=full, where=vibration > 0.0)
+        flexible = fast_limit(belief, exact / g, of_ceiling, shortest * t)
     elif belief.is_flexible:
-        flexible = flexible_limit(
-            belief, t, t_d, damping, n, situation.inserted, request.velocity_filter
-        )
+        filtered, served = request.velocity_filter, situation.served
+        flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted, filtered, served)
         if one_sided is not None:
             rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
             flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
@@ -215,10 +214,10 @@ def damping_ceiling(
         rigid = max_virtual_damping(m, b, t, t_d, n) / g
     else:
         rigid = SCANNED * RigidScan(m, b, t, t_d, n, filtered).ceilings() / g
-    if belief.is_fast(situation.period):
+    if belief.is_fast(situation.served[0] * situation.period):
         return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
     if belief.is_flexible:
-        found = flexible_ceiling(belief, t, t_d, n, situation.inserted, filtered)
+        found = flexible_ceiling(belief, t, t_d, n, situation.inserted, filtered, situation.served)
         return np.minimum(rigid, found), rigid
     return rigid, rigid
 

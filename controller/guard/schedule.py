@@ -26,6 +26,8 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from haptic_wall.controller.guard.types import WITHIN
+
 if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import Decision
 
@@ -42,16 +44,20 @@ RUN_BLOCKS = 2
 """Consecutive blocks above the bin that lower the gains at once: one stall lies in one block."""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
 """Upper ends of the bins of the served interval [periods]."""
+NARROW_BINS = (
+    *(1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0),
+    *(8.0, 10.0, 14.0, 20.0, 28.0, 40.0, 60.0),
+)
+"""The same where a link is believed [periods]"""
+_INSIDE = 64
+"""Steps inside a bin in which the ring's delay is evaluated"""
 IRREGULAR_CAP = 0.5
 """Factor on ``guard.damping_cap`` in all bins but the first. Damping near the ceiling of the
 weighted interval exceeds the ceiling of the longest intervals, and some repeated patterns then grow
 at 0.8 of the limit."""
 LONGEST_NS = 60_000_000
-"""Longer intervals are ignored, except the first ``_LEAST`` [ns]."""
-_LEAST = 7
-WITHIN = 1.05
-"""A bin also covers intervals longer by up to this factor: jitter of 22 % of a period adds 5 %, one
-lost reading in fifty adds 4 %."""
+"""Longer intervals are ignored, except those up to ``_ALWAYS`` periods [ns]."""
+_ALWAYS = 6.0
 
 
 def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
@@ -70,27 +76,63 @@ def age_bins_ns(period_ns: int, reply_ns: int = 0) -> list[int]:
     return [us * 1000 for us in microseconds]
 
 
-def interval_bins_ns(period_ns: int) -> list[int]:
+def interval_bins_ns(period_ns: int, flexible: bool = False) -> list[int]:
     """Return the upper ends of the interval bins [ns], the period first.
 
     Args:
         period_ns: The sampling period [ns].
+        flexible: A link is believed: its limits are the least over a bin, so bins are narrower.
     """
-    intervals = [round(each * period_ns) for each in INTERVAL_BINS]
-    return [ns for k, ns in enumerate(intervals) if k < _LEAST or ns <= LONGEST_NS]
+    bins = NARROW_BINS if flexible else INTERVAL_BINS
+    return [
+        round(each * period_ns)
+        for each in bins
+        if each <= _ALWAYS or round(each * period_ns) <= LONGEST_NS
+    ]
 
 
-def inserted_delay(steps: int, period: float, interval: float) -> float:
-    """Return the delay of the ring where one tick happens per ``interval`` [s].
+def served_range(intervals_ns: Sequence[int], index: int) -> tuple[float, float]:
+    """Return the shortest and the longest interval that a bin covers, over its upper end.
 
-    A torque leaves the ring in the first tick that is at least ``steps`` periods later.
+    Args:
+        intervals_ns: The upper ends of the bins, the period first [ns].
+        index: Index of the bin.
+    """
+    if index == 0:
+        return 1.0, WITHIN
+    return WITHIN * intervals_ns[index - 1] / intervals_ns[index], WITHIN
+
+
+def inserted_delays(
+    steps: int, period: float, interval: float, served: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the shortest and the longest delay of the ring over the intervals of a bin [s].
+
+    A torque leaves the ring in the first tick that is at least ``steps`` periods of the grid later.
+    Ticks at intervals that are no whole periods lie anywhere between the points of the grid, so
+    that torques wait for different numbers of ticks: their mean counts. At the bin's upper end the
+    longest wait counts.
 
     Args:
         steps: Length of the ring [periods].
         period: Period of the grid [s].
-        interval: Interval from one executed tick to the next [s].
+        interval: Upper end of the bin [s].
+        served: As of ``served_range``.
     """
-    return math.ceil(steps * period / interval - 1e-9) * interval
+    longest = math.ceil(steps * period / interval - 1e-9) * interval
+    if not steps or interval <= period:
+        return longest, longest
+    low, high = (share * interval / period for share in served)
+    means = [
+        period * _mean_wait(steps, low + (high - low) * k / _INSIDE) for k in range(_INSIDE + 1)
+    ]
+    return min(means), max(longest, *means)
+
+
+def _mean_wait(steps: int, interval: float) -> float:
+    """Return the mean delay of the ring; all in periods, ``interval`` at least 1."""
+    ticks = math.ceil(steps / interval)
+    return interval * sum(min(steps - n * interval, 1.0) for n in range(ticks))
 
 
 class BinFilter:

@@ -13,6 +13,10 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 Mode = Literal["stable", "passive", "off"]
 
+WITHIN = 1.05
+"""A decision also covers intervals between ticks that are longer by up to this factor: jitter of
+22 % of a period adds 5 %, one lost reading in fifty adds 4 %."""
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -83,6 +87,9 @@ class Situation:
     inserted: float = 0.0
     """The part of the delay that is not the sample's age, without the device's own lag [s]: an age
     may be shorter than what is counted"""
+    served: tuple[float, float] = (1.0, WITHIN)
+    """Shortest and longest interval between ticks that a decision must hold for, over ``period``.
+    Only a flexible servo needs it: for a rigid one the longest is the least safe"""
 
     def __post_init__(self) -> None:
         if not self.torque_limit > 0:
@@ -149,3 +156,5 @@ class Decision:
     """The nominal belief would be unstable without Coulomb friction (mode off only)"""
     vibrates: bool = False
     """The ceiling is that of the load's vibration on its transmission"""
+    inserted: float = 0.0
+    """The part of ``delay`` that was inserted [s]"""

@@ -13,7 +13,6 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.limits import evaluate_box
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.schedule import inserted_delay
 from haptic_wall.controller.guard.types import Limits, Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
@@ -44,7 +43,7 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     counts = config.servo.counts_per_rev if known else 0
     step = math.tau / counts if counts else 0.0
     situation = Situation(belief, period, known or 1.0, step)
-    inserted = inserted_delay(config.delay.steps, period, period)
+    inserted = config.delay.steps * period
     before = max(delay - belief.delay.high, 0.0)
     request, settings = config.request(step or None), config.guard_settings()
     (decision,) = decide(request, settings, situation, [before], min(inserted, before))

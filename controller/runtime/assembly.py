@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -12,15 +11,14 @@ import numpy as np
 
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Watch
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Situation, decide
-from haptic_wall.controller.guard.plants import Plants, is_heavy
+from haptic_wall.controller.guard.bins import decide_bins, explained
+from haptic_wall.controller.guard.guard import Decision, Situation
+from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import (
-    IRREGULAR_CAP,
     RUN,
     RUN_S,
     GainSchedule,
     age_bins_ns,
-    inserted_delay,
     interval_bins_ns,
 )
 from haptic_wall.controller.laws.active import Port
@@ -48,9 +46,6 @@ from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Facts, Servo
 
-COARSE = 6
-"""Off the nominal period only every n-th age has a decision of its own; the ages below share it [1]
-"""
 RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
 MEANT_KICK = 0.25 * math.tau
@@ -79,25 +74,15 @@ def guard_schedule(config: Config, servo: OpenServo, simulated: bool) -> GainSch
     ages_ns = [0] if simulated and servo.bus is None else _ages_ns(config, servo)
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    intervals_ns = interval_bins_ns(config.period_ns)
-    request = config.request(situation.position_step)
-    decisions = []
-    for interval in (each * 1e-9 for each in intervals_ns):
-        inserted = inserted_delay(config.delay.steps, period, interval)
-        there = replace(situation, period=interval)
-        every = 1 if interval == period and not is_heavy(there) else COARSE
-        some = ages_ns[every - 1 :: every]
-        if not some or some[-1] != ages_ns[-1]:
-            some.append(ages_ns[-1])
-        found = decide(
-            request,
-            settings_at(config, interval),
-            there,
-            [inserted + age * 1e-9 for age in some],
-            inserted,
-            explained=False,
-        )
-        decisions.append([found[bisect_left(some, age)] for age in ages_ns])
+    intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
+    decisions = decide_bins(
+        config.request(situation.position_step),
+        config.guard_settings(),
+        situation,
+        config.delay.steps,
+        ages_ns,
+        intervals_ns,
+    )
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
     percentile = config.guard.delay_percentile
@@ -116,27 +101,18 @@ def decision_in_force(
         age_ns: Its sample age [ns].
         commanded: Stiffness that is really commanded [N·m/rad].
     """
-    situation = replace(situation_of(config, servo), period=decision.period)
-    inserted = inserted_delay(config.delay.steps, config.period_ns * 1e-9, decision.period)
-    delays = [inserted + age_ns * 1e-9]
-    settings = settings_at(config, decision.period)
-    (again,) = decide(
+    situation = situation_of(config, servo)
+    again = explained(
         config.request(situation.position_step),
-        settings,
+        config.guard_settings(),
         situation,
-        delays,
-        inserted,
+        config.delay.steps,
+        age_ns,
+        interval_bins_ns(config.period_ns, situation.belief.is_flexible),
+        decision.period,
         reduced=commanded < decision.stiffness,
     )
     return replace(decision, reasons=again.reasons)
-
-
-def settings_at(config: Config, interval: float) -> GuardSettings:
-    """Return the guard's settings where one tick happens per ``interval`` [s]."""
-    settings = config.guard_settings()
-    if interval <= config.period_ns * 1e-9:
-        return settings
-    return replace(settings, damping_cap=IRREGULAR_CAP * settings.damping_cap)
 
 
 def situation_of(config: Config, servo: OpenServo) -> Situation:

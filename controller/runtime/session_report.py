@@ -20,7 +20,6 @@ from haptic_wall.controller.guard.reasons import (
     WaitsForRest,
 )
 from haptic_wall.controller.guard.rebound import NOT_ONE_SIDED, rebound
-from haptic_wall.controller.guard.schedule import inserted_delay
 from haptic_wall.controller.laws.active import ActiveLaw
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
@@ -34,10 +33,8 @@ from haptic_wall.hw.servo import BusCounts
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
     """Return the parts of the delay that the guard used, and their sum [s]."""
-    period = config.period_ns * 1e-9
-    inserted = inserted_delay(config.delay.steps, period, decision.period)
     return {
-        "inserted": inserted,
+        "inserted": decision.inserted,
         "device": config.belief().delay.high,
         "measured": age_ns * 1e-9,
         "total": decision.delay,

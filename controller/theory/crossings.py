@@ -49,9 +49,19 @@ class Loops:
 
     def inverse(self, w: FloatArray) -> ComplexArray:
         """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
-        moved = 2j * np.sin(w / 2) * _turned(w / 2)  # z - 1, without cancellation
+        return self._inverse(_turned(w / 2))
+
+    def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return ``inverse`` and ``difference`` in less time than both of them take."""
+        half = _turned(w / 2)
+        turned = half if self.samples == 1 else half**self.samples
+        return self._inverse(half), self._difference(w, turned)
+
+    def _inverse(self, half: ComplexArray) -> ComplexArray:
+        """Return F at frequencies of which ``half`` is exp(j w/2)."""
+        moved = 2j * half.imag * half  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        top = moved * _turned(w * (self.whole + 1))
+        top = moved * half ** (2 * self.whole + 2)
         for i in range(poles.shape[1]):
             top = top * (moved - poles[:, i, None])
         numerator = self.chains.numerator
@@ -63,9 +73,12 @@ class Loops:
 
     def difference(self, w: FloatArray) -> ComplexArray:
         """Return D = (1 - z^-N)/(N T), filtered, at the frequencies ``w``, loops × frequencies."""
-        half = self.samples * w / 2
-        moved: ComplexArray = 2j * np.sin(half) * _turned(-half)
-        found: ComplexArray = moved / (self.samples * self.period[:, None])
+        return self._difference(w, _turned(self.samples * w / 2))
+
+    def _difference(self, w: FloatArray, turned: ComplexArray) -> ComplexArray:
+        """Return D at the frequencies ``w``, where ``turned`` is exp(j N w/2)."""
+        scale = 2j / (self.samples * self.period[:, None])
+        found: ComplexArray = scale * turned.imag * turned.conj()
         return found if self.velocity_filter is None else found * self.velocity_filter.response(w)
 
 

@@ -68,8 +68,7 @@ class FlexibleScan:
         alone = np.sqrt(transmission_stiffness / load_inertia)
         near = np.stack([with_both, alone], axis=1) * period
         w = _grid(near, late, velocity_filter)
-        self._inverse = loops.inverse(w)
-        self._difference = loops.difference(w)
+        self._inverse, self._difference = loops.responses(w)
         ratio = self._inverse / self._difference
         self._ceiling = _least(ratio.imag, ratio.real)
         self._floor = -_least(ratio.imag, -ratio.real)
@@ -114,7 +113,7 @@ class RigidScan:
             chains = sampled(chain.take(part), period[part], fraction)
             loops = Loops(chains, period[part], int(d), samples, velocity_filter)
             w = _grid(np.empty((part.size, 0)), d + 1.0, velocity_filter, _MORE)
-            inverse, difference = loops.inverse(w), loops.difference(w)
+            inverse, difference = loops.responses(w)
             ratio = inverse / difference
             self._ceiling[part] = _least(ratio.imag, ratio.real)
             self._floor[part] = -_least(ratio.imag, -ratio.real)

@@ -35,6 +35,7 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
 from scripts.trials.links import LinkTrial, link_trials
+from scripts.trials.served_links import ServedLink, Wall, served_links
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
@@ -526,6 +527,94 @@ def _searched(name: str, kind: Kind, seed: int, case_s: float) -> Part[Search, O
     )
 
 
+class ServedCase(NamedTuple):
+    """One belief whose bins of the served interval are searched."""
+
+    seed: int
+    number: int
+    truths: int
+    steps: int
+    kind: Kind
+
+
+KINDS: tuple[Kind, ...] = ("known", "wide", "lowpass", "notch")
+SERVED_BINS = 6
+"""Bins of each belief that are searched"""
+
+
+def served(case: ServedCase) -> list[ServedLink]:
+    """Draw a belief and a wall, and search some bins of the served interval."""
+    seed, number, truths, steps, kind = case
+    random = np.random.default_rng((seed, number, KINDS.index(kind)))
+    belief, age, of_ceiling = drawn(random, kind)
+    filtered = _filter(random, kind, belief.flexible_hz.value)
+    late = int(random.choice([0, 0, 1, 2, 3, 5]))
+    middle = np.array([getattr(belief, name).value for name in NAMES])
+    whole, b, _, lag, load, hz, ratio = middle.tolist()
+    moving, rate = (whole - load) * load / whole, math.tau * hz
+    known = (whole - load, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    ceiling = flexible_ceiling(
+        *known, PERIOD, late * PERIOD + age + lag, encoder=belief.encoder, velocity_filter=filtered
+    )
+
+    def servos(shares: FloatArray) -> tuple[FloatArray, Chain]:
+        found = inside(belief, shares)
+        return found, chain_of(found, belief.encoder)
+
+    wall = Wall(belief, age, late, of_ceiling * float(ceiling), filtered)
+    return served_links(wall, random, servos, len(NAMES), truths, steps, SERVED_BINS)
+
+
+def served_lines(found: Found[ServedCase, list[ServedLink]]) -> list[str]:
+    """Count growth over kinds of beliefs, and compare with bins that count their end alone."""
+    words = {
+        "known": "no filter",
+        "wide": "no filter, wide doubt",
+        "lowpass": "low-pass",
+        "notch": "notch",
+    }
+    counts = []
+    for kind in KINDS:
+        own = [each for case, row in found if case.kind == kind for each in row]
+        random, searched = (np.array([getattr(e, n) for e in own]) for n in ("random", "searched"))
+        tried = sum(case.truths * len(row) for case, row in found if case.kind == kind)
+        counts.append(
+            (
+                words[kind],
+                len(own),
+                tried,
+                int(np.sum(random > GROWS)),
+                int(np.sum(searched > GROWS)),
+                f"{max(random.max(), searched.max()):.2g}",
+            )
+        )
+    every = [each for _, row in found for each in row]
+    shares = []
+    for low, high in itertools.pairwise((1.0, 1.05, 2.1, 4.2, 10.5, 63.0)):
+        own = [each for each in every if low <= each.interval < high]
+        cells = []
+        for name in ("stiffness", "damping"):
+            over = np.array([getattr(each, name) for each in own])
+            over = over[np.isfinite(over)]
+            cells += [f"{x:.2f}" for x in np.quantile(over, [0.5, 0.1])] if over.size else ["", ""]
+        shares.append((f"{low:g} to {high:g}", len(own), *cells))
+    return [
+        *table(
+            ("belief", "walls", "random truths", "grow", "grow by search", "fastest [1/s]"),
+            *counts,
+        ),
+        "",
+        *table(
+            ("interval [periods]", "walls", "K, median", "10 %", "B, median", "10 %"),
+            *shares,
+        ),
+    ]
+
+
+GROWS = 1e-6
+"""Rate of growth that counts as such [1/s]"""
+
+
 def beyond(task: tuple[int, int, float]) -> list[LinkTrial]:
     """Run some walls beyond the ceiling: seed, number, virtual damping over the ceiling."""
     return link_trials(*task)
@@ -574,6 +663,17 @@ STUDY = Study(
         _searched("lowpass", "lowpass", 300, case_s=4.0),
         _searched("notch", "notch", 300, case_s=4.0),
         Part(
+            "served",
+            lambda given: [
+                ServedCase(given.seed + 400, i, given.truths, given.steps, kind)
+                for kind in KINDS
+                for i in range(given.served)
+            ],
+            served,
+            served_lines,
+            case_s=6.0,
+        ),
+        Part(
             "contacts",
             lambda given: [(given.seed + 100, i) for i in range(given.contacts)],
             contacts,
@@ -605,6 +705,7 @@ STUDY = Study(
         Option("beliefs", 110, "random beliefs", quick=3),
         Option("truths", 100, "random truths of each", quick=20),
         Option("steps", 12, "generations of the search", quick=2),
+        Option("served", 60, "beliefs of each kind whose served intervals are searched", quick=2),
         Option("contacts", 200, "servos whose contacts are simulated", quick=4),
         Option("servos", 2000, "servos of each kind and seed on the way to lower gains", quick=40),
         Option("links", 15, "servos of each seed and share beyond the ceiling", quick=2),
