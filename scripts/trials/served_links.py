@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -14,11 +14,11 @@ from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.bins import decide_bin, settings_at
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.schedule import (
-    INTERVAL_BINS,
     inserted_delays,
     interval_bins_ns,
     served_range,
 )
+from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory.chain import Chain, sampled
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.crossings import Loops, poles
@@ -56,7 +56,6 @@ class Wall(NamedTuple):
     damping: float
     """Asked B [N·m·s/rad]"""
     filtered: VelocityFilter | None
-    side: Literal["both"] = "both"
 
 
 def served_links(
@@ -119,7 +118,7 @@ def served_links(
             vectorized=True,
         )
         interval = float(random.uniform(low, high))
-        before = _by_upper_end(request, situation, wall, interval)
+        before = by_upper_end(request, situation, wall.age, wall.steps, interval)
         found.append(
             ServedLink(
                 interval / PERIOD,
@@ -168,17 +167,27 @@ def _ring(steps: int, interval: float) -> float:
     return interval * sum(waiting)
 
 
-def _by_upper_end(request: Request, situation: Situation, wall: Wall, interval: float) -> Decision:
-    """Return the decision of the bins of a rigid servo, at their upper end alone."""
+def by_upper_end(
+    request: Request, situation: Situation, age: float, steps: int, interval: float
+) -> Decision:
+    """Return the decision of the bins of a rigid servo, at their upper end alone.
+
+    Args:
+        request: The wall.
+        situation: The belief, at the nominal period.
+        age: Of the sample [s].
+        steps: Inserted delay [periods].
+        interval: Between ticks; it chooses the bin [s].
+    """
     bins = interval_bins_ns(PERIOD_NS)
-    index = next(k for k, ns in enumerate(bins) if interval <= 1.05e-9 * ns)
-    end = INTERVAL_BINS[index] * PERIOD
-    inserted = inserted_delays(wall.steps, PERIOD, end, (1.0, 1.0))[1]
+    index = next(k for k, ns in enumerate(bins) if interval <= WITHIN * ns * 1e-9)
+    end = bins[index] * 1e-9
+    inserted = inserted_delays(steps, PERIOD, end, (1.0, 1.0))[1]
     return decide(
         request,
         settings_at(GuardSettings(), index),
         replace(situation, period=end, served=(1.0, 1.0)),
-        [inserted + wall.age],
+        [inserted + age],
         inserted,
         explained=False,
     )[0]

@@ -1,6 +1,7 @@
 """The bins follow ages and intervals: down at once on a run, up only slowly and untouched."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -11,15 +12,18 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.guard.schedule import (
     INTERVAL_BINS,
+    NARROW_BINS,
     RAISE_WINDOWS,
     RUN,
     BinFilter,
     GainSchedule,
     age_bins_ns,
-    inserted_delay,
+    inserted_delays,
     interval_bins_ns,
+    served_range,
 )
 from haptic_wall.controller.guard.types import Decision
+from haptic_wall.controller.laws.delay import DelayRing
 
 AGES = [0, 100_000, 200_000, 400_000, 800_000]
 WINDOW = 100
@@ -312,7 +316,40 @@ def test_a_high_percentile_covers_blocks_and_not_all_of_them() -> None:
     ("steps", "interval", "periods"),
     [(0, 3.0, 0.0), (1, 1.0, 1.0), (1, 1.5, 1.5), (2, 1.5, 3.0), (2, 2.0, 2.0), (3, 2.0, 4.0)],
 )
-def test_the_ring_gives_a_torque_out_in_the_first_tick_after_its_delay(
+def test_at_the_end_of_a_bin_the_longest_wait_in_the_ring_counts(
     steps: int, interval: float, periods: float
 ) -> None:
-    assert inserted_delay(steps, 1.0, interval) == pytest.approx(periods)
+    assert inserted_delays(steps, 1.0, interval, (1.0, 1.0))[1] == pytest.approx(periods)
+
+
+@pytest.mark.parametrize("steps", [1, 3, 7])
+@pytest.mark.parametrize("index", [0, 1, 4, 7])
+def test_the_delay_of_the_ring_lies_in_the_range_that_a_bin_counts(steps: int, index: int) -> None:
+    """Ticks at a regular interval, with the ring itself: each pushes its own instant."""
+    bins = interval_bins_ns(PERIOD)
+    served = served_range(bins, index)
+    low, high = (share * bins[index] / PERIOD for share in served)
+    least, most = inserted_delays(steps, 1.0, bins[index] / PERIOD, served)
+    random = np.random.default_rng(1)
+    for interval in random.uniform(low, high, 7).tolist():
+        ring, waits, before = DelayRing(steps), [], -1
+        for k in range(3000):
+            now = k * interval + 1e-6
+            out = ring.push(now, math.floor(now) - before)
+            before = math.floor(now)
+            if k > 100:
+                # the torque that leaves acts from now on
+                waits.append(now - out)
+        if index:
+            assert least - 0.02 <= np.mean(waits) <= most + 0.02
+        else:
+            assert np.mean(waits) == pytest.approx(steps, rel=0.05)
+
+
+def test_a_rigid_servo_keeps_its_bins_and_a_link_gets_narrower_ones() -> None:
+    assert set(INTERVAL_BINS) <= set(NARROW_BINS)
+    for period_ns in (PERIOD, 100 * PERIOD):
+        wide, narrow = interval_bins_ns(period_ns), interval_bins_ns(period_ns, flexible=True)
+        assert narrow[0] == period_ns
+        assert narrow[-1] == wide[-1]
+        assert narrow == sorted(set(narrow))

@@ -1,0 +1,53 @@
+"""A link's walls decay at intervals between two bins of the schedule, where they once grew."""
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller.guard.bins import decide_bin
+from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from scripts.studies.flexible_guard import NAMES, chain_of, drawn, inside
+from scripts.trials.served_links import PERIOD, PERIOD_NS, by_upper_end, growth
+
+TRUTHS = 300
+
+
+@pytest.mark.parametrize(
+    ("number", "steps", "shortest", "longest"),
+    [(64, 0, 6.3, 10.5), (92, 0, 10.5, 21.0), (87, 0, 4.2, 6.3), (16, 3, 2.1, 3.15)],
+)
+def test_a_wall_decays_at_every_interval_of_its_bin(
+    number: int, steps: int, shortest: float, longest: float
+) -> None:
+    """Beliefs whose wall grew somewhere in a bin that counted its upper end alone."""
+    random = np.random.default_rng((7, number))
+    belief, age, _ = drawn(random)
+    request = Request(1e9, 1e9, "both")
+    situation = Situation(belief, PERIOD, 4.1, 0.0)
+    shares = (random.random((TRUTHS, len(NAMES))) < 0.5).astype(float)
+    truths = inside(belief, shares)
+    chain = chain_of(truths, belief.encoder)
+    interval = random.uniform(shortest, longest, TRUTHS) * PERIOD
+    interval[:20] = shortest * PERIOD
+    young = random.random(TRUTHS) * age
+    bins = interval_bins_ns(PERIOD_NS, flexible=True)
+    before = by_upper_end(request, situation, age, steps, 0.999 * longest * PERIOD)
+    delay = young + steps * PERIOD
+    if not steps:
+        assert growth(truths, chain, interval, delay, before, None).max() > 1e-3
+    checked = 0
+    for index in range(len(bins)):
+        low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
+        part = (interval >= low) & (interval < high)
+        if not part.any():
+            continue
+        (wall,) = decide_bin(
+            request, GuardSettings(), situation, steps, [round(age * 1e9)], bins, index
+        )
+        assert wall.stiffness > 0.0
+        found = growth(
+            truths[part], chain.take(np.flatnonzero(part)), interval[part], delay[part], wall, None
+        )
+        assert found.max() < 0.0
+        checked += int(part.sum())
+    assert checked == TRUTHS
