@@ -123,7 +123,8 @@ def _at(
     """Return the situation in a bin of the interval, and the range of the inserted delay there."""
     served = served_range(intervals_ns, index)
     interval = situation.period if index == 0 else intervals_ns[index] * 1e-9
-    inserted = inserted_delays(steps, situation.period, interval, served)
+    covered = served if situation.belief.is_flexible else (served[0], 1.0)
+    inserted = inserted_delays(steps, situation.period, interval, covered)
     return replace(situation, period=interval, served=served), inserted
 
 

@@ -597,11 +597,10 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
         "flexible_hz": Bounded.exactly(46.0),
         "flexible_damping_ratio": Bounded.exactly(0.02),
     }
+    where = replace(situation(**known), served=(1.0, 1.0))
     notch = VelocityFilter("notch", math.tau * 46.0e-3, 0.7)
-    plain = one(Request(1e6, 5.0, "both"), situation(**known), inserted=1.5e-3)
-    wall = one(
-        Request(1e6, 0.3, "both", velocity_filter=notch), situation(**known), inserted=1.5e-3
-    )
+    plain = one(Request(1e6, 5.0, "both"), where, inserted=1.5e-3)
+    wall = one(Request(1e6, 0.3, "both", velocity_filter=notch), where, inserted=1.5e-3)
     servo = linked(0.003, 46.0, 0.02)
     ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, velocity_filter=notch)
     limit = flexible_boundary(*servo, 0.3, 1e-3, 2e-3, velocity_filter=notch).stiffness
@@ -610,6 +609,11 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
     assert wall.limits.flexible is not None
     assert 0.85 * limit < wall.limits.flexible < limit
     assert wall.stiffness > 1.5 * plain.stiffness
+    jittered = one(
+        Request(1e6, 0.3, "both", velocity_filter=notch), situation(**known), inserted=1.5e-3
+    )
+    slower = flexible_ceiling(*servo, 1.05e-3, 2e-3, velocity_filter=notch)
+    assert 0.8 * slower < jittered.damping_ceiling < slower < ceiling
 
 
 @pytest.mark.parametrize("kind", ["lowpass", "notch"])
