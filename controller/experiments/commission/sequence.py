@@ -135,6 +135,7 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
     Raises:
         KeyboardInterrupt: A person has ended it, as ``ExperimentInterruptedError``.
     """
+    bench.before(step)
     bench.tell(f"{step}: {TITLES[step]} ...")
     began = time.monotonic()
 

@@ -77,6 +77,10 @@ class StepContext:
     tell: Tell
     plots: Mapping[Step, Plot] = field(default_factory=dict)
     """Draws each step's picture; a step without one has no picture"""
+    points: tuple[PlanePoint, ...] | None = None
+    """Points of the sweep; None: planned by the identified model"""
+    before: Callable[[Step], None] = lambda _step: None
+    """Called before each step that is executed"""
 
     @property
     def logs(self) -> Path:
@@ -175,7 +179,7 @@ def run_sweep(bench: StepContext) -> StepResult:
         ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
     config = experiment_config(bench.config)
-    settings = short_sweep(config)
+    settings = bench.points or short_sweep(config)
     asked = SweepSettings(config, settings, OPTIONS)
     folder = bench.store.folder / SWEEP
     try:

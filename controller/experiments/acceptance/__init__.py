@@ -1,0 +1,1 @@
+"""The acceptance of a real servo: predictions first, then measurements, then one bundle."""

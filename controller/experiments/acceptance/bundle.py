@@ -1,0 +1,161 @@
+"""Packs an acceptance into one zip file without personal data.
+
+Texts are written anew: the names of user and machine, the home folder and the folders of this call
+become placeholders. A log whose texts hold one of them goes in as a CSV table of its rows.
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+import platform
+import re
+import socket
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptic_wall import __version__
+from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.logs.csv_export import write_csv
+from haptic_wall.controller.logs.pieces import End, Event
+from haptic_wall.controller.logs.reader import SUFFIX, LogReader
+from haptic_wall.controller.logs.rows import LogRows
+
+FILE = "acceptance.zip"
+_TEXTS = (".json", ".yaml", ".csv", ".html", ".txt")
+_PACKAGES = ("numpy", "scipy", "pyserial", "dynamixel-sdk", "pydantic")
+_LEAST = 3
+"""Shortest name that is looked for"""
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions on which a measurement may depend; nothing that names a person."""
+    found: dict[str, str | None] = {
+        "haptic-wall": __version__,
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+    }
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+class Scrubber:
+    """Replaces personal names in texts.
+
+    Args:
+        folders: Folders of this call, which may name a person too.
+    """
+
+    def __init__(self, folders: Sequence[Path] = ()) -> None:
+        paths = [(str(folder.resolve()), "DIR") for folder in folders]
+        paths += [(str(Path.home()), "HOME"), (str(Path.home().resolve()), "HOME")]
+        names = [(_user(), "USER")]
+        for host in {socket.gethostname(), platform.node(), socket.gethostname().split(".")[0]}:
+            names.append((host, "HOST"))
+        self._paths = sorted({p for p in paths if len(p[0]) > 1}, key=lambda p: -len(p[0]))
+        self._names = sorted({n for n in names if len(n[0]) >= _LEAST}, key=lambda n: -len(n[0]))
+
+    def text(self, text: str) -> str:
+        """Return a text without personal names."""
+        for found, place in self._paths:
+            text = text.replace(found, place)
+        for found, place in self._names:
+            text = re.sub(rf"(?<![^\W_]){re.escape(found)}(?![^\W_])", place, text)
+        return text
+
+    def values(self, values: Any) -> Any:  # noqa: ANN401 - JSON
+        """Return JSON-ready values without personal names."""
+        return json.loads(self.text(json.dumps(values, ensure_ascii=False)))
+
+    def is_clean(self, text: str) -> bool:
+        """Whether a text has no personal name."""
+        return self.text(text) == text
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        return ""
+
+
+def pack(
+    path: Path, folders: Mapping[str, Path], own: Mapping[str, str | bytes], scrubber: Scrubber
+) -> list[str]:
+    """Write the bundle; return the names in it.
+
+    Args:
+        path: The zip file.
+        folders: Folders to pack, by their names in the bundle; logs of ``measured`` only.
+        own: Files that are given, by name; texts are scrubbed.
+        scrubber: Removes personal names.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    names = []
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bundle:
+        for name, content in own.items():
+            clean = scrubber.text(content) if isinstance(content, str) else content
+            _add(bundle, name, clean)
+            names.append(name)
+        for title, folder in folders.items():
+            for file in sorted(folder.rglob("*")):
+                if file.is_symlink() or not file.is_file():
+                    continue
+                name = scrubber.text(f"{title}/{file.relative_to(folder)}")
+                if file.suffix == SUFFIX:
+                    if title == "measured":
+                        names.append(_add_log(bundle, name, file, scrubber))
+                elif file.suffix == ".png":
+                    _add(bundle, name, file.read_bytes())
+                    names.append(name)
+                elif file.suffix in _TEXTS:
+                    text = file.read_text(encoding="utf-8", errors="replace")
+                    _add(bundle, name, scrubber.text(text))
+                    names.append(name)
+    return names
+
+
+def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
+    """Add a file without its time and owner."""
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    bundle.writestr(entry, content)
+
+
+def _add_log(bundle: zipfile.ZipFile, name: str, log: Path, scrubber: Scrubber) -> str:
+    try:
+        reader = LogReader(log)
+        texts: list[Any] = [dict(reader.metadata)]
+        for piece in reader.pieces():
+            if isinstance(piece, End):
+                texts.append(piece.ended)
+            elif isinstance(piece, Event):
+                texts.append(piece.change)
+            elif not isinstance(piece, np.ndarray):
+                texts.append("damaged")
+        if "damaged" not in texts and scrubber.is_clean(json.dumps(texts, ensure_ascii=False)):
+            _add(bundle, name, log.read_bytes())
+            return name
+        with tempfile.TemporaryDirectory() as folder:
+            table = Path(folder) / "rows.csv"
+            write_csv(table, LogRows.of(reader))
+            content = table.read_bytes()
+    except (LogFormatError, OSError):
+        name, content = f"{name}.txt", b"this log could not be read\n"
+    else:
+        name = f"{name}.csv"
+    _add(bundle, name, content)
+    return name

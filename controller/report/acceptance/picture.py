@@ -1,0 +1,86 @@
+"""Draws an acceptance: each predicted range, with the real and the emulated servo in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptic_wall.controller.report.style import (
+    BLUE,
+    FAINT,
+    GREY,
+    ORANGE,
+    PAGE,
+    grid,
+    picture,
+    titled,
+)
+
+_ROW = 0.24
+"""Height of a row [inch]"""
+_ERRORS = 2.0
+
+
+def plot_acceptance(rows: Sequence[Mapping[str, Any]], name: str, path: Path) -> None:
+    """Draw every row with a prediction, scaled to the middle of its bounds.
+
+    Args:
+        rows: As in the report.
+        name: Name of the configuration, for the title.
+        path: Path of the picture.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    shown = [row for row in rows if row["high"]]
+    with picture(path, PAGE, 1.2 + _ROW * max(len(shown), 1)) as figure:
+        figure.suptitle(
+            f"{titled(name)}: measured over the middle of the prediction",
+            fontsize=9,
+            ha="left",
+            x=0.01,
+        )
+        ax = figure.subplots()
+        places = np.arange(len(shown))
+        for place, row in zip(places, shown, strict=True):
+            middle = 0.5 * (row["low"] + row["high"])
+            low, high = row["low"] / middle, row["high"] / middle
+            ax.barh(place, high - low, left=low, height=0.7, color=FAINT, edgecolor=GREY, lw=0.4)
+            for key, colour, mark, off in (
+                ("real", BLUE, "o", -0.14),
+                ("emulated", ORANGE, "s", 0.14),
+            ):
+                found = row[key]
+                if found is None:
+                    continue
+                error = _ERRORS * (found["stderr"] or 0.0) / middle
+                ax.errorbar(
+                    [found["value"] / middle],
+                    [place + off],
+                    xerr=[error],
+                    color=colour,
+                    marker=mark,
+                    markersize=3.5,
+                    linestyle=" ",
+                    capsize=2.0,
+                    elinewidth=0.8,
+                )
+        ax.set_yticks(places, [row["name"] for row in shown], fontsize=7)
+        ax.invert_yaxis()
+        ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
+        ax.set_xlabel("1 is the middle of the predicted range (grey)")
+        grid(ax)
+        figure.legend(handles=_legend(), loc="outside upper right", ncols=2, fontsize=7)
+
+
+def _legend() -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    style: dict[str, Any] = {"linestyle": " ", "markersize": 4}
+    return [
+        Line2D([], [], color=BLUE, marker="o", label="this servo, ±2 s.e.", **style),
+        Line2D([], [], color=ORANGE, marker="s", label="emulated as believed, ±2 s.e.", **style),
+    ]
