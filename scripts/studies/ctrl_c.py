@@ -79,6 +79,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "zwidth, in memory": ("zwidth", *IN_MEMORY, "--out", "out"),
     "commission": ("commission", *SERVO, "--yes", "--out", "out"),
     "commission, in memory": ("commission", *IN_MEMORY, "--out", "out"),
+    "acceptance": ("acceptance", *SERVO, "--yes", "--out", "out"),
+    "acceptance, in memory": ("acceptance", *IN_MEMORY, "--out", "out"),
     "doctor": ("doctor", *SERVO),
     "scan": ("scan", "--port", "{port}"),
     "emulate": ("emulate", "--servo", "XM430-W350:1", "--record", "record.csv"),

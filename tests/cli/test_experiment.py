@@ -61,7 +61,9 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
 
 
-@pytest.mark.parametrize("command", ["map", "sweep", "rendered", "commission", "zwidth"])
+@pytest.mark.parametrize(
+    "command", ["map", "sweep", "rendered", "commission", "zwidth", "acceptance"]
+)
 def test_what_measures_walls_refuses_another_law(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

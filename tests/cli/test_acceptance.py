@@ -1,0 +1,269 @@
+"""``haptic-wall acceptance``: predictions first, then measurements, then one file to send back."""
+
+import gc
+import json
+import re
+import socket
+import zipfile
+from functools import partial
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.experiments.acceptance import bundle, load, predictions, sequence
+from haptic_wall.controller.experiments.acceptance.load import measure_load
+from haptic_wall.controller.experiments.acceptance.predictions import Weight, at_kick, predicted
+from haptic_wall.controller.experiments.acceptance.twin import twin_of
+from haptic_wall.controller.experiments.commission import steps
+from haptic_wall.controller.experiments.sweep.plan import PlanePoint
+from haptic_wall.controller.experiments.sweep.sweep import sweep
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.errors import ServoLostError
+from tests.typed import status_of
+
+SIMULATED = ("simulated", "--set=loop.clock=simulated")
+EMULATED = ("emulated-ideal", "--set=loop.clock=simulated")
+SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3))
+USER, HOST = "jane-roe-7", "janes-laptop"
+
+
+def call(*words: object) -> int:
+    try:
+        return main([str(word) for word in ("acceptance", *words)])
+    except SystemExit as ended:
+        return status_of(ended)
+    finally:
+        gc.enable()  # a run switches it off
+
+
+def named(patch: pytest.MonkeyPatch, home: Path) -> None:
+    """Give user, machine and home folder names that must not be sent."""
+    patch.setattr(Path, "home", lambda: home)
+    patch.setattr("getpass.getuser", lambda: USER)
+    patch.setattr(socket, "gethostname", lambda: f"{HOST}.example.org")
+    patch.setattr("platform.node", lambda: HOST)
+
+
+def quicker(patch: pytest.MonkeyPatch) -> None:
+    """Measure fewer points, in this process alone."""
+    patch.setattr(predictions, "short_sweep", lambda _config: SWEPT)
+    patch.setattr(steps, "sweep", partial(sweep, workers=1))
+    patch.setattr(steps, "BURSTS", 3)
+
+
+@pytest.fixture(scope="module")
+def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole acceptance of the simulated servo, in the home of somebody."""
+    home = tmp_path_factory.mktemp("home") / USER
+    folder = home / "bench" / "accepted"
+    home.mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        quicker(patch)
+        named(patch, home)
+        assert call(*SIMULATED, "--yes", "--out", folder) == 0
+    return folder
+
+
+def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path, thorough: bool) -> None:
+    if not thorough:
+        pytest.skip("minutes; --thorough runs it")
+    with pytest.MonkeyPatch.context() as patch:
+        quicker(patch)
+        assert call(*EMULATED, "--yes", "--out", tmp_path / "out") == 0
+    report = report_of(tmp_path / "out")
+    assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]
+    assert (tmp_path / "out" / "acceptance.zip").exists()
+
+
+def report_of(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "acceptance.json").read_text())
+    return found
+
+
+def test_the_steps_are_taken_and_most_predictions_hold(accepted: Path) -> None:
+    report = report_of(accepted)
+    states = {step["step"]: step["state"] for step in report["steps"]}
+    assert states == {
+        "doctor": "skipped",  # there is no bus in real time
+        **dict.fromkeys(("identify", "delay", "rendered", "sweep", "rest", "load"), "done"),
+    }
+    verdicts = {row["name"]: row["verdict"] for row in report["rows"]}
+    limits = [name for name in verdicts if name.startswith("critical stiffness")]
+    assert len(limits) == len(SWEPT)
+    assert {verdicts[name] for name in limits} == {"holds"}
+    assert verdicts["rendered over commanded stiffness"] == "holds"
+    assert verdicts["commanded torque that balances the weight"] == "holds"
+
+
+def test_a_limit_has_its_kick_and_standard_error_and_the_emulated_servo_beside(
+    accepted: Path,
+) -> None:
+    for row in report_of(accepted)["rows"]:
+        if row["step"] == "sweep":
+            for servo in ("real", "emulated"):
+                assert row[servo]["stderr"] > 0.0 and row[servo]["kick_rad"] > 0.0
+    page = (accepted / "report.html").read_text()
+    assert re.search(r"± [\d.e-]+ \(kick [\d.]+ rad\)", page)
+    assert "this servo" in page and "emulated" in page
+    assert (accepted / "acceptance.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_predictions_are_older_than_every_measurement(accepted: Path) -> None:
+    written = (accepted / "predictions.json").stat().st_mtime_ns
+    logs = [*(accepted / "measured").rglob("*.hwlog")]
+    assert len(logs) > 5 and all(log.stat().st_mtime_ns > written for log in logs)
+    held = json.loads((accepted / "predictions.json").read_text())
+    assert [p["delay_steps"] for p in held["critical_stiffness"]] == [3, 3]
+    for point in held["critical_stiffness"]:
+        for kick in point["kicks"]:
+            assert 0.0 < kick["low"] <= kick["value"] <= kick["high"]
+
+
+def test_the_bundle_names_nobody(accepted: Path) -> None:
+    secret = [USER, HOST, str(accepted.parent), str(accepted.parents[1])]
+    with zipfile.ZipFile(accepted / "acceptance.zip") as packed:
+        names = packed.namelist()
+        for name in names:
+            content = packed.read(name)
+            assert [word for word in secret if word.encode() in content] == [], name
+        assert packed.testzip() is None
+    assert {"acceptance.json", "report.html", "predictions.json"} <= {*names}
+    assert any(name.startswith("measured/logs/") and ".hwlog" in name for name in names)
+    assert any(name.startswith("emulated/") for name in names)
+    assert "python" in report_of(accepted)["versions"]
+
+
+def test_a_log_that_names_somebody_goes_in_as_a_table(
+    accepted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named(monkeypatch, tmp_path)
+    monkeypatch.setattr("getpass.getuser", lambda: "simulated")  # loop.clock of every log
+    folders = {"measured": accepted / "measured"}
+    names = bundle.pack(tmp_path / "all.zip", folders, {}, bundle.Scrubber())
+    assert not any(name.endswith(".hwlog") for name in names)
+    with zipfile.ZipFile(tmp_path / "all.zip") as packed:
+        table = next(name for name in names if name.endswith("rest.hwlog.csv"))
+        assert packed.read(table).startswith(b"time_s,position_rad,torque_nm,")
+
+
+def test_words_that_contain_a_name_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    named(monkeypatch, tmp_path)
+    monkeypatch.setattr("getpass.getuser", lambda: "ann")
+    scrubber = bundle.Scrubber([tmp_path / "ann" / "out"])
+    told = scrubber.text(f"ann cannot write {tmp_path}/ann/out/a.json on {HOST}, ann_lab")
+    assert told == "USER cannot write DIR/a.json on HOST, USER_lab"
+
+
+def test_the_same_command_measures_nothing_twice_and_others_are_refused(
+    accepted: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object, **__: object) -> NoReturn:
+        raise AssertionError
+
+    monkeypatch.setattr("haptic_wall.controller.experiments.testbed.Testbed.play", forbidden)
+    quicker(monkeypatch)
+    before = (accepted / "predictions.json").read_bytes()
+    rows = report_of(accepted)["rows"]
+    assert call(*SIMULATED, "--yes", "--json", "--out", accepted) == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == rows
+    assert (accepted / "predictions.json").read_bytes() == before
+    other = call(*SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
+    assert other == 2
+    assert "belongs to other settings, or was edited" in capsys.readouterr().err
+
+
+def test_the_plan_and_the_steps_say_what_moves_and_what_is_settled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("xm430-w350", "--plan", "--json") == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert 300.0 < plan["seconds"] < 15 * 60.0
+    assert [step["step"] for step in plan["steps"]] == [*steps.RUN, "rest", "load"]
+    assert all(step[key] for step in plan["steps"] for key in ("moves", "hold", "settles"))
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("simulated",), "--out: found nothing, wanted the folder"),
+        (("simulated", "--weight=1"), "--lever: missing"),
+        (("simulated", "--weight=-1", "--lever=0.1"), "--weight: found -1, wanted more than 0"),
+        (("simulated", "--set=wall.law=spring"), "wall.law: found spring, wanted wall"),
+        (("xm430-w350", "--out", "{out}"), "give --yes when its way is free"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(
+    words: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(*(word.format(out=tmp_path / "out") for word in words)) == 2
+    assert told in capsys.readouterr().err
+    assert not [*tmp_path.rglob("*.json")]
+
+
+def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> NoReturn:
+        raise ExperimentInterruptedError("interrupted")
+
+    monkeypatch.setitem(steps.RUN, "identify", interrupted)
+    assert call("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out") == 130
+    assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
+    assert (tmp_path / "out" / "predictions.json").exists()
+    assert not (tmp_path / "out" / "acceptance.zip").exists()
+
+
+def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(_bench: object) -> NoReturn:
+        raise ServoLostError("The servo is gone", advice="look at its cable.")
+
+    monkeypatch.setitem(steps.RUN, "identify", lost)
+    monkeypatch.setattr(sequence, "measure_rest", lost)
+    assert call("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out") == 4
+    report = report_of(tmp_path / "out")
+    reasons = {step["step"]: step["reason"] for step in report["steps"]}
+    assert "The servo is gone" in reasons["identify"]
+    assert reasons["rest"] == reasons["load"] == "identify has ended it"
+    assert (tmp_path / "out" / "acceptance.zip").exists()
+
+
+def test_a_weight_tells_the_torque_gain(tmp_path: Path) -> None:
+    sets = ["loop.clock=simulated", "servo.torque_constant=1.5", "model.torque_gain=1"]
+    config = load_config("emulated-ideal", sets).config
+    told: list[str] = []
+    found = measure_load(config, Weight(0.08, 0.05), tmp_path, lambda _text: None, told.append)
+    assert found.gain.value == pytest.approx(1.5 / 1.7826, rel=0.03)  # over the data sheet's
+    assert len(told) == 2 and "0.08 kg at 0.05 m" in told[1]
+
+
+def test_predictions_have_the_bounds_of_the_belief() -> None:
+    config = load_config("xm430-w350").config
+    held = predicted(config, Weight(0.3, 0.05))
+    assert held["parameters"]["torque_gain"] == {"value": 1.0, "low": 0.7, "high": 1.35}
+    torque = held["load"]["torque"]
+    assert torque == pytest.approx(9.81 * 0.3 * 0.05)
+    assert held["load"]["commanded"]["low"] < torque / 1.35 < torque / 0.7 * 0.99
+    between = at_kick(held["critical_stiffness"][0], 0.035)
+    ends = [
+        kick for kick in held["critical_stiffness"][0]["kicks"] if kick["kick_rad"] in (0.025, 0.05)
+    ]
+    assert (
+        ends[1]["value"] < between["value"] < ends[0]["value"]
+    )  # friction damps a small kick more
+    assert load.SECONDS < 120.0
+
+
+@pytest.mark.parametrize("name", ["xm430-w350", "xl330-m288", "emulated-xm430", "simulated"])
+def test_the_emulated_servo_is_what_is_believed(name: str) -> None:
+    config = load_config(name).config
+    twin = twin_of(config)
+    assert twin.servo.kind in ("emulated", "simulated") and twin.loop.clock == "simulated"
+    assert twin.belief().inertia == config.belief().inertia
+    gain = config.belief().torque_gain.value
+    assert twin.true_servo().inertia == pytest.approx(config.belief().inertia.value / gain)
