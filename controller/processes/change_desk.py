@@ -13,7 +13,11 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.processes.log_events import send_event
 from haptic_wall.controller.processes.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
-from haptic_wall.controller.runtime.changeover import MOST_J, Obstacle
+from haptic_wall.controller.runtime.changeover import (
+    MOST_J,
+    MOST_WITH_HAND_J,
+    Obstacle,
+)
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -269,6 +273,11 @@ def obstacle_text(kind: Obstacle, size: float) -> str:
             )
         case Obstacle.DELAY:
             return (
-                f"the shaft moves too fast for a longer delay: {size:.3g} rad/s; let it come to "
-                "rest"
+                f"the shaft moves too fast for another delay: {size:.3g} rad/s; let it come to rest"
+            )
+        case Obstacle.GAINS:
+            return (
+                "a hand that moves the shaft in so long a delay would be given "
+                f"{1e3 * size:.3g} mJ, at most {1e3 * MOST_WITH_HAND_J:g} are allowed; lower the "
+                "stiffness or the damping first, or raise the delay in steps"
             )

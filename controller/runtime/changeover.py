@@ -22,6 +22,10 @@ from haptic_wall.controller.laws.wall import Law
 
 MOST_J: Final = 1e-4
 """Energy that counts as none [J]: a spring of 60 N·m/rad holds it at one count of 4096"""
+MOST_WITH_HAND_J: Final = 1e-3
+"""Energy that a longer delay may give a shaft that a hand sets in motion meanwhile [J]"""
+HAND: Final = 30.0
+"""Acceleration of that shaft [rad/s²]"""
 SPEED_TICKS: Final = 8
 """Ticks over which the speed is taken: one encoder count in a period is no speed"""
 
@@ -43,7 +47,9 @@ class Obstacle(IntEnum):
     TORQUE = 6
     """The torque would jump [N·m]."""
     DELAY = 7
-    """The shaft moves too far in the added delay [rad/s]."""
+    """The shaft moves too fast for another delay [rad/s]."""
+    GAINS = 8
+    """A hand that moves the shaft meanwhile would be given this by a longer delay [J]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +171,12 @@ class Changeover:
             if not late <= 0.5 * MOST_J:
                 self.size = fastest
                 return Obstacle.DELAY
+            span = limits.period * (most + 1)
+            way = 0.5 * HAND * span * span
+            given = (stiffness * way + damping * HAND * added * limits.period) * way
+            if added > 0 and not given <= MOST_WITH_HAND_J:
+                self.size = given
+                return Obstacle.GAINS
         return Obstacle.NONE
 
     def _known(self, position: float, most: int) -> bool:
