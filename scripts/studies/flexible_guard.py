@@ -35,6 +35,7 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
 from scripts.trials.links import LinkTrial, link_trials
+from scripts.trials.motor_energy import MotorTrial, motor_trials
 from scripts.trials.served_links import ServedLink, Wall, served_links
 
 PERIOD = 1e-3
@@ -652,6 +653,53 @@ def beyond_lines(found: Found[tuple[int, int, float], list[LinkTrial]]) -> list[
     return table(head, *rows)
 
 
+def motor(task: tuple[int, int, float]) -> list[MotorTrial]:
+    """Run some walls and judge the energy at the motor: seed, number, damping over the ceiling."""
+    return motor_trials(*task)
+
+
+def motor_lines(found: Found[tuple[int, int, float], list[MotorTrial]]) -> list[str]:
+    """A table of what each way noticed, and when."""
+    every = [trial for _, trials in found for trial in trials]
+    rows = []
+    for share in MOTOR:
+        own = [t for t in every if t.share == share]
+        alarmed = [t for t in own if not math.isnan(t.alarm_s)]
+        both = [t for t in alarmed if not math.isnan(t.motor_s)]
+        alone = [t for t in own if math.isnan(t.alarm_s) and not math.isnan(t.motor_s)]
+        missed = [t for t in own if math.isnan(t.alarm_s) and t.last > 0.9 * t.largest > 4.0]
+        middle = [
+            f"{np.median([getattr(t, name) for t in both]):.2g}" if both else ""
+            for name in ("alarm_s", "motor_s", "last", "motor_size")
+        ]
+        rows.append(
+            (
+                f"{share:g}",
+                str(len(own)),
+                str(len(alarmed)),
+                str(len(missed)),
+                str(len(both)),
+                str(len(alone)),
+                ", ".join(filter(None, middle[:2])),
+                ", ".join(filter(None, middle[2:])),
+            )
+        )
+    head = (
+        "B / ceiling",
+        "servos",
+        "alarm",
+        "goes on above 4 counts without an alarm",
+        "at the motor, too",
+        "at the motor alone",
+        "where both: time of alarm, at the motor [s]",
+        "amplitude [counts]",
+    )
+    return table(head, *rows)
+
+
+MOTOR = (0.8, 1.2, 2.0)
+"""The same, where the energy at the motor is judged"""
+
 BEYOND = (0.8, 1.2, 1.5, 2.0)
 """Virtual dampings, over the ceiling of the vibration"""
 
@@ -698,6 +746,13 @@ STUDY = Study(
             ],
             beyond,
             beyond_lines,
+            case_s=5.0,
+        ),
+        Part(
+            "motor",
+            lambda given: [(given.seed + 10 * i, given.links, s) for i in range(4) for s in MOTOR],
+            motor,
+            motor_lines,
             case_s=5.0,
         ),
     ),

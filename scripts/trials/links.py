@@ -35,6 +35,32 @@ class LinkTrial(NamedTuple):
     """First alarm; NaN: none [s]"""
 
 
+class LinkRun(NamedTuple):
+    """A drawn servo with a link, and the rows of a wall on it, up to an alarm."""
+
+    load: float
+    """[kg·m²]"""
+    hertz: float
+    """Of the vibration with both ends free [Hz]"""
+    ratio: float
+    """Its damping ratio"""
+    delay: float
+    """[s]"""
+    position: FloatArray
+    """[rad]"""
+    torque: FloatArray
+    """Commanded [N·m]"""
+    alarm_s: float
+    """First alarm; NaN: none [s]"""
+
+    def sizes(self) -> list[float]:
+        """Return the amplitudes of the vibration in windows, the last first [counts]."""
+        return [
+            _amplitude(self.position[max(end - _WINDOW, 0) : end], self.hertz)
+            for end in range(self.position.size, _WINDOW, -_WINDOW)
+        ]
+
+
 def link_trials(seed: int, count: int, share: float) -> list[LinkTrial]:
     """Draw servos with a link, and run a wall on each after a kick of 0.1 rad."""
     random = np.random.default_rng(seed)
@@ -42,8 +68,22 @@ def link_trials(seed: int, count: int, share: float) -> list[LinkTrial]:
 
 
 def _trial(random: np.random.Generator, share: float) -> LinkTrial:
+    run = link_run(random, share, 12.0, 90.0)
+    sizes = run.sizes()
+    return LinkTrial(share, max(sizes, default=0.0), sizes[0] if sizes else 0.0, run.alarm_s)
+
+
+def link_run(random: np.random.Generator, share: float, slowest: float, fastest: float) -> LinkRun:
+    """Draw a servo with a link and run a wall on it, with the guard off.
+
+    Args:
+        random: Draws.
+        share: Virtual damping over the ceiling.
+        slowest: Frequency of the vibration, at least [Hz].
+        fastest: At most [Hz].
+    """
     load = INERTIA * random.uniform(0.1, 1.5)
-    hertz, ratio = np.exp(random.uniform(np.log([12.0, 0.005]), np.log([90.0, 0.05])))
+    hertz, ratio = np.exp(random.uniform(np.log([slowest, 0.005]), np.log([fastest, 0.05])))
     delay, coulomb = random.uniform(0.0, 3e-3), random.choice([0.0, 0.002, 0.01])
     moving, rate = INERTIA * load / (INERTIA + load), math.tau * hertz
     stiffness, damping = moving * rate**2, 2.0 * ratio * moving * rate
@@ -71,13 +111,17 @@ def _trial(random: np.random.Generator, share: float) -> LinkTrial:
     run_session(config, SimulatedClock(), telemetry, _SECONDS)
     rows, _ = telemetry.read(0)
     alarmed = np.flatnonzero(rows["oscillation"] >= 2)
-    position = rows["position"][np.isfinite(rows["position"])]
-    sizes = [
-        _amplitude(position[max(end - _WINDOW, 0) : end], hertz)
-        for end in range(position.size, _WINDOW, -_WINDOW)
-    ]
+    known = np.isfinite(rows["position"])
     alarm = float(alarmed[0]) * PERIOD if alarmed.size else math.nan
-    return LinkTrial(share, max(sizes, default=0.0), sizes[0] if sizes else 0.0, alarm)
+    return LinkRun(
+        load,
+        float(hertz),
+        float(ratio),
+        float(delay),
+        rows["position"][known],
+        rows["torque"][known],
+        alarm,
+    )
 
 
 def _amplitude(position: FloatArray, hertz: float) -> float:
