@@ -234,6 +234,7 @@ def test_a_client_that_goes_in_mid_drag_lets_go(page: Page) -> None:
     run = page.runs["guarded"]
     with page.connect("guarded") as client:
         heard(client, "lesson")
+        until(lambda: run.hand.look(time.monotonic_ns()) is None)
         client.send('{"hand": {"position": 0.1, "stiffness": 4}}')
         until(lambda: run.hand.look(time.monotonic_ns()) is not None)
     until(lambda: run.hand.look(time.monotonic_ns()) is None)
@@ -241,7 +242,7 @@ def test_a_client_that_goes_in_mid_drag_lets_go(page: Page) -> None:
 
 def test_a_weight_that_was_thrown_away_is_brought_back(page: Page) -> None:
     run = page.runs["guarded"]
-    assert run.hand.look(time.monotonic_ns()) is None
+    until(lambda: run.hand.look(time.monotonic_ns()) is None)
     row = Row(stiffness=2.5, position=-4.7)
     row.deadline_ns = BEGAN_NS + 1_000_000_000
     run.telemetry.write(row)
