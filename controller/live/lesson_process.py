@@ -44,6 +44,8 @@ REPORT_S: Final = 0.25
 """Time between two measurements [s]"""
 FIRST: Final = "soft"
 """The scene with which a run begins"""
+SAME_DELAY: Final = 0.01
+"""Relative change of the delay that is not told, so that the text can be read [1]"""
 LIFT_RAD: Final = 0.08
 """How far from the wall the weight is lifted [rad]"""
 AWAY_RAD: Final = 1.2
@@ -156,7 +158,11 @@ class Stage:
             if not view.delay >= 0.0:
                 continue
             config, delay = as_it_is(view.config, round(view.delay, 5))
-            if told_of is None or told_of[0] != config or told_of[1] != delay:
+            if (
+                told_of is None
+                or told_of[0] != config
+                or abs(delay - told_of[1]) > SAME_DELAY * delay
+            ):
                 told_of = config, delay
                 with suppress(ValueError, HapticWallError):  # a wall whose limits are not known
                     told = await asyncio.to_thread(facts, config, delay)

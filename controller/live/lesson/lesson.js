@@ -11,6 +11,7 @@ let step = 0;
 
 const on = {
   lesson: () => tell(),
+  again: (servo) => servo.link.send({ scene: STEPS[step].scene }), // its run was started anew
   rows: (servo, begin) => sound.feed(servo, begin, servo.told?.facts.servo?.torque_limit ?? 1),
   own: (told) => { element("limits-own").innerHTML = ownText(told); },
 };

@@ -12,7 +12,7 @@ const SPAN_S = 2, ROOM_RAD = 0.5, GRIP = 4, SCOPE_PX = 230; // grip in N·m/rad
 const SHOWN = [{ ...PANELS[0], least: 0.2 }, { ...PANELS[1], least: 0.6 }];
 
 export class Servo {
-  // on: {lesson(told), wall(wall), answer(told), own(told), rows(servo, begin)}
+  // on: {lesson(told), wall(wall), answer(told), own(told), rows(servo, begin), again(servo)}
   constructor(name, title, root, on) {
     const card = document.getElementById("servo").content.cloneNode(true).firstElementChild;
     card.id = name;
@@ -35,7 +35,10 @@ export class Servo {
         this.on.rows(this, Number.isFinite(begin) ? begin : this.store.next);
       },
       text: (message) => this.take(message),
-      lost: (reason) => this.say(reason || "no connection; trying again", "bad"),
+      lost: (reason) => {
+        this.told = null;
+        this.say(reason || "no connection; trying again", "bad");
+      },
     }, name);
   }
 
@@ -55,8 +58,10 @@ export class Servo {
     this.view = new TimeWindow(this.store);
     this.view.span = SPAN_S;
     const change = (action) => { action(this.view); this.dirty = true; };
-    if (this.scope) this.scope.store = this.store;
-    else this.scope = new Scope(this.part(".panels"), this.store, this.state, {
+    if (this.scope) {
+      this.scope.store = this.store;
+      this.on.again(this);
+    } else this.scope = new Scope(this.part(".panels"), this.store, this.state, {
       zoom: (from, to) => change((view) => view.show(from, to)),
       wheel: (factor, time) => change((view) => view.zoom(factor, time)),
       shift: (seconds) => change((view) => view.shift(seconds)),
