@@ -19,6 +19,7 @@ from haptic_wall.controller.cli.experiment import (
     folder_option,
     moving,
 )
+from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import as_json, say, writing
 from haptic_wall.controller.cli.places import take_folder
@@ -27,6 +28,7 @@ from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
 from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.acceptance.predictions import Weight
@@ -131,6 +133,15 @@ def _accepted(asked: Asked, out: Path, hung: Weight | None, seconds: float, fres
                     plots=PLOTS,
                     **common,
                 )
+            )
+        refused = real.outcomes.get("doctor")
+        if refused is not None and refused.ends_all:
+            raise EndedEarlyError(
+                Problem(
+                    f"nothing has moved: {refused.reason}",
+                    advice=f"then the same command with --out {out} goes on",
+                ),
+                real.exit_status,
             )
         if not real.interrupted:
             say("the same steps on an emulated servo, which moves nothing here")

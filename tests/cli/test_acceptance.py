@@ -233,6 +233,18 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     assert (tmp_path / "out" / "acceptance.zip").exists()
 
 
+def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nowhere = tmp_path / "ttyUSB0"
+    words = ("xm430-w350", f"--set=servo.port={nowhere}", "--set=realtime.profile=off", "--yes")
+    assert call(*words, "--json", "--out", tmp_path / "out") == 4
+    told = json.loads(capsys.readouterr().out)
+    assert told["exit_status"] == 4 and f"{nowhere} does not exist" in told["error"]
+    assert (tmp_path / "out" / "predictions.json").exists()
+    assert not (tmp_path / "out" / "emulated").exists()
+
+
 def test_a_weight_tells_the_torque_gain(tmp_path: Path) -> None:
     sets = ["loop.clock=simulated", "servo.torque_constant=1.5", "model.torque_gain=1"]
     config = load_config("emulated-ideal", sets).config

@@ -21,6 +21,12 @@ _UNITS = {
     "torque_gain": "",
     "backlash": "rad",
 }
+_WORDS = {
+    "damping": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "delay": "delay of the servo, by its motions",
+    "torque_gain": "torque gain",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +107,8 @@ def _estimate(found: Mapping[str, Any] | None) -> Figure | None:
 def _parameters(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
     for name, unit in _UNITS.items():
         real, twin = (_estimate((each.data("identify") or {}).get(name)) for each in measured)
-        yield _row(name, unit, "identify", predictions["parameters"][name], real, twin)
+        words = _WORDS.get(name, name)
+        yield _row(words, unit, "identify", predictions["parameters"][name], real, twin)
 
 
 def _delays(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row]:
