@@ -397,9 +397,9 @@ STUDY = Study(
     ),
     (
         Option("runs", 13, "runs of each servo and hand", quick=1),
-        Option("drawn", 400, "hostile runs drawn, for each range of delays", quick=20),
-        Option("searches", 3, "searches, for each range of delays", quick=1),
-        Option("generations", 8, "generations of each search", quick=1),
+        Option("drawn", 100, "hostile runs drawn, for each range of delays", quick=20),
+        Option("searches", 1, "searches, for each range of delays", quick=1),
+        Option("generations", 4, "generations of each search", quick=1),
     ),
     everywhere=True,
 )
