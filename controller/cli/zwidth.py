@@ -174,7 +174,8 @@ def _width_lines(width: Width) -> list[str]:
 def _impedance_lines(found: Impedance) -> list[str]:
     lines = [
         f"impedance of {found.stiffness:.4g} N·m/rad with {found.virtual_damping:.3g} N·m·s/rad,"
-        f" delay {1e3 * found.delay_s:.3g} ms; measured from the torque {found.torque}",
+        f" delay {1e3 * found.delay_s:.3g} ms"
+        + (f"; measured from the torque {found.torque}" if found.rows else ""),
         f"{'f [Hz]':>8}{'law K':>9}{'law B':>10}{'acting K':>10}{'acting B':>10}{'K':>9}{'B':>10}"
         f"{'±':>8}{'coherence':>11}",
     ]

@@ -142,7 +142,8 @@ def _impedance(stiffness: Axes, damping: Axes, found: Impedance) -> None:
         ax.set_xscale("log")
         grid(ax)
     if not at.size:
-        stiffness.text(0.03, 0.06, "measured: not excited", transform=stiffness.transAxes)
+        told = "measured: not excited" if found.rows else "not measured"
+        stiffness.text(0.03, 0.06, told, transform=stiffness.transAxes)
     stiffness.legend(loc="upper left", fontsize=7)
     stiffness.set_ylabel("effective stiffness\n[N$\\cdot$m/rad]")
     damping.set_ylabel("effective damping\n[N$\\cdot$m$\\cdot$s/rad]")

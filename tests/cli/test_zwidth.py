@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+    Testbed,
+)
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from tests.typed import status_of
@@ -157,6 +162,33 @@ def test_nothing_moves_without_a_measurement_and_a_real_servo_wants_a_log(
     assert not (tmp_path / "real" / "measured").exists() or not any(
         (tmp_path / "real" / "measured").iterdir()
     )
+
+
+def test_a_trip_while_it_is_tapped_costs_the_impedance_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tripped(*_: object) -> None:
+        raise ExperimentTrippedError(Trip.OVERSPEED, "too fast")
+
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.measured._tapped", tripped)
+    monkeypatch.setattr(
+        "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: True
+    )
+    found = answered(capsys, *SIMULATED, "--out", tmp_path / "out")
+    assert found["impedance"]["reason"].endswith("too fast")
+    assert found["widths"][0]["peak"]["exact"] is not None
+
+
+def test_a_log_of_a_wall_that_never_acted_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "away.hwlog"
+    words = ["run", "simulated", "--set=loop.clock=simulated", "--set=servo.hand=none"]
+    with pytest.raises(SystemExit, match="0"):
+        main([*words, "--duration=1", "--no-plot", "--log", str(log)])
+    found = answered(capsys, *SIMULATED, "--measure=none", "--log", log, "--out", tmp_path / "a")
+    assert found["impedance"]["reason"] == "the log has no row in which the wall acted"
+    assert found["impedance"]["stiffness"] == 8.0
 
 
 @pytest.mark.parametrize(

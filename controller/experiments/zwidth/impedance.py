@@ -196,11 +196,15 @@ def from_log(log: LogRows, changes: Sequence[Mapping[str, Any]] = ()) -> Impedan
         )
     rows = np.concatenate([*log.blocks()]) if log.origin_ns else np.empty(0)
     stretches, gains, delay = _stretches(rows)
+    if not stretches:
+        gains = (config.wall.stiffness, config.wall.damping)
     law = Law.of(config, *gains)
     bands = bands_of(law, config.delay.steps * law.period, delay)
     most = max((len(each) for each in stretches), default=0)
     size = min(round(_SEGMENT_S / law.period), most)
     empty = Impedance(*gains, delay, "sent", 0, 0, bands)
+    if not stretches:
+        return empty.because("the log has no row in which the wall acted")
     if size < _LEAST_ROWS:
         why = f"the longest contact without a break has {most} rows, {_LEAST_ROWS} are needed"
         return empty.because(why)

@@ -128,11 +128,18 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
     Raises:
         ServoError: The servo could not be started.
         ExperimentInterruptedError: A person has ended it.
-        ExperimentTrippedError: A trip has ended it.
         UserError: The log is not that of a wall.
     """
-    if log is None and folder is not None and config.servo.kind != "hardware":
-        log = _tapped(config, folder / LOG, tell)
+    reason = "nothing was run"
+    if log is None and config.servo.kind == "hardware":
+        reason = (
+            "no log was given: run the wall, move the shaft by hand, and give the log with --log"
+        )
+    elif log is None and folder is not None:
+        try:
+            log = _tapped(config, folder / LOG, tell)
+        except ExperimentTrippedError as error:
+            reason = f"the run was ended by {error.stop_reason}: {error}"
     if log is not None:
         reader = LogReader(log)
         return from_log(LogRows.of(reader), changes_in(reader.pieces()))
@@ -140,11 +147,7 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
     decision = question.decide(config.wall.stiffness, config.wall.damping)
     delay = question.inserted + question.age + question.situation.belief.delay.value
     found = commanded(config, decision.stiffness, decision.damping, delay)
-    return found.because(
-        "no log was given: run the wall, move the shaft by hand, and give the log with --log"
-        if config.servo.kind == "hardware"
-        else "nothing was run"
-    )
+    return found.because(reason)
 
 
 def _tapped(config: Config, log: Path, tell: Tell) -> Path:
@@ -152,6 +155,7 @@ def _tapped(config: Config, log: Path, tell: Tell) -> Path:
     raw = config.model_dump(mode="json")
     raw["wall"]["side"] = "both"
     raw["servo"]["hand"] = "tap"
+    raw["safety"]["engage"] = "at-once"  # the hand keeps the shaft away from the middle
     tapped = Config.model_validate(raw)
     metadata = {
         "program": f"haptic-wall {__version__}",
