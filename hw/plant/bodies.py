@@ -110,10 +110,10 @@ class Bodies:
 
     def held(self, duration: Floats) -> Held:
         """Return the responses over steps of these lengths [s], >= 0, shape (n,)."""
-        pairs, place = np.unique(np.stack([self._decay, duration]), axis=1, return_inverse=True)
-        values = [response(decay, 0.0, time) for decay, time in pairs.T.tolist()]
+        pairs, place = np.unique(self._decay + 1j * duration, return_inverse=True)
+        values = [response(pair.real, 0.0, pair.imag) for pair in pairs.tolist()]
         table = np.array([(value.h1, value.h, value.s) for value in values]).T
-        h1, h, s = np.ascontiguousarray(table[:, place.ravel()])
+        h1, h, s = np.ascontiguousarray(table[:, place])
         return Held(h1, h, s, duration.copy())
 
     def step(

@@ -115,23 +115,20 @@ def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
 
     Walls of one block may have a few different whole periods of delay.
     """
-    traits = np.stack(
-        [
-            walls.whole // _DELAYS,
-            walls.velocity_samples,
-            walls.one_sided,
-            walls.lag > 0.0,
-            walls.coulomb > 0.0,
-            walls.counts_per_radian > 0.0,
-            walls.backlash > 0.0,
-            np.isfinite(walls.torque_limit),
-            walls.torque_step > 0.0,
-        ],
-        axis=1,
-    )
-    _, kind = np.unique(traits, axis=0, return_inverse=True)
-    order = np.lexsort((walls.whole, kind.ravel()))
-    cuts = np.flatnonzero(np.diff(kind.ravel()[order])) + 1
+    kind = walls.whole // _DELAYS
+    kind = kind * (int(walls.velocity_samples.max(initial=0)) + 1) + walls.velocity_samples
+    for trait in (
+        walls.one_sided,
+        walls.lag > 0.0,
+        walls.coulomb > 0.0,
+        walls.counts_per_radian > 0.0,
+        walls.backlash > 0.0,
+        np.isfinite(walls.torque_limit),
+        walls.torque_step > 0.0,
+    ):
+        kind = 2 * kind + trait
+    order = np.lexsort((walls.whole, kind))
+    cuts = np.flatnonzero(np.diff(kind[order])) + 1
     for alike in np.split(order, cuts):
         for start in range(0, alike.size, size):
             yield alike[start : start + size]
