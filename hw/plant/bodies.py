@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.many_substeps import ManyEffects, ManySubsteps, Turned
-from haptic_wall.hw.plant.response import response
+from haptic_wall.hw.plant.response import cached_response
 from haptic_wall.hw.plant.responses import responses, times_to_rest
 
 Floats = NDArray[np.float64]
@@ -110,10 +110,14 @@ class Bodies:
 
     def held(self, duration: Floats) -> Held:
         """Return the responses over steps of these lengths [s], >= 0, shape (n,)."""
-        pairs, place = np.unique(self._decay + 1j * duration, return_inverse=True)
-        values = [response(pair.real, 0.0, pair.imag) for pair in pairs.tolist()]
-        table = np.array([(value.h1, value.h, value.s) for value in values]).T
-        h1, h, s = np.ascontiguousarray(table[:, place])
+        decay = self._decay
+        h1, h, s = np.empty((3, decay.size))
+        slow = decay * duration <= 1.0
+        if slow.any():
+            h[slow], s[slow] = responses(decay[slow], duration[slow])
+            h1[slow] = 1.0 - decay[slow] * h[slow]
+        for i in np.flatnonzero(~slow).tolist():  # they lose most of their speed within the step
+            h1[i], h[i], s[i], _ = cached_response(float(decay[i]), 0.0, float(duration[i]))
         return Held(h1, h, s, duration.copy())
 
     def step(
