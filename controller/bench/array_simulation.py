@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ _PERIOD_NS = round(1e9 * PERIOD_S)
 _COMPARED = 8
 """Number of walls of an array that are also simulated alone"""
 _NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
+_BUSY = "a machine with more cores, or one whose cores do other work: time passes on the clock here"
 _OPERATIONS = {"linear servos": (18, 3), "servos with friction and encoder": (36, 4)}
 """Multiply-adds, or what takes as long, and divisions of a wall period in ``lanes``, where no body
 comes to rest: a period has two parts"""
@@ -38,7 +40,8 @@ def _compiled_rows(
 ) -> list[Measurement]:
     """Return rates of the compiled loop, beside the arrays and the machine's arithmetic."""
     each = len(walls) * _PERIODS
-    one, two = times[f"{what}, compiled"], times[f"{what}, compiled on two cores"]
+    one = times[f"{what}, compiled"]
+    on_one, on_two = times[f"{what}, one core"], times[f"{what}, two cores"]
     adds, parts = _OPERATIONS[what]
     least = [
         (adds * add + parts * part) / arithmetic.OPERATIONS * each
@@ -47,15 +50,13 @@ def _compiled_rows(
     in_arrays, in_lanes = (together(walls, _PERIODS, compile_=way) for way in (False, True))
     name, unit = f"{len(walls)} random walls, {what}", "wall-periods/s"
     return [
-        over_rounds(f"compiled, {name}", [each / time for time in one], unit, _NOT_THE_SEARCH),
-        over_rounds(
-            f"compiled on two cores, {name}", [each / time for time in two], unit, _NOT_THE_SEARCH
-        ),
+        over_rounds(f"compiled, {name}", [each / s for s in one], unit, _NOT_THE_SEARCH),
+        over_rounds(f"compiled on two cores, {name}", [each / s for s in on_two], unit, _BUSY),
         ratio(f"compiled over the array, {what}", times[what], one, _NOT_THE_SEARCH),
-        ratio(f"compiled, two cores over one, {what}", one, two, "machines with more cores"),
+        ratio(f"compiled, two cores over one, {what}", on_one, on_two, _BUSY),
         over_rounds(
             f"the arithmetic alone: {adds} multiply-adds and {parts} divisions for each, {what}",
-            [each / time for time in least],
+            [each / s for s in least],
             unit,
             "a loop that could be written: it loads, stores and stops nothing",
         ),
@@ -97,6 +98,7 @@ def measure() -> Section:
     """Measure two-sided walls as an array and one alone, and the servo alone beside peers."""
     drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
     work: dict[str, Callable[[], object]] = dict(arithmetic.work())
+    cores: dict[str, Callable[[], object]] = {}
     fast = compiled() is not None
     for what, walls in drawn.items():
         arrays = _as_arrays(walls)[:2]
@@ -104,8 +106,10 @@ def measure() -> Section:
         work[f"{what}, alone"] = partial(_each_alone, walls)
         if fast:
             work[f"{what}, compiled"] = partial(_run, *arrays, _PERIODS)
-            work[f"{what}, compiled on two cores"] = partial(_on_two_cores, *arrays)
-    times = interleaved(work, _ROUNDS)
+            cores[f"{what}, one core"] = work[f"{what}, compiled"]
+            cores[f"{what}, two cores"] = partial(_on_two_cores, *arrays)
+    times = interleaved(work, _ROUNDS, time.process_time)
+    times |= interleaved(cores, _ROUNDS)
     rows = []
     for what, walls in drawn.items():
         if fast:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -49,6 +50,8 @@ _SAME: Final = 1e-9
 """Difference of positions up to which two answers agree [rad]"""
 _NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
 _NOTES: Final = (
+    "all but the work of two cores over that of one is per second of the processor's time, which"
+    " depends little on what else the machine does",
     "not compared with mujoco.rollout and scipy.signal: the wall's delayed torque in closed loop,"
     " which they do not take (mujoco.rollout and filters want all torques beforehand), Coulomb"
     " friction, which MuJoCo models as a soft constraint, the encoder, and more than one thread",
@@ -109,7 +112,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         name: partial(client.positions, torques[: client.servos])
         for name, client in clients.items()
     }
-    times = interleaved(work, _ROUNDS)
+    times = interleaved(work, _ROUNDS, time.process_time)
     each = {
         name: [one / (client.servos * _PERIODS) for one in times[name]]
         for name, client in clients.items()
@@ -167,7 +170,7 @@ def one_tick() -> list[Measurement]:
     }
     return [
         over_rounds(name, [1e6 * one / _PERIODS for one in times], "µs", _NOT_THE_TICK)
-        for name, times in interleaved(work, _ROUNDS).items()
+        for name, times in interleaved(work, _ROUNDS, time.process_time).items()
     ]
 
 

@@ -77,12 +77,13 @@ def dampings(points: int) -> list[float]:
 
 
 def cases(given: Given) -> list[Case]:
-    """The maps, the small ones first."""
+    """The maps; those of the cluster come last."""
     found = [Case(len(STEPS) * len(KICKS), 1, "processes")]
     found.append(Case(NUMPY_POINTS, 1, "processes, NumPy alone"))
-    for points in given.points:
-        found += [Case(points, workers, "processes") for workers in (2, 1)]
-        found += [Case(points, workers, "dask") for workers in (2, 1)]
+    for workers in (2, 1):
+        found += [Case(points, workers, "processes") for points in given.points]
+    for workers in (2, 1):
+        found += [Case(points, workers, "dask") for points in given.points]
     return found
 
 
