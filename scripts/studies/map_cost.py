@@ -79,7 +79,7 @@ def dampings(points: int) -> list[float]:
 def cases(given: Given) -> list[Case]:
     """The maps; those of the cluster come last."""
     found = [Case(len(STEPS) * len(KICKS), 1, "processes")]
-    found.append(Case(NUMPY_POINTS, 1, "processes, NumPy alone"))
+    found += [Case(NUMPY_POINTS, 1, f"processes{alone}") for alone in (", NumPy alone", "")]
     for workers in (2, 1):
         found += [Case(points, workers, "processes") for points in given.points]
     for workers in (2, 1):
