@@ -1,4 +1,4 @@
-"""Runs some 86 short simulated walls and tells which of them give other rows than before.
+"""Runs some 90 short simulated walls and tells which of them give other rows than before.
 
     scripts/study same_rows [--write] [--keep FOLDER] [--against PLACE] [--only NAME ...]
 
