@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -51,6 +52,7 @@ _SURE = 30.0
 _ROUNDS, _ENOUGH = 8, 1e-4
 _FEW = 8
 """Least number of stretches"""
+_DIVERGES = "a fit of its friction does not converge"
 _FURTHEST = 3e-3
 """Largest correction of the delay in a round [s]"""
 
@@ -86,7 +88,12 @@ def fit_one_way(
     if plain.cost - best.cost <= sure * best.cost and plain.cost < _ROUNDED * rounding:
         return regression.fit(plain)
     for group, tried in ((FADING, _fadings), (COGGING, regression.coggings)):
-        found = [regression.solved(each, [*best.names, *group[:-1]]) for each in tried(best)]
+        found: list[_Solved] = []
+        for each in tried(best):
+            with suppress(NoFitError):  # of so many starts one may diverge
+                found.append(regression.solved(each, [*best.names, *group[:-1]]))
+        if not found:
+            continue
         better = min(found, key=lambda each: each.cost)
         needed = group == FADING and best.values["damping"] < abs(best.values["uneven"])
         if needed or best.cost - better.cost > sure * better.cost:
@@ -214,8 +221,21 @@ class _Regression:
             forces["cogging_cosine"] = -np.cos(turned)
         return {name: forces[name] for name in ("inertia", "damping", "coulomb", *names)}
 
+    @np.errstate(over="ignore", invalid="ignore")  # of values that grow without bound
     def solved(self, start: Mapping[str, float], names: Sequence[str]) -> _Solved:
-        """Return the values with the least squares, from these on."""
+        """Return the values with the least squares, from these on.
+
+        Raises:
+            NoFitError: They grow without bound; the speeds are as before.
+        """
+        speed = self._speed.copy()
+        try:
+            return self._descended(start, names)
+        except NoFitError:
+            self._speed = speed
+            raise
+
+    def _descended(self, start: Mapping[str, float], names: Sequence[str]) -> _Solved:
         values = {**dict.fromkeys(names, 0.0), **start}
         before = math.inf
         for _ in range(_ROUNDS):
@@ -243,6 +263,8 @@ class _Regression:
             unit = flat / scale[:, None]
             normal = unit @ unit.T + np.diag(precision / scale**2)
             right = unit @ left.ravel() - precision * away / scale
+            if not (np.isfinite(normal).all() and np.isfinite(right).all()):
+                raise NoFitError(_DIVERGES)
             step = np.linalg.lstsq(normal, right, rcond=1e-13)[0] / scale
             step[0] = min(max(step[0], -0.4 * inertia), 0.5 * inertia)
             step[-1] = min(max(step[-1], -_FURTHEST), _FURTHEST)
@@ -257,6 +279,9 @@ class _Regression:
             if abs(before - cost) < _ENOUGH * cost:
                 break
             before = cost
+        # Without any force each stretch would pass at a speed of its own.
+        if not cost <= float(np.sum(self._without_own(self._position)[0] ** 2)):
+            raise NoFitError(_DIVERGES)
         precision, away = self._known(every, values)
         return _Solved(values, names, left, np.array(speed[:, 0]), float(precision @ away**2))
 

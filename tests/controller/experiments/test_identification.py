@@ -10,7 +10,7 @@ import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify import identification
+from haptic_wall.controller.experiments.identify import identification, one_way
 from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
@@ -268,6 +268,20 @@ def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None
     fading = Effects(stiction=1.8, stribeck=1.5)
     known = identify(fading.on(config_of("model.damping=0.003")), tmp_path)
     assert any("the damping is the believed one" in warning for warning in known.warnings)
+
+
+@pytest.mark.parametrize("start", [1e12, 1e200], ids=["too large", "overflows"])
+def test_a_fit_that_diverges_is_left_out(
+    usual: tuple[Config, Identified], start: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with all effects at once: of the starts for friction that fades one ran away."""
+    config, found = usual
+    motion, step = motion_of(found.played.rows), config.servo.position_step
+    wanted = fit_one_way(motion, step)
+    away = {"fading": 1e-9, "coulomb": start, "inertia": 1.0 / start, "damping": -start}
+    monkeypatch.setattr(one_way, "_ROUNDED", 0.0)  # so that effects are tried at all
+    monkeypatch.setattr(one_way, "_fadings", lambda best: [{**best.values, **away}])
+    assert fit_one_way(motion, step).inertia == pytest.approx(wanted.inertia, rel=1e-3)
 
 
 def test_one_direction_alone_tells_the_same(usual: tuple[Config, Identified]) -> None:
