@@ -22,6 +22,8 @@ _LEAST = 0.05
 """Lower bound of the inertia as a fraction, which the guard needs above zero"""
 _BACKLASH_FLOOR = 0.1
 """Least relative distance of the backlash's bounds"""
+_HEAVIEST = 0.95
+"""Largest inertia of the load, as a fraction of the whole inertia"""
 DELAY_FLOOR = 0.05
 """The same for the delay, in periods"""
 
@@ -84,6 +86,11 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
     if identified.vibration is not None:
         model |= believed_vibration(identified.vibration, before)
+    if "load_inertia" in model:
+        # The vibration and the motions may disagree on the whole inertia, of which it is a part.
+        load = model["load_inertia"]
+        value = min(load["value"], _short(_HEAVIEST * model["inertia"]["value"]))
+        model["load_inertia"] = {**load, "value": value, "low": min(load["low"], value)}
     return model
 
 

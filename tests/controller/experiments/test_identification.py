@@ -27,7 +27,9 @@ from haptic_wall.controller.experiments.identify.motion_model import motion_of
 from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.output_error import Prior
 from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
+from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -261,6 +263,25 @@ def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(
     unsure = replace(found, damping=replace(found.damping, value=0.003, stderr=0.01))
     bounds = identified_model(unsure, Config.model_validate(raw))["damping"]
     assert (bounds["low"], bounds["high"]) == pytest.approx((0.00285, 0.00315))
+
+
+def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, Identified]) -> None:
+    """Or the file would be refused: with all effects the two disagreed by a percent."""
+    config, found = usual
+    load = 1.01 * found.inertia.value
+    heavy = Vibration(
+        True,
+        Bounded(60.0, 50.0, 70.0),
+        Bounded(0.02, 0.01, 0.04),
+        Bounded(load, 0.8 * load, 1.2 * load),
+        load,
+        True,
+    )
+    model = identified_model(replace(found, vibration=heavy), config)
+    raw = config.model_dump(mode="json")
+    raw["model"] |= model
+    assert Config.model_validate(raw).model.load_inertia is not None
+    assert model["load_inertia"]["high"] == pytest.approx(1.2 * load, rel=1e-5)
 
 
 def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None:
