@@ -9,19 +9,13 @@ from types import FrameType
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer
+from haptic_wall.controller.cli.options import answer, place_option
 from haptic_wall.controller.processes.live_place import live_at
 from haptic_wall.controller.system.signals import on_signals
 
 
 @click.command()
-@click.option(
-    "--at",
-    "place",
-    metavar="HOST:PORT",
-    default="localhost:0",
-    help="Where to listen; default: a free port of this machine, for this machine only.",
-)
+@place_option
 def command(place: str) -> int:
     """Show in a browser why a stiff wall oscillates, and what the guard does about it.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, reading
+from haptic_wall.controller.cli.options import answer, place_option, reading
 from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.logs.pieces import End
@@ -28,13 +28,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--at",
-    "place",
-    metavar="HOST:PORT",
-    default="localhost:0",
-    help="Where to listen; default: a free port of this machine, for this machine only.",
-)
+@place_option
 @click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
 def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:

@@ -81,6 +81,17 @@ def json_option(command: Command) -> Command:
     )(command)
 
 
+def place_option(command: Command) -> Command:
+    """Add ``--at HOST:PORT``, where a page is served, as parameter ``place``."""
+    return click.option(
+        "--at",
+        "place",
+        metavar="HOST:PORT",
+        default="localhost:0",
+        help="Where to listen; default: a free port of this machine, for this machine only.",
+    )(command)
+
+
 def as_json(value: Mapping[str, Any]) -> str:
     """Return one JSON object as ASCII text; values that are not finite become null.
 

@@ -198,18 +198,25 @@ def needless(trials: list[HandTrial]) -> list[tuple[str, object]]:
     ]
 
 
-def _line(name: str, trials: list[HandTrial]) -> str:
+def intervention_cells(trials: list[HandTrial]) -> str:
+    """Return cells of a table: softened, taken back, suspected, going on, trips."""
     hours = sum(one.seconds for one in trials) / 3600.0
     innocent = [one for one in trials if not one.goes_on]
-    probes = sum(one.probes for one in trials)
     return (
-        f"| {name} | {hours:.2f} | {probes / hours if hours else 0.0:.1f}/h |"
-        f" {sum(one.hands for one in trials)} |"
-        f" {hourly(sum(one.softened for one in innocent), hours)} |"
+        f"{hourly(sum(one.softened for one in innocent), hours)} |"
         f" {sum(one.returned for one in innocent)} |"
         f" {hourly(sum(one.believed for one in innocent), hours)} |"
         f" {sum(one.goes_on for one in trials)} |"
-        f" {hourly(sum(one.trip is not None for one in trials), hours)} |"
+        f" {hourly(sum(one.trip is not None for one in trials), hours)}"
+    )
+
+
+def _line(name: str, trials: list[HandTrial]) -> str:
+    hours = sum(one.seconds for one in trials) / 3600.0
+    probes = sum(one.probes for one in trials)
+    return (
+        f"| {name} | {hours:.2f} | {probes / hours if hours else 0.0:.1f}/h |"
+        f" {sum(one.hands for one in trials)} | {intervention_cells(trials)} |"
     )
 
 

@@ -10,10 +10,16 @@ import numpy as np
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, draw_damping, draw_kick, hand_case, log_uniform
 from scripts.trials.draws import bench_of, critical_of, damping_ceiling_of, draw_truth
-from scripts.trials.hand_hours import OF_THE_LIMIT, HandTrial, judged, needless
+from scripts.trials.hand_hours import (
+    OF_THE_LIMIT,
+    HandTrial,
+    intervention_cells,
+    judged,
+    needless,
+)
 from scripts.trials.operators import TURN
-from scripts.trials.own_walls import late_or_unseen_of
-from scripts.trials.rates import few, hourly, most
+from scripts.trials.own_walls import WORSE, grown, growth_cells, late_or_unseen_of
+from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
 from scripts.trials.sections import Job, Made, draws, section, walls_of
 from scripts.trials.truth import Truth
@@ -31,7 +37,6 @@ _TRIAL_S = 45.0
 _A_JOB = 5
 _TRIES = 8
 """Walls drawn for each that oscillates, at most"""
-_WORSE = 1.5
 
 
 class Dip:
@@ -208,15 +213,10 @@ def told(results: list[LawTried]) -> Made:
 
 def _hand_line(name: str, trials: list[HandTrial]) -> str:
     hours = sum(one.seconds for one in trials) / 3600.0
-    innocent = [one for one in trials if not one.goes_on]
     probes = sum(one.probes for one in trials)
     return (
         f"| {name} | {hours:.2f} | {probes / hours if hours else 0.0:.0f}/h |"
-        f" {hourly(sum(one.softened for one in innocent), hours)} |"
-        f" {sum(one.returned for one in innocent)} |"
-        f" {hourly(sum(one.believed for one in innocent), hours)} |"
-        f" {sum(one.goes_on for one in trials)} |"
-        f" {hourly(sum(one.trip is not None for one in trials), hours)} |"
+        f" {intervention_cells(trials)} |"
     )
 
 
@@ -241,33 +241,18 @@ def reaction_told(results: list[LawTried]) -> Made:
         " largest distance from the law's position.",
         "",
         "| law | oscillate | alarms | amplitude at the alarm, median and largest |"
-        f" growth, median and largest | at most {_WORSE} times | decays | ended by a trip |",
+        f" growth, median and largest | at most {WORSE} times | decays | ended by a trip |",
         "|---|---|---|---|---|---|---|---|",
         *(_growth_line(law, [s for s in results if s.law == law]) for law in LAWS),
         _growth_line("all", results),
     ]
-    wrong: list[tuple[str, object]] = [
-        (f"grows {one.after / one.at_alarm:.2f} times after the alarm", one.case)
-        for some in results
-        for one in some.found
-        if one.after > _WORSE * one.at_alarm
-    ]
-    return Made(lines, wrong)
+    return Made(lines, grown([one for some in results for one in some.found]))
 
 
 def _growth_line(name: str, results: list[LawTried]) -> str:
     found = [one for some in results for one in some.found]
-    alarms = [one for one in found if not math.isnan(one.alarm_s)]
-    spread = growth = "none"
-    if alarms:
-        size = [one.at_alarm for one in alarms]
-        ratio = [one.after / one.at_alarm for one in alarms]
-        spread = f"{np.median(size):.2f}, {max(size):.2f} rad"
-        growth = f"{np.median(ratio):.2f}, {max(ratio):.2f}"
-    held = sum(one.after <= _WORSE * one.at_alarm for one in alarms)
     return (
-        f"| {name} | {len(found)} | {most(len(alarms), len(found))} | {spread} | {growth} |"
-        f" {most(held, len(alarms))} |"
+        f"| {name} | {growth_cells(found)} |"
         f" {sum(one.trip is None and not one.never for one in found)} |"
         f" {sum(one.trip is not None for one in found)} |"
     )
