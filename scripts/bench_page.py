@@ -1,4 +1,4 @@
-"""Renews the figures of docs/bench.md with what ``haptic-wall bench`` finds on this machine.
+"""Renews the figures of docs/evidence/bench.md with what ``haptic-wall bench`` measures here.
 
     scripts/study bench_page [--report FILE] [--out FILE]
 
@@ -70,14 +70,16 @@ def figures(section: Mapping[str, Any], apart: str = "") -> str:
 def main() -> None:
     """Measure, or take what was measured, and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    page = ROOT / "docs" / "bench.md"
+    page = ROOT / "docs" / "evidence" / "bench.md"
     parser.add_argument("--out", type=Path, default=page, metavar="FILE", help="the page")
     parser.add_argument("--report", type=Path, metavar="FILE", help="take the figures from it")
     wanted = parser.parse_args()
     try:
         text = wanted.out.read_text(encoding="utf-8")
     except OSError as error:
-        sys.exit(f"--out {wanted.out}: wanted a page to renew, a copy of docs/bench.md: {error}")
+        sys.exit(
+            f"--out {wanted.out}: wanted a page to renew, a copy of docs/evidence/bench.md: {error}"
+        )
     missing = [name for name in SECTIONS if f"<!-- bench: {name} -->" not in text]
     if missing:
         sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: put the comments into it")

@@ -9,7 +9,7 @@ A part begins with one of these comments and ends with ``<!-- end -->``:
     output: COMMAND | LABELS     the command and what it says, the same on every machine
     measured: COMMAND | LABELS   the same of this machine: times differ, so it is never compared
     table: NAME                  computed by the program; see TABLES
-    figures: SECTION | ROWS      rows of a table of docs/measured.md
+    figures: SECTION | ROWS      rows of a table of docs/evidence/measured.md
 
 LABELS, where given, name the lines to show; log and picture are shown only of measured runs, as
 their names hold the date.
@@ -157,15 +157,15 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
 
 
 def figures(section: str, chosen: str) -> str:
-    """A table of docs/measured.md, or the rows that are chosen; empty without that page."""
-    path = ROOT / "docs" / "measured.md"
+    """A table of docs/evidence/measured.md, or the chosen rows; empty without that page."""
+    path = ROOT / "docs" / "evidence" / "measured.md"
     if not path.exists():
         return ""
     text = path.read_text().partition(f"## {section}\n")[2].partition("\n## ")[0]
     head, rule, *rows = [line for line in text.splitlines() if line.startswith("|")]
     wanted = chosen.split(", ") if chosen else []
     rows = [row for row in rows if not wanted or row.split("|")[1].strip() in wanted]
-    source = "From [docs/measured.md](docs/measured.md), which names the machine:"
+    source = "From [docs/evidence/measured.md](docs/evidence/measured.md), which names the machine:"
     return "\n".join(["", source, "", head, rule, *rows, "", ""])
 
 

@@ -1,4 +1,4 @@
-"""Draws docs/recordings.png: two free swings of a real servo, fitted and predicted.
+"""Draws docs/evidence/recordings.png: two free swings of a real servo, fitted and predicted.
 
 scripts/study recordings_picture [FILE]
 """
@@ -25,7 +25,7 @@ from haptic_wall.controller.report.style import (
 from scripts.recorded_motions import DROPS, drop
 from scripts.studies.recordings import swings
 
-PICTURE = Path(__file__).resolve().parent.parent / "docs" / "recordings.png"
+PICTURE = Path(__file__).resolve().parent.parent / "docs" / "evidence" / "recordings.png"
 
 
 def drawn(path: Path) -> None:

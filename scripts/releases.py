@@ -1,6 +1,6 @@
-"""Compares releases by ratios that were measured at each: docs/releases.md.
+"""Compares releases by ratios that were measured at each: docs/evidence/releases.md.
 
-    scripts/study releases                      make the page from the entries in docs/releases/
+    scripts/study releases                      make the page from docs/evidence/releases/
     scripts/study releases --measure            add an entry for this commit, and make the page
     scripts/study releases --measure --tests    run all tests too, for their time
 
@@ -27,7 +27,7 @@ from scripts.release_figures import BENCH, Figure, kept, own_figures, suite_figu
 from scripts.study import this_machine
 from scripts.whole_program import PROGRAM, ROOT
 
-FOLDER, PAGE = ROOT / "docs" / "releases", ROOT / "docs" / "releases.md"
+FOLDER, PAGE = ROOT / "docs" / "evidence" / "releases", ROOT / "docs" / "evidence" / "releases.md"
 PART = re.compile(r"(<!-- releases -->\n)(.*?)(<!-- end -->)", re.S)
 ROUNDS = 5
 NOTABLE = 1.1

@@ -1,6 +1,7 @@
 """Evidence on the source of a motion, the wall or a hand: pure functions, with their thresholds.
 
-The thresholds for hands and probes are measured: docs/detector-table.md gives their error rates.
+The thresholds for hands and probes are measured; docs/evidence/detector-table.md gives the rates
+of their errors.
 """
 
 from __future__ import annotations

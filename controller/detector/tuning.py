@@ -1,7 +1,7 @@
 """Lists all tuned numbers of the detector: value, unit, meaning and source.
 
 A run uses ``TUNING``. A study runs a variant of it: the settings of the detector carry the tuning.
-`docs/leave-out.md` says what becomes of fixed cases without each of them.
+`docs/evidence/leave-out.md` says what becomes of fixed cases without each of them.
 
 Counts are counts of the encoder. A half-cycle is the motion from one turning point to the next; its
 amplitude is half the distance between them. A motion is the wall's if the wall moves the shaft by

@@ -147,7 +147,7 @@ def lines(rows: Rows[tuple[Adapter, int, float], Found]) -> list[str]:
 
 
 STUDY = Study(
-    "adapter.md",
+    "evidence/adapter.md",
     (
         Part(
             "phases",

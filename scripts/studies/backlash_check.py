@@ -94,7 +94,7 @@ def lines(found: Found[tuple[int, int], Outcome]) -> list[str]:
 
 
 STUDY = Study(
-    "backlash-check.md",
+    "evidence/backlash-check.md",
     (
         Part(
             "servos",

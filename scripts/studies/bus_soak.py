@@ -139,7 +139,7 @@ def real_time(found: Found[Any, dict[str, str]]) -> list[str]:
 
 
 STUDY = Study(
-    "bus-soak.md",
+    "evidence/bus-soak.md",
     (
         Part(
             "memory",

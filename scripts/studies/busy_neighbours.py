@@ -93,7 +93,7 @@ def lines(found: Found[tuple[str, float, int], Run]) -> list[str]:
 
 
 STUDY = Study(
-    "busy-neighbours.md",
+    "evidence/busy-neighbours.md",
     (
         Part(
             "runs",

@@ -192,7 +192,7 @@ def _middle(values: list[float]) -> str:
 
 
 STUDY = Study(
-    "changed-ticks.md",
+    "evidence/changed-ticks.md",
     (Part("ticks", cases, tried, lines, case_s=14.0, in_turn=True),),
     (
         Option("rounds", 8, "rounds of four runs", quick=1),

@@ -390,7 +390,7 @@ _HOSTILE = (
 
 
 STUDY = Study(
-    "changes-check.md",
+    "evidence/changes-check.md",
     (
         Part("changes", benches, tried, by_kind, case_s=4.0, wanted=harmless),
         Part("hostile", attacks, attack, by_attack, case_s=40.0),

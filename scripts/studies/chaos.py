@@ -198,7 +198,7 @@ def thrown(case: Planned) -> Hour:
 
 
 STUDY = Study(
-    "chaos.md",
+    "evidence/chaos.md",
     (
         Part(
             "chaos",

@@ -417,7 +417,7 @@ def recorded(folder: Path) -> str:
 
 
 STUDY = Study(
-    "ctrl-c.md",
+    "evidence/ctrl-c.md",
     (
         Part(
             "signals",

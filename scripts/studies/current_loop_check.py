@@ -204,7 +204,7 @@ def search_lines(found: Found[tuple[str, int], list[float]]) -> list[str]:
 
 
 STUDY = Study(
-    "current-loop-check.md",
+    "evidence/current-loop-check.md",
     (
         Part("walls", walls, wall_rows, wall_lines, case_s=0.6),
         Part("contacts", contacts, contact_rows, contact_lines, case_s=0.5),

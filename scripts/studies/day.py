@@ -265,7 +265,7 @@ def hold(found: Found[Any, Lines]) -> bool:
 
 
 STUDY = Study(
-    "day.md",
+    "evidence/day.md",
     (
         Part(
             "simulated",

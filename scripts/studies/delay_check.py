@@ -173,7 +173,7 @@ def in_real_time(case: Adapter) -> list[str]:
 
 
 STUDY = Study(
-    "delay-check.md",
+    "evidence/delay-check.md",
     (
         Part("memory", shaken, measured, servos, case_s=1.5),
         Part(

@@ -180,7 +180,7 @@ def _hand_row(hand: str, trials: list[HandTrial]) -> str:
 
 
 STUDY = Study(
-    "detector-table.md",
+    "evidence/detector-table.md",
     (
         Part("belief", tasks, tried, lines, case_s=50.0),
         WALLS,

@@ -155,7 +155,7 @@ def _high(result: Result) -> tuple[float, ...]:
 
 
 STUDY = Study(
-    "flexible-check.md",
+    "evidence/flexible-check.md",
     (
         Part(
             "servos",

@@ -243,7 +243,7 @@ PICTURE = "flexible-figure.png"
 def draw(found: Found[Case, Point]) -> None:
     """Draw theory, simulation and sweep of each load."""
     damping = np.linspace(0.0, LAST, 400)
-    with picture(Path(__file__).parents[2] / "docs" / PICTURE, PAGE, 4.0) as figure:
+    with picture(Path(__file__).parents[2] / "docs" / "evidence" / PICTURE, PAGE, 4.0) as figure:
         ax = figure.subplots()
         for number, load in enumerate(LOADS):
             exact = flexible_boundary(
@@ -289,7 +289,7 @@ def _once(number: int) -> str:
 
 
 STUDY = Study(
-    "flexible-figure.md",
+    "evidence/flexible-figure.md",
     (Part("boundary", lambda given: cases(given.points), point, lines, case_s=8.0),),
     (Option("points", 6, "dampings of each load", quick=2),),
 )

@@ -704,7 +704,7 @@ BEYOND = (0.8, 1.2, 1.5, 2.0)
 """Virtual dampings, over the ceiling of the vibration"""
 
 STUDY = Study(
-    "flexible-guard.md",
+    "evidence/flexible-guard.md",
     (
         _searched("truths", "known", 0, case_s=4.0),
         _searched("wide", "wide", 200, case_s=8.0),

@@ -289,7 +289,7 @@ def lines(found: Found[tuple[Kind, int], Result]) -> list[str]:
 
 
 STUDY = Study(
-    "identify-check.md",
+    "evidence/identify-check.md",
     (
         Part(
             "model",

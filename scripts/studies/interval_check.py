@@ -2,7 +2,7 @@
 
     scripts/study interval_check [--servos N] [--patterns N]
 
-The tables of docs/interval-check.md; the same on every machine.
+The tables of docs/evidence/interval-check.md; the same on every machine.
 """
 
 from collections.abc import Iterable, Sequence
@@ -257,7 +257,7 @@ def losses(case: tuple[float, int]) -> list[str]:
 
 
 STUDY = Study(
-    "interval-check.md",
+    "evidence/interval-check.md",
     (
         Part(
             "slow_tick",

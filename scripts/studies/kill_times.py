@@ -265,7 +265,7 @@ def most_said(hits: list[Hit]) -> str:
 
 
 STUDY = Study(
-    "kill-times.md",
+    "evidence/kill-times.md",
     (Part("shots", aimed, hit, lines, case_s=8.0, in_turn=True, wanted=held),),
     (
         Option("rounds", 5, "runs for each kind of shot"),

@@ -419,7 +419,7 @@ def worst_of(found: Sequence[tuple[Search, Worst]]) -> Iterable[str]:
 
 
 STUDY = Study(
-    "laws-check.md",
+    "evidence/laws-check.md",
     (
         Part("drawn", drawn, block, kinds, case_s=8.0, wanted=harmless),
         Part("searched", searches, searched, worst_of, case_s=8.0),

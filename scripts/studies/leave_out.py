@@ -1,4 +1,4 @@
-"""Leaves out each criterion and each number of the detector in turn; writes docs/leave-out.md.
+"""Leaves out each criterion and number of the detector; writes docs/evidence/leave-out.md.
 
     scripts/study leave_out [--only PART ...] [--cases N] [--quick] [--rows FILE [--known]]
 
@@ -527,7 +527,7 @@ def _counted(some: Counter[str]) -> str:
 
 
 STUDY = Study(
-    "leave-out.md",
+    "evidence/leave-out.md",
     (
         Part(
             "criteria",

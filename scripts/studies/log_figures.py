@@ -235,7 +235,7 @@ def waits(found: Found[str, Disk]) -> list[str]:
 
 
 STUDY = Study(
-    "log-figures.md",
+    "evidence/log-figures.md",
     (
         Part("memory", readings, reading, memory, case_s=90.0, in_turn=True),
         Part(

@@ -229,7 +229,7 @@ def writing_lines(found: Found[int, Writing]) -> list[str]:
 
 POINTS = Option("points", (1000, 10_000, 100_000), "sizes of maps", quick=(200, 500))
 STUDY = Study(
-    "map-cost.md",
+    "evidence/map-cost.md",
     (
         Part("maps", cases, cost, cost_lines, case_s=60.0, in_turn=True),
         Part("writing", sizes, writing, writing_lines, case_s=5.0, in_turn=True),

@@ -170,7 +170,7 @@ def stops(found: Found[int, tuple[float, float]]) -> list[str]:
 
 
 STUDY = Study(
-    "measured.md",
+    "evidence/measured.md",
     (
         Part(
             "simulated-clock",

@@ -362,7 +362,7 @@ def runaways(found: Found[Named, Outcome]) -> list[str]:
 
 
 STUDY = Study(
-    "overspeed-table.md",
+    "evidence/overspeed-table.md",
     (
         Part("hands", drawn(HANDS), outcome, hands, case_s=0.02),
         Part("runaways", drawn(RUNAWAYS), outcome, runaways, case_s=0.02),

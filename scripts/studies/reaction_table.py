@@ -337,7 +337,7 @@ def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
 
 
 STUDY = Study(
-    "reaction-table.md",
+    "evidence/reaction-table.md",
     (Part("belief", walls, answered, lines, case_s=0.15), GROWTH, LAW_GROWTH, WORST),
     (
         Option("cases", 300, "walls of each kind, for each belief", quick=4),

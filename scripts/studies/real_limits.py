@@ -288,7 +288,7 @@ def lines(found: Found[Case, Limits]) -> list[str]:
 def draw(found: Found[Case, Limits]) -> None:
     """Draw the least shares of each effect."""
     names = [f"{each.name} {each.size}".strip() for each in effects(next(iter(BASES.values())))]
-    with picture(Path(__file__).parents[2] / "docs" / PICTURE, PAGE, 8.0) as figure:
+    with picture(Path(__file__).parents[2] / "docs" / "evidence" / PICTURE, PAGE, 8.0) as figure:
         ax = figure.subplots()
         for side, colour, word in ((0, BLUE, "two-sided"), (1, ORANGE, "one-sided")):
             xs = [row[side] for _, row in found]
@@ -306,7 +306,7 @@ def draw(found: Found[Case, Limits]) -> None:
 
 
 STUDY = Study(
-    "real-limits.md",
+    "evidence/real-limits.md",
     (Part("limits", cases, limits, lines, case_s=6.0),),
     (Option("servos", tuple(BASES), "servos to try", quick=("XM430",)),),
 )

@@ -679,7 +679,7 @@ def search_lines(found: Found[tuple[int, str, int, int], Worst]) -> list[str]:
 
 
 STUDY = Study(
-    "real-truths.md",
+    "evidence/real-truths.md",
     (
         Part("drawn", cases, drawn, lines, case_s=30.0, wanted=none_bad),
         Part("stiffer", stiffer_cases, stiffer, stiffer_lines, case_s=20.0),

@@ -277,7 +277,7 @@ def _same(name: str) -> str:
 
 
 STUDY = Study(
-    "recordings.md",
+    "evidence/recordings.md",
     (
         Part("models", lambda _given: ["all"], _same, model_lines),
         Part("conditions", lambda _given: DROPS, condition, condition_lines),

@@ -102,7 +102,7 @@ def lines(found: Found[tuple[tuple[str, ...], float, int], Run]) -> list[str]:
 
 
 STUDY = Study(
-    "second-terminal.md",
+    "evidence/second-terminal.md",
     (
         Part(
             "runs",

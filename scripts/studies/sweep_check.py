@@ -319,7 +319,7 @@ def verdict(held: bool) -> str:
 
 
 STUDY = Study(
-    "sweep-check.md",
+    "evidence/sweep-check.md",
     (
         Part(
             "linear",

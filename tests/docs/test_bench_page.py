@@ -23,7 +23,7 @@ REPORT = {
 
 
 def test_the_page_has_a_place_for_every_section() -> None:
-    text = text_of("docs/bench.md")
+    text = text_of("docs/evidence/bench.md")
     assert [n for n in ("machine", *SECTIONS) if f"<!-- bench: {n} -->" not in text] == []
 
 
@@ -59,10 +59,10 @@ def test_a_report_that_is_none_is_refused_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str | None
 ) -> None:
     page, report = tmp_path / "bench.md", tmp_path / "report.json"
-    page.write_text(text_of("docs/bench.md"), encoding="utf-8")
+    page.write_text(text_of("docs/evidence/bench.md"), encoding="utf-8")
     if text is not None:
         report.write_text(text, encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["bench_page", "--report", str(report), "--out", str(page)])
     with pytest.raises(SystemExit, match=r"--report .*report\.json: "):
         bench_page.main()
-    assert page.read_text(encoding="utf-8") == text_of("docs/bench.md")
+    assert page.read_text(encoding="utf-8") == text_of("docs/evidence/bench.md")

@@ -12,7 +12,7 @@ def test_the_page_is_what_a_rehearsal_finds(thorough: bool) -> None:
     if thorough:
         assert stale(STUDY) == [], "run scripts/study fault_table"
         return
-    text = text_of("docs/fault-table.md")
+    text = text_of("docs/evidence/fault-table.md")
     rows = table([], *(line(fault) for fault in FAULTS if fault[1] in SOME))[2:]
     assert [row for row in rows if row not in text] == [], "run scripts/study fault_table"
     assert [spec for _, spec in FAULTS if f"`{spec}`" not in text] == []

@@ -21,7 +21,7 @@ from scripts.studies.identify_check import (
 )
 from scripts.study import table
 
-PAGE = Path(__file__).parents[2] / "docs" / "identify-check.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "identify-check.md"
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)

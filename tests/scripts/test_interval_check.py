@@ -1,4 +1,4 @@
-"""The tables of docs/interval-check.md are what is computed, and the exact model is right."""
+"""The tables of docs/evidence/interval-check.md are computed anew; the exact model is right."""
 
 import numpy as np
 import pytest

@@ -34,7 +34,7 @@ ARM_SHARE, ARM_SHARE_STDERR = 0.04, 0.04
 has 0.036 kg, for weights around 0.5 kg."""
 SPREAD: Mapping[str, float] = {"inertia": 0.007, "damping": 0.35, "coulomb": 0.08}
 """Relative standard deviation of the values from swing to swing of one servo; that of the inertia
-counts all that turns. Source: docs/recordings.md"""
+counts all that turns. Source: docs/evidence/recordings.md"""
 FEW = 4
 """With fewer stretches than this the record does not show that spread itself"""
 _SHORT_S = 0.5

@@ -209,7 +209,7 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) 
 
 
 def test_trials_of_the_page(thorough: bool) -> None:
-    """What docs/detector-table.md is made of, with few walls unless thorough."""
+    """What docs/evidence/detector-table.md is made of, with few walls unless thorough."""
     if not thorough:
         pytest.skip("takes minutes; run with --thorough")
     trials = kick_trials(60, 7, (0.6, 0.9, 1.2, 2.0))
