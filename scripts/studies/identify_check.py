@@ -138,6 +138,11 @@ class Bounded(NamedTuple):
         middle = (1.0, 1.0, 0.0)
         return all(a <= m <= b for a, m, b in zip(self.low, middle, self.high, strict=True))
 
+    @property
+    def safe(self) -> bool:
+        """Whether the bounds that limit the guard hold: more damping or less delay are harmless."""
+        return self.low[0] <= 1.0 <= self.high[0] and self.low[1] <= 1.0 and self.high[2] >= 0.0
+
 
 Drawn = tuple[RealKind, str, int]
 """Servo, effect and seed"""
@@ -228,13 +233,20 @@ def effect_lines(found: Found[Drawn, Bounded | str]) -> list[str]:
         for effect in (IDEAL, *EFFECTS, ALL)
     ]
     cells = [effect_cells(effect, rows) for effect, rows in every if rows]
-    held = sum(isinstance(row, Bounded) and row.held for _, row in found)
+    good = [row for _, row in found if isinstance(row, Bounded)]
     return [
         *table(head, *cells),
         "",
-        f"Of all {len(found)} the bounds hold the truth jointly in {held}: in"
-        f" {100 * lower_bound(held, len(found)):.1f} % at least.",
+        f"Of all {len(found)} servos, {len(good)} gave a result. Of these the bounds hold the truth"
+        f" jointly in {_rate(sum(row.held for row in good), len(good))}. Both ends of the inertia,"
+        " the lower bound of the damping and the upper bound of the delay, which limit the guard,"
+        f" hold in {_rate(sum(row.safe for row in good), len(good))}.",
     ]
+
+
+def _rate(held: int, number: int) -> str:
+    share, least = 100 * held / number, 100 * lower_bound(held, number)
+    return f"{held} ({share:.1f} %, at least {least:.1f} %)"
 
 
 def cells(kind: Kind, results: list[Result]) -> list[list[str]]:
