@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from haptic_wall.controller.bench import arithmetic
+from haptic_wall.controller.bench import arithmetic, two_cores
 from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
@@ -25,6 +24,8 @@ from haptic_wall.hw.settings import ServoSettings, TrueServo
 _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000
 _PERIOD_NS = round(1e9 * PERIOD_S)
+_ARITHMETIC_TIMES = 100
+"""Factor of the arithmetic's operations that two cores share: a call takes some 50 ms"""
 _COMPARED = 8
 """Number of walls of an array that are also simulated alone"""
 _NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
@@ -41,7 +42,6 @@ def _compiled_rows(
     """Return rates of the compiled loop, beside the arrays and the machine's arithmetic."""
     each = len(walls) * _PERIODS
     one = times[f"{what}, compiled"]
-    on_one, on_two = times[f"{what}, one core"], times[f"{what}, two cores"]
     adds, parts = _OPERATIONS[what]
     least = [
         (adds * add + parts * part) / arithmetic.OPERATIONS * each
@@ -51,9 +51,7 @@ def _compiled_rows(
     name, unit = f"{len(walls)} random walls, {what}", "wall-periods/s"
     return [
         over_rounds(f"compiled, {name}", [each / s for s in one], unit, _NOT_THE_SEARCH),
-        over_rounds(f"compiled on two cores, {name}", [each / s for s in on_two], unit, _BUSY),
         ratio(f"compiled over the array, {what}", times[what], one, _NOT_THE_SEARCH),
-        ratio(f"compiled, two cores over one, {what}", on_one, on_two, _BUSY),
         over_rounds(
             f"the arithmetic alone: {adds} multiply-adds and {parts} divisions for each, {what}",
             [each / s for s in least],
@@ -75,12 +73,31 @@ def _compiled_rows(
     ]
 
 
-def _on_two_cores(many: Walls, start: FloatArray) -> None:
-    halves = np.array_split(np.arange(many.size), 2)
-    with ThreadPoolExecutor(2) as threads:
-        done = [threads.submit(_run, many.take(half), start[half], _PERIODS) for half in halves]
-        for half in done:
-            half.result()
+def _two_core_rows(drawn: Mapping[str, list[ArrayWall]]) -> list[Measurement]:
+    """Return what a second core adds to the compiled loop, and to the machine's arithmetic."""
+    works: dict[str, two_cores.Made] = {
+        what: two_cores.simulation(*_as_arrays(walls)[:2], _PERIODS)
+        for what, walls in drawn.items()
+    }
+    for name in arithmetic.work():
+        parts = tuple(arithmetic.work(_ARITHMETIC_TIMES)[name] for _ in range(2))
+        works[name] = partial(_same, (parts[0], parts[1]))
+    rows = []
+    for what, (in_turn, at_once) in two_cores.in_turn_and_at_once(works).items():
+        if what not in drawn:
+            rows.append(ratio(f"{what} alone, two cores over one", in_turn, at_once, _BUSY))
+            continue
+        walls = len(drawn[what])
+        each, unit = walls * _PERIODS * two_cores.RUNS, "wall-periods/s"
+        for cores, times in (("one core", in_turn), ("two cores", at_once)):
+            name = f"compiled on {cores}, {walls} random walls, {what}"
+            rows.append(over_rounds(name, [each / s for s in times], unit, _BUSY))
+        rows.append(ratio(f"compiled, two cores over one, {what}", in_turn, at_once, _BUSY))
+    return rows
+
+
+def _same(parts: tuple[two_cores.Work, two_cores.Work]) -> tuple[two_cores.Work, two_cores.Work]:
+    return parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +115,6 @@ def measure() -> Section:
     """Measure two-sided walls as an array and one alone, and the servo alone beside peers."""
     drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
     work: dict[str, Callable[[], object]] = dict(arithmetic.work())
-    cores: dict[str, Callable[[], object]] = {}
     fast = compiled() is not None
     for what, walls in drawn.items():
         arrays = _as_arrays(walls)[:2]
@@ -106,10 +122,7 @@ def measure() -> Section:
         work[f"{what}, alone"] = partial(_each_alone, walls)
         if fast:
             work[f"{what}, compiled"] = partial(_run, *arrays, _PERIODS)
-            cores[f"{what}, one core"] = work[f"{what}, compiled"]
-            cores[f"{what}, two cores"] = partial(_on_two_cores, *arrays)
     times = interleaved(work, _ROUNDS, time.process_time)
-    times |= interleaved(cores, _ROUNDS)
     rows = []
     for what, walls in drawn.items():
         if fast:
@@ -140,7 +153,9 @@ def measure() -> Section:
             ),
         ]
     compared, notes = beside_peers()
-    if not fast:
+    if fast:
+        rows += _two_core_rows(drawn)
+    else:
         notes.append("nothing is compiled: pip install 'haptic-wall[fast]' adds Numba")
     return Section((*rows, *compared), tuple(notes))
 

@@ -50,7 +50,7 @@ _SAME: Final = 1e-9
 """Difference of positions up to which two answers agree [rad]"""
 _NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
 _NOTES: Final = (
-    "all but the work of two cores over that of one is per second of the processor's time, which"
+    "all but the rows of one core and of two is per second of the processor's time, which"
     " depends little on what else the machine does",
     "not compared with mujoco.rollout and scipy.signal: the wall's delayed torque in closed loop,"
     " which they do not take (mujoco.rollout and filters want all torques beforehand), Coulomb"

@@ -38,7 +38,7 @@ ABOUT_S = {
     "lateness": 90,
     "stages": 60,
     "boundary": 15,
-    "array_simulation": 15,
+    "array_simulation": 30,
     "torque_frames": 35,
     "highest_rate": 150,
     "bus_cycle": 30,
