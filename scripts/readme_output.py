@@ -33,9 +33,9 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.cli.main import main as haptic_wall
-from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.bins import settings_at
-from haptic_wall.controller.guard.guard import Decision, Situation, decide
+from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.guard.schedule import interval_bins_ns
 from haptic_wall.controller.settings.config import Config
@@ -43,11 +43,12 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, restitution
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables.models import MODELS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.open import open_servo
-from scripts.studies.flexible_figure import DELAY, LOADS, PERIOD
+from scripts.studies.flexible_figure import DELAY, FRICTION, LOADS, MOTOR, PERIOD
 from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -362,6 +363,42 @@ def filters() -> tuple[list[str], list[list[object]]]:
     return ["B [N·m·s/rad]", *head], rows
 
 
+def filtered_guard() -> tuple[list[str], list[list[object]]]:
+    """Return what the guard commands of that link with filters, known exactly and in doubt."""
+    link = LOADS[1]
+    hz = link.hertz
+    notch = VelocityFilter("notch", math.tau * hz * PERIOD, 0.7)
+    lowpass = VelocityFilter("lowpass", math.tau * 20.0 * PERIOD, 0.7)
+    known, doubted = Bounded.exactly(hz), Bounded(hz, 35.0, 60.0)
+    rows: list[list[object]] = []
+    for name, frequency, velocity_filter in (
+        ("known exactly", known, None),
+        ("known exactly", known, lowpass),
+        ("35 to 60 Hz", doubted, None),
+        ("35 to 60 Hz", doubted, notch),
+    ):
+        belief = Belief(
+            inertia=Bounded.exactly(MOTOR + link.inertia),
+            damping=Bounded.exactly(FRICTION),
+            coulomb=Bounded.exactly(0.0),
+            delay=Bounded.exactly(DELAY),
+            torque_gain=Bounded.exactly(1.0),
+            load_inertia=Bounded.exactly(link.inertia),
+            flexible_hz=frequency,
+            flexible_damping_ratio=Bounded.exactly(link.ratio),
+        )
+        situation = Situation(belief, PERIOD, torque_limit=4.1, position_step=0.0)
+        wall = Request(1e6, 1e6, "both", velocity_filter=velocity_filter)
+        d = decide(wall, GuardSettings(), situation, [0.0], explained=False)[0]
+        kind = "none"
+        if velocity_filter is not None:
+            kind = "notch at 46 Hz, q 0.7" if velocity_filter is notch else "low-pass at 20 Hz"
+        rows.append(
+            [name, kind, *(f"{x:.2g}" for x in (d.damping_ceiling, d.damping, d.stiffness))]
+        )
+    return ["vibration", "filter", "ceiling of B", "highest B commanded", "K there"], rows
+
+
 def safety() -> tuple[list[str], list[list[object]]]:
     """Table of the presets' settings that end a run."""
     names = ("simulated", "emulated-xm430", "xm430-w350")
@@ -401,6 +438,7 @@ TABLES = {
     "back_emf": back_emf,
     "returns": returns,
     "filters": filters,
+    "filtered_guard": filtered_guard,
     "safety": safety,
     "checks": checks,
 }
