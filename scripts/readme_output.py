@@ -1,4 +1,4 @@
-"""Regenerates what README.md and docs/*.md show of the program, between their markers.
+"""Regenerates what README.md and docs/ show of the program, between their markers.
 
     scripts/study readme_output             write anew what is the same on every machine
     scripts/study readme_output --measure   and what this machine measures, the tests' result too
@@ -30,23 +30,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.bins import settings_at
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
-from haptic_wall.controller.guard.schedule import interval_bins_ns
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
-from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, restitution
-from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.tables.models import MODELS
-from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.open import open_servo
 from scripts.studies.flexible_figure import DELAY, FRICTION, LOADS, MOTOR, PERIOD
 from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
@@ -56,11 +49,13 @@ PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-
 LIMITS = ("linear", "exact", "one_sided", "quantisation")
 HORN = 0.1
 """Length of the horn that forces are told for [m]"""
+WHOLE_DELAYS = (0, 1, 2, 5)
+"""Delays of the table of one-sided limits [periods]"""
 
 
 def pages() -> list[Path]:
     """The pages that hold parts."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def renewed(page: Path, measure: bool) -> str:
@@ -235,33 +230,19 @@ def stiffness() -> tuple[list[str], list[list[object]]]:
 
 def delays() -> tuple[list[str], list[list[object]]]:
     """The limits over the delay."""
-    ages = [0.0, 0.1e-3, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3]
+    ages = [0.0, 0.5e-3, 1e-3, 2e-3]
     rows: list[list[object]] = []
     for d in decided("emulated-ideal", ages, stiffness=1e6):
         limits = d.limits.linear, d.limits.exact, d.limits.one_sided
-        rows.append([1e3 * d.delay, *limits, d.damping_ceiling, d.stiffness])
-    head = ["delay t_d [ms]", "linear", "exact", "one_sided", "damping ceiling", "K commanded"]
+        rows.append([1e3 * d.delay, *limits, d.stiffness])
+    head = ["delay t_d [ms]", "linear", "exact", "one_sided", "K commanded"]
     return head, rows
-
-
-def intervals() -> tuple[list[str], list[list[object]]]:
-    """The limits over the served interval."""
-    config = load_config("emulated-ideal").config
-    asked = replace(config.request(), stiffness=1e6)
-    rows: list[list[object]] = []
-    for index, interval in enumerate(each * 1e-9 for each in interval_bins_ns(config.period_ns)):
-        seen = replace(situation(config), period=interval)
-        d = decide(asked, settings_at(config.guard_settings(), index), seen, [0.25e-3])[0]
-        limits = d.limits.linear, d.limits.exact, d.limits.one_sided
-        rows.append([1e3 * interval, *limits, d.damping_ceiling, d.damping, d.stiffness])
-    head = ["T [ms]", "linear", "exact", "one_sided", "damping ceiling", "B commanded"]
-    return [*head, "K commanded"], rows
 
 
 def dampings() -> tuple[list[str], list[list[object]]]:
     """The limits over the virtual damping."""
     rows: list[list[object]] = []
-    for asked in (-0.005, 0.0, 0.02, 0.1, 0.2, 0.5, 2.0, 20.0):
+    for asked in (-0.005, 0.02, 0.1, 0.2, 20.0):
         d = decided("emulated-ideal", [0.25e-3], stiffness=1e6, damping=asked)[0]
         rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
@@ -281,8 +262,8 @@ def beliefs() -> tuple[list[str], list[list[object]]]:
     rows: list[list[object]] = []
     for name, known in cases:
         d = decided("xm430-w350", [2e-4], known, stiffness=1e6)[0]
-        rows.append([name, 1e3 * d.delay, d.limits.exact, d.limits.one_sided, d.stiffness])
-    return ["belief", "delay t_d [ms]", "exact", "one_sided", "K commanded"], rows
+        rows.append([name, 1e3 * d.delay, d.stiffness])
+    return ["belief", "delay t_d [ms]", "K commanded"], rows
 
 
 def rebounds() -> tuple[list[str], list[list[object]]]:
@@ -290,10 +271,7 @@ def rebounds() -> tuple[list[str], list[list[object]]]:
     rows: list[list[object]] = []
     for preset, stiffness, damping in (
         ("xm430-w350", 1e6, 0.005),
-        ("xm430-w350", 2.0, 0.005),
-        ("xm430-w350", 7.0, 0.04),
         ("xm430-w350", 1e6, 0.1),
-        ("xl330-m288", 0.25, 0.001),
         ("xl330-m288", 1e6, 0.005),
     ):
         config = load_config(preset).config
@@ -310,61 +288,22 @@ def rebounds() -> tuple[list[str], list[list[object]]]:
     return head, rows
 
 
-def back_emf() -> tuple[list[str], list[list[object]]]:
-    """Table of what the guard would command if the motor's back-EMF counted as friction."""
-    name = "xm430-w350"
-    model = MODELS["XM430-W350"]
-    assert model.stall_torque is not None and model.stall_current is not None
-    braking = motor_of(model, model.stall_torque / model.stall_current).braking
-    belief = load_config(name).config.belief()
-    truth = decided(name, [2e-4], stiffness=1e6)[0].limits.smallest()[1]
+def one_sided_shares() -> tuple[list[str], list[list[object]]]:
+    """Return the table of one-sided limits of a device without friction, over the exact limit."""
     rows: list[list[object]] = []
-    for counted in (0.0, 0.014, 0.1, 1.0):
-        more = belief.damping.low + counted * braking
-        b = Bounded(more, more, max(more, belief.damping.high))
-        d = decided(name, [2e-4], {"damping": b}, stiffness=1e6)[0]
-        rows.append([f"{100 * counted:g} %", more, d.stiffness, d.stiffness / truth])
-    head = ["back-EMF counted", "b counted", "K commanded", "of the limit with back-EMF off"]
-    return head, rows
-
-
-def returns() -> tuple[list[str], list[list[object]]]:
-    """How much faster a one-sided wall at 0.8 of the exact limit returns a device."""
-    inertia, damping, period = 1.0, 0.1, 1e-3
-    rows: list[list[object]] = []
-    for periods in (0, 1, 2, 5):
-        delay = periods * period
-        virtual = 0.2 * float(max_virtual_damping(inertia, damping, period, delay))
-        exact = float(critical_stiffness(inertia, damping, virtual, period, delay))
-        shares = [
-            float(np.max(restitution(inertia, damping, k * exact, virtual, period, delay)))
-            for k in (0.8, 0.65, 0.5)
-        ]
-        rows.append([periods, *(f"{share:.2f}" for share in shares)])
-    return ["delay [periods]", "K = 0.8 exact", "0.65 exact", "0.5 exact"], rows
-
-
-def filters() -> tuple[list[str], list[list[object]]]:
-    """Return the table of gains and costs of a notch, on the servo of the flexible figure."""
-    dampings = (0.08, 0.16, 0.2, 0.5)
-    loop: dict[str, Any] = {"period": PERIOD, "delay": DELAY}
-    columns = []
-    for load, q in ((LOADS[0], 0.0), (LOADS[1], 0.0), (LOADS[1], 0.7), (LOADS[1], 2.0)):
-        each = load._replace(notch_q=q)
-        loop["velocity_filter"] = each.velocity_filter
-        limits = flexible_boundary(*each.servo, dampings, **loop).stiffness
-        columns.append((limits.tolist(), float(flexible_ceiling(*each.servo, **loop))))
-    rows: list[list[object]] = [
-        [b, *(f"{stiffness[i]:.4g}" if stiffness[i] else "none" for stiffness, _ in columns)]
-        for i, b in enumerate(dampings)
-    ]
-    rows.append(["ceiling of B", *(f"{ceiling:.2g}" for _, ceiling in columns)])
-    head = ["bare horn", "link, no filter", "link, notch at 46 Hz, q 0.7", "q 2"]
-    return ["B [N·m·s/rad]", *head], rows
+    for of_ceiling in (0.1, 0.3, 0.5, 0.7):
+        ratios = []
+        for delay in map(float, WHOLE_DELAYS):
+            virtual = of_ceiling * float(max_virtual_damping(1.0, 0.0, 1.0, delay))
+            exact = float(critical_stiffness(1.0, 0.0, virtual, 1.0, delay))
+            limit = float(one_sided_limit(1.0, 0.0, virtual, 1.0, delay))
+            ratios.append(f"{limit / exact:.2f}")
+        rows.append([of_ceiling, *ratios])
+    return ["B / ceiling", *(f"d = {d}" for d in WHOLE_DELAYS)], rows
 
 
 def filtered_guard() -> tuple[list[str], list[list[object]]]:
-    """Return what the guard commands of that link with filters, known exactly and in doubt."""
+    """Return what the guard commands with filters on the link of the flexible figure."""
     link = LOADS[1]
     hz = link.hertz
     notch = VelocityFilter("notch", math.tau * hz * PERIOD, 0.7)
@@ -431,13 +370,10 @@ TABLES = {
     "presets": presets,
     "stiffness": stiffness,
     "delays": delays,
-    "intervals": intervals,
     "dampings": dampings,
     "beliefs": beliefs,
     "rebounds": rebounds,
-    "back_emf": back_emf,
-    "returns": returns,
-    "filters": filters,
+    "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,
     "safety": safety,
     "checks": checks,

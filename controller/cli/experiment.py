@@ -137,7 +137,7 @@ def experiment(
                 raise UserError(
                     f"found {filtered}",
                     field="wall.velocity_filter",
-                    wanted="none: of the experiments only sweep counts a filter",
+                    wanted="none: of the experiments only sweep and zwidth count a filter",
                     advice="haptic-wall run renders it",
                 )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)

@@ -6,8 +6,8 @@ Boxes are as wide as the presets admit: the inertia to 2.25 times its lowest, th
 and the torque gain to 4 times, the delay to 5 periods; b T/m at the corner from 0.0001 to the
 figure in the table, t_d to 12 periods, B to 0.7 of the ceiling. A search by mutation and
 differences looks for the smallest ratio of a member's limit to what is counted with, starting from
-random boxes and from boxes with some sides at their ends. The worst it found is in docs/guard.md.
-It takes some minutes.
+random boxes and from boxes with some sides at their ends. The worst it found is in
+docs/evidence/guard-searches.md. It takes some minutes.
 """
 
 from collections.abc import Callable
@@ -146,7 +146,7 @@ WALLS: tuple[tuple[str, Side, int], ...] = (
     ("never pulls, N = 3", "above", 3),
 )
 STUDY = Study(
-    "guard.md",
+    "evidence/guard-searches.md",
     (
         Part(
             "belief_box",

@@ -7,7 +7,7 @@ torque limit. For each the two speeds are asked; then a search by mutation over 
 belief, entry speeds inside the interval, phases and places of the surface in its count tries to
 make a contact with counts, friction at its lowest and saturation return the device faster. Below
 and above the interval the same search shows what would happen there. The figures are in
-docs/one-sided.md. It takes some minutes.
+docs/evidence/guard-searches.md. It takes some minutes.
 """
 
 import sys
@@ -154,7 +154,7 @@ def row(case: tuple[int, int, float]) -> list[str]:
 
 
 STUDY = Study(
-    "one-sided.md",
+    "evidence/guard-searches.md",
     (
         Part(
             "rebound_table",
