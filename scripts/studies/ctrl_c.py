@@ -1,6 +1,6 @@
 """Presses Ctrl-C while each command begins, and looks how it ended.
 
-    scripts/study ctrl_c [--tries N] [--others N] [--span S] [--commands TEXT] [--rows FILE]
+    scripts/study ctrl_c [--only PART] [--tries N] [--others N] [--span S] [--commands TEXT]
 
 At a random time in the first seconds, or in as many as the command takes. The signal goes to
 the whole foreground group, as from a terminal. SIGTERM and a closed terminal are tried too. It
@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,6 +101,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "init": ("init", "made.yaml"),
     "help": ("help",),
 }
+LATER = ("zwidth", "acceptance", "set", "live", "demo")
+"""Commands in a part of their own: they came later, and are tried less often"""
 SIGNALS = {
     signal.SIGINT: "Ctrl-C",
     signal.SIGHUP: "SIGHUP, the terminal closed",
@@ -323,9 +325,10 @@ def measure(batch: Batch) -> list[Try]:
     return [replace(one, said="") if one.as_wanted else one for one in found]
 
 
-def batches(given: Given) -> Iterator[Batch]:
-    """List the trials: the commands that matter most first, the others by turns."""
-    names = [name for name in CASES if given.commands in name]
+def batches(given: Given, *, later: bool = False) -> Iterator[Batch]:
+    """List a part's trials: the commands that matter most first, the others by turns."""
+    names = [name for name, words in CASES.items() if (words[0] in LATER) == later]
+    names = [name for name in names if given.commands in name]
     first = [name for name in names if name in FIRST]
     rest = [name for name in names if name not in FIRST]
     for number in SIGNALS:
@@ -418,17 +421,18 @@ def recorded(folder: Path) -> str:
 
 STUDY = Study(
     "evidence/ctrl-c.md",
-    (
+    tuple(
         Part(
-            "signals",
-            batches,
+            name,
+            partial(batches, later=later),
             measure,
             lines,
             case_s=30.0,
             in_turn=True,
             around=as_a_terminal,
             wanted=as_wanted,
-        ),
+        )
+        for name, later in (("signals", False), ("later", True))
     ),
     (
         Option("tries", 500, "interruptions of each command by Ctrl-C"),

@@ -55,6 +55,11 @@ def test_every_command_is_tried() -> None:
     assert {words[0] for words in CASES.values()} == set(COMMANDS)
 
 
+def test_every_command_is_in_one_part() -> None:
+    parts = [{batch.name for batch in part.cases(usual(STUDY))} for part in STUDY.parts]
+    assert sorted(name for part in parts for name in part) == sorted(CASES)
+
+
 def test_the_commands_that_matter_most_come_first_and_each_as_often_as_asked() -> None:
     lots = list(batches(usual(STUDY, tries=50, others=0, commands="run")))
     assert [lot.name for lot in lots[:3]] == ["run"] * 3
@@ -62,7 +67,7 @@ def test_the_commands_that_matter_most_come_first_and_each_as_often_as_asked() -
 
 
 def test_tries_are_kept_and_read_again(tmp_path: Path) -> None:
-    (part,) = STUDY.parts
+    part, _ = STUDY.parts
     (batch, *_) = batches(usual(STUDY))
     file = tmp_path / "rows"
     Kept(file).add(part, batch, [ENDED, replace(TERMINATED, status=None, said="Traceback")])
