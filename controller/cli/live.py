@@ -23,7 +23,7 @@ from haptic_wall.controller.processes.live_place import live_at
 from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.live.server import View
+    from haptic_wall.controller.live.view import View
 
 
 @click.command()
@@ -55,8 +55,8 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
 
 
 def _view(log: Path, stretch: TimeSpan) -> View:
-    from haptic_wall.controller.live.server import View
     from haptic_wall.controller.live.source import LoggedSource
+    from haptic_wall.controller.live.view import View
 
     with reading("LOG", log, "a log of run"), working("reading the log"):
         rows = LogRows.of(LogReader(log), stretch)

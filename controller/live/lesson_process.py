@@ -22,12 +22,15 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.gate import judged, servo_of
 from haptic_wall.controller.live.lesson import facts, own_servo, scenes
-from haptic_wall.controller.live.process import view_of
 from haptic_wall.controller.live.relay import ask, sets_of
 from haptic_wall.controller.live.rhythm import STRETCH_S, rhythm
-from haptic_wall.controller.live.server import Client, LiveServer, View, closed, opened
+from haptic_wall.controller.live.running_view import view_of
+from haptic_wall.controller.live.server import LiveServer
+from haptic_wall.controller.live.view import View
+from haptic_wall.controller.live.web_server import closed, opened
 from haptic_wall.controller.processes.idle_window import until_idle_window
 from haptic_wall.controller.processes.live import take_over
 from haptic_wall.controller.processes.live_place import Live

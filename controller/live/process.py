@@ -1,126 +1,94 @@
 """The live page's process: serves the rows of a running loop to browsers.
 
 It may be slow, flooded, stopped or killed without an effect on the loop or the log.
+
+The page's files are served at once. What reads the rows is imported meanwhile, which takes most of
+a second; a page that comes sooner waits for its first rows with its panels drawn.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
 import signal
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from haptic_wall.controller.errors import HapticWallError
-from haptic_wall.controller.live.dead_man import DeadMan
-from haptic_wall.controller.live.marks import Mark, change_mark
-from haptic_wall.controller.live.server import LiveServer, View
-from haptic_wall.controller.live.source import RunningSource
-from haptic_wall.controller.processes.idle_window import until_idle_window
+from websockets.asyncio.server import ServerConnection
+
+from haptic_wall.controller.live.gate import judged
+from haptic_wall.controller.live.web_server import closed, opened
 from haptic_wall.controller.processes.live_place import Live
 from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
-from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from haptic_wall.controller.settings.changes import changed
-from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import ended_by
-from haptic_wall.hw.hand import SharedHand
 
-_MOST_NEWS = 65_536
-"""Largest message of the supervisor [bytes]"""
-
-
-class News:
-    """Receives messages of the supervisor about the run, and passes them to the view.
-
-    Args:
-        line: Socket from the supervisor; each message is one JSON object.
-        telemetry: Of the run.
-        view: View of the run.
-    """
-
-    def __init__(self, line: socket.socket, telemetry: Telemetry, view: View) -> None:
-        self._line = line
-        self._words = telemetry.words
-        self._view = view
-        self.over = False
-        """Whether the run has ended, and nothing more comes"""
-
-    def take(self) -> None:
-        """Read the messages that have come, and show them."""
-        try:
-            while found := self._line.recv(_MOST_NEWS, socket.MSG_DONTWAIT):
-                self._show(json.loads(found))
-        except BlockingIOError:
-            return  # none more
-        except OSError:
-            pass  # the supervisor is gone
-        self.over = True
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._line.close()
-
-    def _show(self, news: dict[str, Any]) -> None:
-        view, origin_ns = self._view, self._words[Word.BEGAN_NS]
-        if "note" in news and origin_ns:
-            view.add([Mark((news["at_ns"] - origin_ns) * 1e-9, "note", news["note"])])
-        elif "ended" in news:
-            view.end(f"the run is over: {news['ended']}")
-        elif "change" in news:
-            change = news["change"]
-            if change["outcome"] == "applied":
-                with contextlib.suppress(HapticWallError):
-                    view.change(changed(view.config, change["set"]))
-            if change["at_s"] is not None:
-                view.add([change_mark(change)])
+if TYPE_CHECKING:
+    from haptic_wall.controller.live.server import LiveServer
 
 
-def view_of(orders: Mapping[str, Any]) -> tuple[View, News, Telemetry]:
-    """Return the view of a running wall, its news, and its rows.
+async def serve(orders: dict[str, Any], ends: Callable[[], bool]) -> None:
+    """Serve until ``ends`` or the supervisor says so.
 
     Args:
-        orders: Of the run's supervisor; the view takes the descriptors in them.
+        orders: Of the run's supervisor.
+        ends: Whether a signal asked for the end.
     """
-    telemetry = Telemetry(orders["telemetry"])
-    config = Config.model_validate_json(orders["config"])
-    view = View(
-        config,
-        orders["name"],
-        RunningSource(telemetry, config.period_ns),
-        recorded=False,
-        hand=None if orders["hand"] is None else SharedHand(orders["hand"]),
-        dead_man=DeadMan(telemetry.words) if orders["dead_man"] else None,
+    live = Live(**orders["live"])
+    ready: asyncio.Future[LiveServer] = asyncio.get_running_loop().create_future()
+
+    async def attend(connection: ServerConnection) -> None:
+        await (await asyncio.shield(ready)).attend(connection)
+
+    server = await opened(
+        socket.socket(fileno=live.descriptor), attend, lambda request: judged(request, live.host)
     )
-    return view, News(socket.socket(fileno=orders["news"]), telemetry, view), telemetry
+    with ThreadPoolExecutor(1) as executor:
+        make = asyncio.get_running_loop().run_in_executor(executor, _imported)
+        running, until = (await make)(orders, live, ends)
+    # Threads that compute for the page later are begun by this one, and take its priority.
+    stand_back()
+    ready.set_result(running)
+    await running.pump(until)
+    await closed(server)
+    running.abort()
+
+
+def _imported() -> Callable[
+    [dict[str, Any], Live, Callable[[], bool]], tuple[LiveServer, Callable[[], bool]]
+]:
+    """Import what reads the rows; return what makes the server of a run and its end."""
+    from haptic_wall.controller.live.running_view import view_of
+    from haptic_wall.controller.live.server import LiveServer
+    from haptic_wall.controller.processes.idle_window import until_idle_window
+
+    def made(
+        orders: dict[str, Any], live: Live, ends: Callable[[], bool]
+    ) -> tuple[LiveServer, Callable[[], bool]]:
+        view, news, telemetry = view_of(orders)
+
+        def until() -> bool:
+            over = ends()
+            news.take()
+            return over
+
+        def pause(wanted_s: float) -> float:
+            return until_idle_window(telemetry.words, view.config.period_ns, wanted_s)
+
+        return LiveServer(view, live.host, live.token, Path(orders["run"]), pause), until
+
+    return made
 
 
 def main() -> None:
     """Serve until told to end."""
     orders = read_orders()
     ends = ended_by(signal.SIGTERM)
-    stand_back()
     die_with_parent(orders["parent"], signal.SIGKILL)
-    live = Live(**orders["live"])
-    view, news, telemetry = view_of(orders)
-
-    def until() -> bool:
-        over = ends()
-        news.take()
-        return over
-
-    server = LiveServer(
-        view,
-        live.host,
-        live.token,
-        Path(orders["run"]),
-        lambda wanted_s: until_idle_window(telemetry.words, view.config.period_ns, wanted_s),
-    )
     try:
-        asyncio.run(server.run(socket.socket(fileno=live.descriptor), until))
+        asyncio.run(serve(orders, ends))
     except OSError as error:
         say({"trouble": f"the page is gone ({error.strerror or error})"})
 

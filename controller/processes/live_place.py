@@ -8,7 +8,6 @@ import socket
 from dataclasses import dataclass
 
 from haptic_wall.controller.errors import PlatformError, UserError
-from haptic_wall.controller.processes.stream import parsed_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +41,8 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
             "the live page needs the package websockets, which is not installed",
             advice="run pip install -e '.[live]' in the clone",
         )
+    from haptic_wall.controller.processes.stream import parsed_place
+
     found = parsed_place(place)
     if found is None:
         raise UserError(

@@ -56,6 +56,8 @@ class Orders:
     parent: int
     """Process id of the supervisor"""
     core: int
+    shared: bool
+    """Whether everything else has no other core either"""
     duration_s: float | None
     program: list[dict[str, Any]]
     """Phases in place of the wall; empty: the wall"""
@@ -80,7 +82,6 @@ def main() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config)
-    single = os.sched_getaffinity(0) == {orders.core}
     os.sched_setaffinity(0, {orders.core})
     try:
         with contextlib.ExitStack() as scope:
@@ -93,7 +94,7 @@ def main() -> None:
                 Surroundings(
                     port=orders.port,
                     tell=lambda text: _tell("tell", text=text),
-                    take_real_time=lambda: _prepare(config, orders.core, single, scope),
+                    take_real_time=lambda: _prepare(config, orders, scope),
                     changes=None
                     if orders.changes is None
                     else socket.socket(fileno=orders.changes),
@@ -127,13 +128,13 @@ def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Se
     return opened
 
 
-def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStack) -> LateTicks:
+def _prepare(config: Config, orders: Orders, scope: contextlib.ExitStack) -> LateTicks:
     """Apply the real-time settings, report the granted ones, start the explanation of late ticks.
 
     Raises:
         PlatformError: The profile is strict, and a setting it needs was not granted.
     """
-    wishes = config.realtime
+    wishes, core = config.realtime, orders.core
     settings = realtime.apply(wishes.profile, wishes.priority, {core})
     _tell("realtime", settings=[asdict(setting) for setting in settings])
     _tell("tell", text=start_table(settings, machine_setup(core)))
@@ -144,7 +145,7 @@ def _prepare(config: Config, core: int, single: bool, scope: contextlib.ExitStac
     machine = Machine(
         virtual=is_virtual(),
         real_time=os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
-        shared=single,
+        shared=orders.shared,
         knows_run_delay=reader.knows_run_delay,
     )
     late = scope.enter_context(LateTicks(machine, reader, config.period_ns))

@@ -223,6 +223,7 @@ class Supervisor:
             port=self._port,
             parent=os.getpid(),
             core=self._core,
+            shared=self._others == {self._core},
             duration_s=self._plan.duration_s,
             program=[asdict(phase) for phase in self._plan.program],
             changes=changes,
@@ -235,9 +236,9 @@ class Supervisor:
             descriptors.append(changes)
         if self._port is not None:
             descriptors.append(self._port)
-        loop = Child(
-            "loop", ["haptic_wall.controller.processes.loop_process"], asdict(orders), descriptors
-        )
+        # On its core from the first: on two cores the other one is busy with the other starts.
+        module = "haptic_wall.controller.processes.loop_process"
+        loop = Child("loop", [module], asdict(orders), descriptors, {self._core})
         children.callback(self._force_end, loop)
         return loop
 

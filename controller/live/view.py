@@ -1,0 +1,238 @@
+"""Keeps the state of a run that all pages see, and tells them what changes."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from haptic_wall.controller.errors import HapticWallError
+from haptic_wall.controller.live.client import Client
+from haptic_wall.controller.live.dead_man import DeadMan
+from haptic_wall.controller.live.frames import CHANNELS
+from haptic_wall.controller.live.marks import Mark, MarkFinder, change_mark
+from haptic_wall.controller.live.scene import law_over_position
+from haptic_wall.controller.live.source import Source
+from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.hand import SharedHand
+
+MOST_NUMBER: Final = 1e6
+"""Largest number for a hand [rad or N·m/rad]"""
+MOST_MARKS: Final = 1000
+"""Events that are kept"""
+_SAME_DELAY: Final = 0.03
+"""Relative change of the delay that is not drawn [1]"""
+
+
+class View:
+    """The state of a run that all clients see.
+
+    Args:
+        config: Configuration at the start of the run.
+        name: Of the run, for people.
+        source: Of its rows.
+        recorded: Whether the run is a log.
+        hand: A person's hand on the simulated servo; None: the run has none.
+        dead_man: The dead man; None: no page holds it.
+        judged_as: Returns configuration and delay whose limits the map shows, from those in force.
+
+    Attributes:
+        dead_man: See above.
+        judged_as: See above.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        name: str,
+        source: Source,
+        *,
+        recorded: bool,
+        hand: SharedHand | None = None,
+        dead_man: DeadMan | None = None,
+        judged_as: Callable[[Config, float], tuple[Config, float]] = lambda *given: given,
+    ) -> None:
+        self.judged_as = judged_as
+        self._hand = hand
+        self.dead_man = dead_man
+        self._holds: object = None
+        self.shaft = math.nan
+        """Position of the shaft [rad]; not a number: not known yet"""
+        self.config = config
+        self.source = source
+        self.clients: set[Client] = set()
+        self._hello = {
+            "kind": "hello",
+            "name": name,
+            "channels": CHANNELS,
+            "rate_hz": config.loop.rate_hz,
+            "capacity": source.capacity,
+            "recorded": recorded,
+            "hand": hand is not None,
+            "dead_man": dead_man is not None,
+        }
+        self._marks: deque[Mark] = deque(maxlen=MOST_MARKS)
+        self._finder = MarkFinder()
+        self._tail = 0
+        self._started_at = math.nan
+        self._span = (math.inf, -math.inf)
+        self.stiffness = math.nan
+        """Commanded now [N·m/rad]; not a number: not known yet"""
+        self.delay = math.nan
+        """That the guard uses [s]; not a number: not known yet"""
+        self._map: dict[str, Any] = {}
+        self._map_of: tuple[Config, float] | None = None
+        self._law: dict[str, Any] = {}
+        self._law_of: tuple[Any, ...] = ()
+        self._ended = ""
+
+    def welcome(self, client: Client, *, controls: bool) -> None:
+        """Send a new client everything that the other clients already have."""
+        client.tell(self._hello | {"controls": controls})
+        client.tell({"kind": "wall", **self._wall()})
+        client.tell({"kind": "marks", "marks": [mark.plain() for mark in self._marks]})
+        for drawn in filter(None, (self._law, self._map)):
+            client.tell(drawn)
+        if self._ended:
+            client.tell({"kind": "ended", "words": self._ended})
+        self.clients.add(client)
+
+    def recall(self, ended: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> None:
+        """Show what a log tells: the changes, and how the run ended."""
+        known = [each for each in changes if each.get("at_s") is not None]
+        self.add([change_mark(each) for each in known])
+        if ended.get("stop_reason"):
+            self.end(f"the run ended: {ended['stop_reason']}")
+
+    def grasp(self, client: object, wish: Mapping[str, Any] | None) -> bool:
+        """Let a client's hand hold the shaft, or let go; one client holds it at a time.
+
+        Args:
+            client: Whose hand.
+            wish: ``position`` [rad] and ``stiffness`` [N·m/rad]; None: it lets go.
+
+        Returns:
+            False: that is no wish.
+        """
+        hand, now_ns = self._hand, time.monotonic_ns()
+        if hand is None:
+            return False
+        if wish is None:
+            if client is self._holds:
+                self._holds = None
+                hand.release()
+            return True
+        numbers = [wish.get("position"), wish.get("stiffness")]
+        if not all(isinstance(each, int | float) and abs(each) < MOST_NUMBER for each in numbers):
+            return False
+        free = self._holds in (None, client) or hand.look(now_ns) is None
+        if free and math.isfinite(self.shaft):
+            self._holds = client
+            hand.hold(float(wish["position"]), float(wish["stiffness"]), self.shaft, now_ns)
+        return True
+
+    def hold(self, client: Client, beat: object) -> bool:
+        """Let a client hold the dead man, or let go.
+
+        Args:
+            client: Who holds.
+            beat: The newest one that the client has; None: it lets go.
+
+        Returns:
+            False: that is no beat, or no page holds the dead man.
+        """
+        if self.dead_man is None:
+            return False
+        if beat is None:
+            self.dead_man.release(client)
+        elif isinstance(beat, int):
+            self.dead_man.answer(client, beat, time.monotonic_ns())
+        else:
+            return False
+        return True
+
+    def add(self, marks: list[Mark]) -> None:
+        """Send events to all clients."""
+        if marks:
+            self._marks += marks
+            self.tell({"kind": "marks", "marks": [mark.plain() for mark in marks]})
+
+    def change(self, config: Config) -> None:
+        """Show another configuration, after a change of the running wall."""
+        self.config = config
+        self.tell({"kind": "wall", **self._wall()})
+
+    def end(self, words: str) -> None:
+        """Tell all clients that the run has ended."""
+        self._ended = words
+        self.tell({"kind": "ended", "words": words})
+
+    def tell(self, what: dict[str, Any]) -> None:
+        """Tell all clients."""
+        for client in self.clients:
+            client.tell(what)
+
+    def look(self, most: int) -> None:
+        """Process the new rows, at most ``most`` of them."""
+        origin_ns = self.source.origin_ns()
+        rows, tail = self.source.read(self._tail, most)
+        if not origin_ns or not len(rows):
+            return
+        self._tail = tail
+        self.add(self._finder.look(rows, origin_ns))
+        position = rows["position"][np.isfinite(rows["position"])]
+        if len(position):
+            self.shaft = float(position[-1])
+            if math.isnan(self._started_at):
+                self._started_at = float(position[0])
+            low, high = self._span
+            self._span = min(low, float(position.min())), max(high, float(position.max()))
+        self.stiffness = float(rows["stiffness"][-1])
+        self.delay = float(rows["delay_s"][-1])
+
+    def draw_law(self) -> None:
+        """Send the curve of the law if the law or the range of motion has changed."""
+        low, high = self._span
+        if math.isnan(self._started_at) or not math.isfinite(self.stiffness):
+            return
+        wanted = (self.config, float(f"{self.stiffness:.3g}"))
+        drawn = self._law
+        inside = bool(drawn) and drawn["low"] <= low and high <= drawn["high"]
+        if not inside or wanted != self._law_of:
+            self._law_of = wanted
+            law = law_over_position(self.config, self._started_at, self.stiffness, low, high)
+            self._law = {"kind": "law", **law}
+            self.tell(self._law)
+
+    async def draw_map(self) -> None:
+        """Tell the guard's limits, where the wall, or the delay, is another one."""
+        config, delay = self.config, self.delay
+        if not math.isfinite(delay):
+            return
+        if self._map_of is not None:
+            drawn, at = self._map_of
+            if drawn is config and abs(delay - at) <= _SAME_DELAY * at:
+                return
+        self._map_of = config, delay
+        try:
+            found = await asyncio.to_thread(_limits, *self.judged_as(config, delay))
+        except (ValueError, HapticWallError) as error:  # a wall whose limits are not known
+            found = {"trouble": str(error)}
+        self._map = {"kind": "map", **found}
+        self.tell(self._map)
+
+    def _wall(self) -> dict[str, Any]:
+        data = self.config.model_dump(mode="json")
+        return {"wall": data["wall"], "delay_steps": data["delay"]["steps"]}
+
+
+def _limits(config: Config, delay: float) -> dict[str, Any]:
+    """Return ``guard_map``, whose import takes longer than what the first curve needs."""
+    from haptic_wall.controller.live.guard_map import guard_map
+
+    return guard_map(config, delay)
