@@ -7,7 +7,7 @@ supervisor and log. Every run's log is kept.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +71,11 @@ class ExperimentTrippedError(ExplainedError):
         """Whether a too stiff wall can be the cause."""
         return self.stop_reason in _OF_MOTION
 
+    @property
+    def passing(self) -> bool:
+        """Whether readings or periods were lost, for which the wall is not the cause."""
+        return self.stop_reason in _PASSING
+
     def __reduce__(
         self,
     ) -> tuple[type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None]]:
@@ -87,6 +92,8 @@ class Played:
     phases: tuple[Phase, ...]
     ended: Ended
     log: Path
+    repeated: StopReason | None = None
+    """Trip that ended a first run of the same program; None: there was none"""
 
     def phase(self, number: int) -> NDArray[np.void]:
         """Return the rows of one phase, from the first torque that it decided."""
@@ -166,10 +173,11 @@ class Testbed:
         try:
             return self._played(name, phases, delay_steps)
         except ExperimentTrippedError as error:
-            if error.stop_reason not in _PASSING:
+            if not error.passing:
                 raise
             self.tell(f"{name}: {error.stop_reason}; once more")
-        return self._played(name, phases, delay_steps)
+            first = error.stop_reason
+        return replace(self._played(name, phases, delay_steps), repeated=first)
 
     def _played(self, name: str, phases: Sequence[Phase], delay_steps: int | None) -> Played:
         config = self.config

@@ -159,13 +159,26 @@ def _limits(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row
         real = figures[0]
         kick = next((each.kick_rad for each in figures if each is not None and each.kick_rad), None)
         bounds = None if kick is None else at_kick(wanted, kick)
-        note = points[0]["reason"] if points[0] is not None and real is None else None
+        note = _why(points[0], measured[0].reason("sweep"))
         name = (
             f"critical stiffness at B {wanted['virtual_damping']:.3g} N·m·s/rad,"
             f" {wanted['delay_steps']} periods inserted"
         )
         row = _row(name, "N·m/rad", "sweep", bounds, real, figures[1], note)
-        yield replace(row, note=_side(row)) if row.verdict == FAILS else row
+        said = [_side(row), note] if row.verdict == FAILS else [note]
+        yield replace(row, note="; ".join(filter(None, said)) or None)
+
+
+def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
+    """Return why a point has no figure, or what disturbed the figure that it has."""
+    if point is None:
+        return None if ended is None else f"the sweep ended before: {ended}"
+    found = [point["reason"]] if point["reason"] else []
+    if point["measured"] is not None:
+        if point.get("disturbed"):
+            found.append(f"{point['disturbed']} trials were disturbed, and made again")
+        found += [f"met {each}" for each in point["trips"]]
+    return "; ".join(found) or None
 
 
 def _side(row: Row) -> str:

@@ -12,7 +12,13 @@ from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.experiments.acceptance.load import measure_load
 from haptic_wall.controller.experiments.acceptance.logged import from_logs, measure_rest
 from haptic_wall.controller.experiments.acceptance.predictions import Weight, points
-from haptic_wall.controller.experiments.commission.outcome import STEPS, Step, StepOutcome, done
+from haptic_wall.controller.experiments.commission.outcome import (
+    STEPS,
+    Step,
+    StepOutcome,
+    done,
+    partly_done,
+)
 from haptic_wall.controller.experiments.commission.sequence import run_steps
 from haptic_wall.controller.experiments.commission.steps import Plot, StepContext
 from haptic_wall.controller.experiments.commission.store import (
@@ -67,11 +73,15 @@ class Measured:
     exit_status: int
 
     def data(self, step: str) -> Mapping[str, Any] | None:
-        """Return a step's result; None: it is not done."""
+        """Return a step's result, of a sweep also as far as it came; None: there is none."""
         if step in self.extra:
             return self.extra[step].get("data")
         found: Any = step
-        return done(self.outcomes, found)
+        return (partly_done if step == "sweep" else done)(self.outcomes, found)
+
+    def reason(self, step: str) -> str | None:
+        """Return why a step ended early or was not taken; None: it is done, or not reached."""
+        return next((each["reason"] for each in self.steps() if each["step"] == step), None)
 
     def steps(self) -> list[dict[str, Any]]:
         """Return each step with its state and reason."""

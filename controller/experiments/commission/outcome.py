@@ -41,6 +41,12 @@ class StepOutcome:
     """File name of the PNG beside the JSON file"""
 
 
+def partly_done(outcomes: Mapping[Step, StepOutcome], step: Step) -> dict[str, Any] | None:
+    """Return a step's result, also of one that ended early; None if nothing was measured."""
+    outcome = outcomes.get(step)
+    return (outcome.data or None) if outcome is not None else None
+
+
 def done(outcomes: Mapping[Step, StepOutcome], step: Step) -> dict[str, Any] | None:
     """Return a step's result; None if it is not done."""
     outcome = outcomes.get(step)

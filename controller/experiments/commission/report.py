@@ -9,7 +9,7 @@ from typing import Any
 from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission import agreement
-from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done
+from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done, partly_done
 from haptic_wall.controller.experiments.commission.sequence import Ended
 from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG, SWEEP
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
@@ -33,6 +33,7 @@ def report(ended: Ended, name: str, folder: Path) -> dict[str, Any]:
     """
     config, outcomes = ended.config, ended.outcomes
     found = {step: done(outcomes, step) for step in STEPS}
+    found["sweep"] = partly_done(outcomes, "sweep")
     question = GuardQuestion.of(config, found["delay"])
     config_file = folder / CONFIG
     complete = all(

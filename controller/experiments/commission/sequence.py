@@ -80,7 +80,7 @@ def run_steps(bench: StepContext) -> Ended:
                     outcome, shown = (
                         (StepOutcome(step, "skipped", basis, why_not), ())
                         if why_not is not None
-                        else _taken(step, replace(bench, config=config), basis)
+                        else _taken(step, replace(bench, config=config, partly={}), basis)
                     )
             except (KeyboardInterrupt, ExperimentInterruptedError):
                 bench.tell(f"{step}: interrupted")
@@ -141,7 +141,8 @@ def _taken(step: Step, bench: StepContext, basis: str) -> tuple[StepOutcome, tup
 
     def failed(error: Exception | str, status: int, ends_all: bool = False) -> StepOutcome:
         seconds = time.monotonic() - began
-        return StepOutcome(step, "failed", basis, str(error), status, ends_all, seconds)
+        partly = dict(bench.partly)
+        return StepOutcome(step, "failed", basis, str(error), status, ends_all, seconds, partly)
 
     try:
         data, shown = RUN[step](bench)

@@ -81,6 +81,8 @@ class StepContext:
     """Points of the sweep; None: planned by the identified model"""
     before: Callable[[Step], None] = lambda _step: None
     """Called before each step that is executed"""
+    partly: dict[str, Any] = field(default_factory=dict)
+    """Data of a step that ends early, as far as it came"""
 
     @property
     def logs(self) -> Path:
@@ -187,14 +189,22 @@ def run_sweep(bench: StepContext) -> StepResult:
     except UserError:  # of an older model
         store = SweepStore(folder, asked, fresh=True)
 
+    ceiling = None
+
+    def data() -> dict[str, Any]:
+        found = None if ceiling is None else ceiling.report()
+        return store.report(bench.name) | {"ceiling": found}
+
     def progress(setting: PlanePoint, point: PointResult) -> None:
+        bench.partly.update(data())
         said = point.reason if point.measured is None else f"{point.measured:.4g} N·m/rad"
         bench.tell(
             f"{len(store.done)}/{len(settings)}  B {setting.virtual_damping:g},"
             f" {setting.delay_steps} steps: {said}"
         )
 
-    ceiling = None
+    if store.done:
+        bench.partly.update(data())
     if _vibrates(config):
         bed = Testbed(config, folder / SWEEP_LOGS, bench.tell)
         ceiling = CeilingSearch(bed, config.delay.steps, bench.tell).run()
@@ -202,8 +212,7 @@ def run_sweep(bench: StepContext) -> StepResult:
     if not finished:
         raise ExperimentInterruptedError("interrupted", advice=f"{len(store.done)} points are kept")
     store.write()
-    data = store.report(bench.name) | {"ceiling": None if ceiling is None else ceiling.report()}
-    return StepResult(data, (store.points(), Device.of(config)))
+    return StepResult(data(), (store.points(), Device.of(config)))
 
 
 def _vibrates(config: Config) -> bool:

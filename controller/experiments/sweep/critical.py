@@ -29,6 +29,7 @@ from haptic_wall.controller.experiments.sweep.result import (
     PointResult,
     bounded_text,
     bracket_text,
+    disturbed_text,
     nothing_text,
     out_of_reach_text,
     unstable_text,
@@ -50,6 +51,8 @@ _COARSE, _FINE = 0.12, 0.04
 _SOFTEST = 1e-2
 """Lower end of the search, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
+_REPEATS = 6
+"""Further batches of trials that bus or machine disturbed"""
 _TRIPS = 3
 """Number of trips by overspeed or oscillation that end a point; other trips end the search"""
 _MOST_OFFSET = 2.0
@@ -113,6 +116,8 @@ class PointSearch:
         self._too_stiff = 0
         self._offset = {1.0: 0.0, -1.0: 0.0}
         self._repeat = 0
+        self._lost = 0
+        self._again: list[_Asked] = []
         self.result = PointResult(
             virtual_damping=setting.virtual_damping,
             delay_steps=setting.delay_steps,
@@ -155,13 +160,19 @@ class PointSearch:
     def _search(self) -> Balance | None:
         """Return the balance of one kick; None: its trials do not tell it."""
         found: Balance | None = None
-        fine = idle = 0
-        for _ in range(_BATCHES):
+        fine = idle = repeats = 0
+        for number in range(_BATCHES + _REPEATS):
+            if number - repeats == _BATCHES:
+                break
             found = self._estimate()
             if found is not None and self._enough(found, fine):
                 break
             near = found is not None and self._near(found)
-            batch = self._around(found, near) if found is not None else self._bracketing()
+            if self._again and repeats < _REPEATS:
+                batch, near = self._again, False
+                repeats += 1
+            else:
+                batch = self._around(found, near) if found is not None else self._bracketing()
             if not batch:
                 break
             fine += near
@@ -189,6 +200,7 @@ class PointSearch:
         self._tell(f"nothing grows within the torque limit: a kick of {self._kick:.3g} rad")
         self._reach = reach(self._device, self._setting, self._delay, self._kick)
         self._trials.clear()
+        self._again = []
         self._offset = {1.0: 0.0, -1.0: 0.0}
 
     def _bracket(self) -> tuple[float, float] | None:
@@ -298,19 +310,25 @@ class PointSearch:
         tripped: ExperimentTrippedError | None = None
         result.logs.append(f"{name}{SUFFIX}")
         try:
-            rows = self._bed.play(name, phases, setting.delay_steps).rows
+            played = self._bed.play(name, phases, setting.delay_steps)
+            rows = played.rows
+            if played.repeated is not None:
+                result.trips.append(f"{played.repeated} in {name}, which was run again")
         except ExperimentTrippedError as error:
             if error.gone:
                 raise
             tripped = error
-            if error.fault:  # the stiffness is unknown
+            if error.fault and not error.passing:  # the stiffness is unknown
                 raise UserError(error.fault) from error
-            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
+            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")[: None if not error.fault else 0]
         over = int(rows["phase"][-1]) if rows.size else -1
         missed: dict[float, list[float]] = {1.0: [], -1.0: []}
+        self._again = []
         for n, asked in enumerate(batch):
             phase = 2 * n + 1
             if phase > over or (tripped is not None and phase == over):
+                if tripped is not None and tripped.passing:
+                    self._again += batch[n:]
                 break
             seen = watch(rows, phase, phases[phase], self._device, self._kick)
             if seen is not None:
@@ -322,8 +340,10 @@ class PointSearch:
             if tripped.of_motion:
                 self._too_stiff += 1
                 self._cap = min(self._cap, 0.999 * culprit.stiffness)
-            elif len(result.trips) - self._too_stiff == _TRIPS:
-                raise tripped  # not caused by the wall
+            else:
+                self._lost += 1
+                if self._lost == _TRIPS:
+                    raise tripped  # not caused by the wall
         self._delay = self._total_delay()
         return self._too_stiff < _TRIPS
 
@@ -334,7 +354,11 @@ class PointSearch:
         start = asked.sign * seen.start
         low, high = _STARTED
         if low * asked.aim <= start <= high * asked.aim:
-            self._trials.append(seen.trial)
+            if seen.disturbed:
+                self._again.append(asked)
+                self.result.disturbed += 1
+            else:
+                self._trials.append(seen.trial)
         return (_CORRECTED if start >= low * asked.aim else _STUCK) * (asked.aim - start)
 
     def _correct(self, missed: Mapping[float, Sequence[float]]) -> None:
@@ -363,6 +387,8 @@ class PointSearch:
             result.reason = f"given up after {_TRIPS} trips: {'; '.join(result.trips)}"
             return
         between = self._bracket()
+        if between is not None:  # a stiffer motion that died makes it less certain
+            between = (between[0], max(between[1], *self._died()))
         if found is None and between is not None and between[1] < _WIDE * between[0]:
             result.measured = math.sqrt(between[0] * between[1])
             result.uncertainty = 0.5 * (between[1] - between[0])
@@ -373,6 +399,8 @@ class PointSearch:
             result.reason = nothing_text(
                 self._reach, self._died(), self._grew(), self._cap, result.trips
             )
+            if result.disturbed:
+                result.reason += f"; {disturbed_text(result.disturbed)}"
             return
         result.measured = found.stiffness
         result.uncertainty = found.uncertainty

@@ -36,6 +36,8 @@ class PointResult:
     onset_rad: float | None = None
     """Onset amplitude at the measured stiffness; None: below the limit nothing grows"""
     trials: int = 0
+    disturbed: int = 0
+    """Further trials in which too much was lost to tell growth from decay; they were made again"""
     reason: str | None = None
     """Why there is no figure, or a remark"""
     trips: list[str] = field(default_factory=list)
@@ -78,6 +80,14 @@ def bounded_text(amplitude: float) -> str:
     return (
         f"here larger motion dies: a cycle of about {1e3 * amplitude:.2g} mrad, as backlash"
         " sustains it, and no growth without end"
+    )
+
+
+def disturbed_text(trials: int) -> str:
+    """Explain how many trials bus or machine spoiled."""
+    return (
+        f"{trials} trials lost too many readings or periods to be judged, and were made again: end"
+        " what keeps the machine busy, or see haptic-wall doctor"
     )
 
 

@@ -25,7 +25,11 @@ from haptic_wall.controller.experiments.sweep.plan import (
 )
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.store import LOGS, SweepStore
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+    Testbed,
+)
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
@@ -89,14 +93,50 @@ def sweep(
             if config.loop.clock == "simulated" and pool is not None:
                 _side_by_side(config, store, left, options, folder, pool, progress)
             else:
-                bed = Testbed(config, folder, tell)
-                for setting in left:
-                    result = PointSearch(bed, setting, options, tell).run()
-                    store.add(setting, result)
-                    progress(setting, result)
+                _in_turn(Testbed(config, folder, tell), store, left, options, tell, progress)
     except (KeyboardInterrupt, ExperimentInterruptedError):
         return False
     return True
+
+
+def _in_turn(
+    bed: Testbed,
+    store: SweepStore,
+    left: list[PlanePoint],
+    options: Options,
+    tell: Callable[[str], None],
+    progress: Progress,
+) -> None:
+    """Measure points one after the other; those that bus or machine disturbed once more at the end.
+
+    Raises:
+        ExperimentTrippedError: Two points one after the other were ended, or one twice.
+    """
+    spoiled: dict[PlanePoint, str] = {}
+    ended = False
+    for setting in left:
+        try:
+            result = PointSearch(bed, setting, options, tell).run()
+        except ExperimentTrippedError as error:
+            if ended or not error.passing:
+                raise
+            ended, spoiled[setting] = True, f"{error.stop_reason} ended an earlier search"
+        else:
+            ended = False
+            if result.measured is not None or not result.disturbed:
+                store.add(setting, result)
+                progress(setting, result)
+                continue
+            spoiled[setting] = f"an earlier search had {result.disturbed} disturbed trials"
+        tell(
+            f"B {setting.virtual_damping:g}, {setting.delay_steps} steps: {spoiled[setting]};"
+            " measured again at the end"
+        )
+    for setting, why in spoiled.items():
+        result = PointSearch(bed, setting, options, tell).run()
+        result.trips.insert(0, why)
+        store.add(setting, result)
+        progress(setting, result)
 
 
 def _side_by_side(

@@ -35,6 +35,8 @@ class Seen:
     """Position at the release, from the program's start [rad]"""
     age: float | None
     """Age of the sample behind the torque, averaged over the used half-cycles [s]; None: none"""
+    disturbed: bool
+    """Bus or machine lost so much of it that neither growth nor decay can be told"""
 
 
 def watch(
@@ -71,7 +73,8 @@ def watch(
         used = sound[np.clip(np.searchsorted(turns.time, time) - 1, 0, sound.size - 1)]
         age = _mean_age(own, used, device.period) if used.any() else None
     trial = Trial(phase.stiffness, found, turns.half_period, _grew(found, turns.position, position))
-    return Seen(trial, float(position[0]), age)
+    lost = float(np.sum(own["missed"]) + np.sum(~good)) > _DISTURBED * own.size
+    return Seen(trial, float(position[0]), age, lost and not found.log_ratio.size)
 
 
 def _sound(
