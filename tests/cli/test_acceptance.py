@@ -3,6 +3,7 @@
 import gc
 import json
 import re
+import shutil
 import socket
 import zipfile
 from functools import partial
@@ -19,7 +20,11 @@ from haptic_wall.controller.experiments.acceptance.twin import twin_of
 from haptic_wall.controller.experiments.commission import steps
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
+from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
+    ExperimentTrippedError,
+)
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.typed import status_of
@@ -215,6 +220,29 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "acceptance.zip").exists()
+
+
+def test_points_of_a_sweep_that_a_trip_ends_are_in_the_report(
+    accepted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object, **__: object) -> NoReturn:
+        raise ExperimentTrippedError(Trip.LOSS_RATE, "check the cable")
+
+    folder = tmp_path / "out"
+    shutil.copytree(accepted, folder)
+    (folder / "measured" / "sweep.json").unlink()
+    kept = folder / "measured" / "sweep" / "sweep.json"
+    sweep_kept = json.loads(kept.read_text())
+    first = sweep_kept["points"].pop(0)
+    kept.write_text(json.dumps(sweep_kept | {"complete": False}))
+    quicker(monkeypatch)
+    monkeypatch.setattr(steps, "sweep", ended)
+    assert call(*SIMULATED, "--yes", "--out", folder) == 3
+    limits = [r for r in report_of(folder)["rows"] if r["name"].startswith("critical")]
+    assert [row["real"] is None for row in limits] == [True, False]
+    assert "the sweep ended before: trip:loss_rate: check the cable" in limits[0]["note"]
+    assert limits[1]["real"]["kick_rad"] and limits[1]["real"]["stderr"]
+    assert limits[0]["name"].startswith(f"critical stiffness at B {first['virtual_damping']:.3g}")
 
 
 def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(

@@ -335,17 +335,20 @@ class PointSearch:
                 missed[asked.sign].append(self._take(seen, asked))
         self._correct(missed)
         if tripped is not None:
-            culprit = batch[min(max(over, 0) // 2, len(batch) - 1)]
-            result.trips.append(f"{tripped.stop_reason} at {culprit.stiffness:.4g} N·m/rad")
-            if tripped.of_motion:
-                self._too_stiff += 1
-                self._cap = min(self._cap, 0.999 * culprit.stiffness)
-            else:
-                self._lost += 1
-                if self._lost == _TRIPS:
-                    raise tripped  # not caused by the wall
+            self._blame(tripped, batch[min(max(over, 0) // 2, len(batch) - 1)].stiffness)
         self._delay = self._total_delay()
         return self._too_stiff < _TRIPS
+
+    def _blame(self, tripped: ExperimentTrippedError, stiffness: float) -> None:
+        """Count a trip; raise the last one that the wall did not cause."""
+        self.result.trips.append(f"{tripped.stop_reason} at {stiffness:.4g} N·m/rad")
+        if tripped.of_motion:
+            self._too_stiff += 1
+            self._cap = min(self._cap, 0.999 * stiffness)
+            return
+        self._lost += 1
+        if self._lost == _TRIPS:
+            raise tripped
 
     def _take(self, seen: Seen, asked: _Asked) -> float:
         """Keep a trial that began at its kick; return how far the next one must aim further."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
@@ -14,7 +15,13 @@ from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.sweep import excursion, expected_s, experiment_config
+from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
+from haptic_wall.controller.experiments.sweep.sweep import (
+    excursion,
+    expected_s,
+    experiment_config,
+    sweep,
+)
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.logs.file import read_log
@@ -26,6 +33,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.servo import Outcome
 from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
@@ -166,6 +175,72 @@ def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
     assert [trip.split(" at ")[0] for trip in found.trips] == ["trip:losses_in_row"]
     true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
     assert found.measured == pytest.approx(true, rel=0.005)
+
+
+def test_a_trial_of_lost_readings_is_made_again_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lost readings would be taken for growth, at a stiffness far below the limit."""
+    played = Testbed.play
+    batches: list[int] = []
+
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
+        done = played(bed, name, phases, steps)
+        batches.append(len(phases) // 2)
+        if len(batches) == 1:
+            softest = done.rows["phase"] == 1
+            done.rows["outcome"][softest] = Outcome.LOST
+            done.rows["position"][softest] *= 1.0 + np.arange(softest.sum())
+        return done
+
+    monkeypatch.setattr(Testbed, "play", play)
+    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+    assert found.disturbed == 1
+    assert batches[1] == 1  # before anything else is tried
+    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
+    assert found.measured == pytest.approx(true, rel=0.005)
+
+
+def test_a_run_that_lost_all_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended before there was a row, and is no reason to speak of a full disk."""
+    played = Testbed.play
+    losses = iter([ExperimentTrippedError(Trip.LOSS_RATE, "late", Problem("holds no rows"))])
+
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
+        for loss in losses:
+            raise loss
+        return replace(played(bed, name, phases, steps), repeated=Trip.LOSS_RATE)
+
+    monkeypatch.setattr(Testbed, "play", play)
+    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+    assert found.measured is not None
+    assert found.trips[0].startswith("trip:loss_rate at ")
+    assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was run again"
+
+
+@pytest.mark.parametrize("in_a_row", [1, 2])
+def test_a_disturbed_point_is_measured_again_at_the_end(
+    in_a_row: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = tuple(PlanePoint(damping, 2) for damping in (0.0, 0.01, 0.02))
+    losses = iter([ExperimentTrippedError(Trip.LOSS_RATE, "late")] * in_a_row)
+    order: list[float] = []
+
+    def run_point(search: PointSearch) -> PointResult:
+        order.append(search.result.virtual_damping)
+        for loss in losses:
+            raise loss
+        return search.result
+
+    monkeypatch.setattr(PointSearch, "run", run_point)
+    store = SweepStore(tmp_path, SweepSettings(config(), asked, Options()), fresh=False)
+    if in_a_row == 2:
+        with pytest.raises(ExperimentTrippedError):
+            sweep(config(), store, asked, Options(), workers=1)
+        return
+    assert sweep(config(), store, asked, Options(), workers=1)
+    assert order == [0.0, 0.01, 0.02, 0.0]
+    assert store.points()[0].trips == ["trip:loss_rate ended an earlier search"]
 
 
 def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
