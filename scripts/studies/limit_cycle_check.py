@@ -2,7 +2,7 @@
 
     scripts/study limit_cycle_check [--walls N]
 
-The tables of docs/limit-cycles.md; the draws are the same on every machine.
+The tables of docs/evidence/limit-cycle-check.md; the draws are the same on every machine.
 """
 
 import math
@@ -281,7 +281,7 @@ def _range(values: Array) -> str:
 
 
 STUDY = Study(
-    "limit-cycles.md",
+    "evidence/limit-cycle-check.md",
     (
         Part(
             "worth",

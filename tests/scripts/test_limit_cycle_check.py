@@ -1,4 +1,4 @@
-"""The tables of docs/limit-cycles.md are what is computed, and the simulation tells fates apart."""
+"""The tables of the page are what is computed, and the simulation tells fates apart."""
 
 import math
 
