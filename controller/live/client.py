@@ -22,6 +22,28 @@ _WAITING_TEXTS: Final = 100
 """Texts that wait for a slow client; the oldest are dropped"""
 
 
+class Messages:
+    """The new rows as messages, each packed once for all clients that have come equally far.
+
+    Args:
+        source: Of the rows.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._made: dict[int, tuple[bytes, int]] = {}
+
+    def since(self, tail: int) -> tuple[bytes, int]:
+        """Return the message of the rows from ``tail`` on, and the next tail; empty: none yet."""
+        found = self._made.get(tail)
+        if found is None:
+            origin_ns = self._source.origin_ns()
+            rows, after = self._source.read(tail, MOST_ROWS)
+            known = bool(origin_ns) and len(rows) > 0
+            found = self._made[tail] = (frame(rows, origin_ns), after) if known else (b"", tail)
+        return found
+
+
 class Client:
     """A page.
 
@@ -52,11 +74,11 @@ class Client:
         """Send an object as soon as the client reads."""
         self._texts.append(json.dumps(what, allow_nan=False))
 
-    def serve(self, source: Source, beat: int | None = None) -> None:
+    def serve(self, new: Messages, beat: int | None = None) -> None:
         """Send the new rows and texts, if the client has read everything sent before.
 
         Args:
-            source: Of the rows.
+            new: Of this moment.
             beat: Of the dead man, for a client that may hold it; None: no page holds it.
         """
         if self.buffered:
@@ -65,8 +87,6 @@ class Client:
             broadcast((self._connection,), json.dumps({"kind": "beat", "beat": beat}))
         while self._texts:
             broadcast((self._connection,), self._texts.popleft())
-        origin_ns = source.origin_ns()
-        rows, tail = source.read(self.tail, MOST_ROWS)
-        if origin_ns and len(rows):
-            self.tail = tail
-            broadcast((self._connection,), frame(rows, origin_ns))
+        message, self.tail = new.since(self.tail)
+        if message:
+            broadcast((self._connection,), message)

@@ -13,16 +13,18 @@ from typing import Any, Final
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from haptic_wall.controller.live.client import MOST_ROWS, Client
+from haptic_wall.controller.live.client import MOST_ROWS, Client, Messages
 from haptic_wall.controller.live.gate import is_token, judged, token_of
 from haptic_wall.controller.live.relay import ask, sets_of
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.live.web_server import closed, opened
 
-FRAME_S: Final = 1.0 / 30.0
+FRAME_S: Final = 0.02
 """Time between two messages [s]"""
+LEAST_PAUSE_S: Final = 0.25 * FRAME_S
+"""Shortest time for the clients' requests between two messages [s]"""
 MOST_CLIENTS: Final = 64
-_LAW_EVERY: Final = 15
+_LAW_EVERY: Final = 25
 """Messages between two looks at the law's range, and the guard's delay"""
 
 
@@ -74,7 +76,7 @@ class LiveServer:
 
     async def pump(self, until: Callable[[], bool]) -> None:
         """Send rows and texts to the clients, until ``until`` says so."""
-        view, count = self._view, 0
+        view, count, next_s = self._view, 0, time.monotonic()
         draws: asyncio.Task[None] | None = None
         while True:
             over = until()  # asked first: what it knows of is still sent
@@ -85,12 +87,15 @@ class LiveServer:
                     draws = asyncio.create_task(view.draw_map())
             man = view.dead_man
             beat = None if man is None else man.beat(time.monotonic_ns())
+            new = Messages(view.source)
             for client in tuple(view.clients):
-                client.serve(view.source, beat)
+                client.serve(new, beat)
             if over:
                 return
             count += 1
-            await asyncio.sleep(self._pause(FRAME_S))
+            now_s = time.monotonic()
+            next_s = max(next_s + FRAME_S, now_s + LEAST_PAUSE_S)
+            await asyncio.sleep(self._pause(next_s - now_s))
 
     async def attend(self, connection: ServerConnection) -> None:
         """Serve a client until it is gone."""
