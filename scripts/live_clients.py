@@ -31,11 +31,16 @@ def client(address: str) -> socket.socket:
     place = urlsplit(address)
     assert place.hostname is not None and place.port is not None
     link = socket.create_connection((place.hostname, place.port), CONNECT_S)
-    key = "AAAAAAAAAAAAAAAAAAAAAA=="
-    link.sendall(
-        f"GET {ROWS_PATH}?{place.query} HTTP/1.1\r\nHost: {place.netloc}\r\nUpgrade: websocket\r\n"
-        f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
-    )
+    lines = [
+        f"GET {ROWS_PATH}?{place.query} HTTP/1.1",
+        f"Host: {place.netloc}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        "Sec-WebSocket-Version: 13",
+        "\r\n",
+    ]
+    link.sendall("\r\n".join(lines).encode())
     head = b""
     while not head.endswith(b"\r\n\r\n"):
         byte = link.recv(1)

@@ -1,4 +1,4 @@
-"""Times of the live page in a headless Chromium: to the first curve, and from a sample to a pixel."""
+"""Times the live page in a headless Chromium: to the first curve, and from a sample to a pixel."""
 
 from __future__ import annotations
 
@@ -94,7 +94,8 @@ def clock_of(tab: Tab) -> float:
         page_s = 1e-3 * tab.value("performance.now()")
         after = time.monotonic()
         found.append((after - before, 0.5 * (before + after) - page_s))
-    return min(found)[1]
+    zero_s: float = min(found)[1]
+    return zero_s
 
 
 def close(tab: Tab) -> None:
@@ -137,7 +138,7 @@ def ages_ms(newest_s: NDArray[np.float64], at_s: NDArray[np.float64]) -> NDArray
         at_s: When each picture was drawn, or shown, on the same clock [s]; NaN leaves it out.
     """
     found = [
-        1e3 * (at - np.arange(newest, before, -1e-3))
+        1e3 * (at - newest) + np.arange(round(1e3 * (newest - before)))
         for before, newest, at in zip(newest_s[:-1], newest_s[1:], at_s[1:], strict=True)
         if np.isfinite(at)
     ]

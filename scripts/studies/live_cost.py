@@ -9,7 +9,6 @@ status is 1 where a number is not the one that is wanted.
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import statistics
 import subprocess
@@ -22,26 +21,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from haptic_wall.controller.bench.loops import FORGIVING
-from haptic_wall.controller.bench.torque_frames import torque_frames
-from haptic_wall.controller.emulated_bus.record import read_rows
 from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.runtime.realtime import pick_cores
 from scripts.chromium import Tab, chromium, program
 from scripts.live_clients import client
+from scripts.page_and_loop import address_of, cheap, cost, cost_lines, percentiles, turns
 from scripts.page_times import ages_ms, close, opening, pictures, prepare
-from scripts.study import Found, Given, Option, Part, Study, table
-from scripts.whole_program import PROGRAM, ROOT, child_of, with_sets
+from scripts.study import Found, Option, Part, Study, table
+from scripts.whole_program import PROGRAM, child_of
 
 PATIENCE_S = 60.0
-SKIPPED_S, END_S = 2.0, 0.2
-"""Ignored time at the beginning of a run, in which clients come, and at its end [s]"""
-SERVOS = ("simulated", "emulated-xm430")
-MODES = {"no page": None, "no page, again": None, "one client": 1, "20 clients": 20}
-"""Clients of the page by the name of the mode; None: there is no page"""
-MOST_RATIO, MOST_BYTES, MOST_CURVE_S, MOST_PIXEL_MS, MOST_GROWTH_MB = 1.05, 300_000, 1.0, 50.0, 5.0
+MOST_BYTES, MOST_CURVE_S, MOST_PIXEL_MS, MOST_GROWTH_MB = 300_000, 1.0, 50.0, 5.0
 
 
 @contextlib.contextmanager
@@ -62,168 +52,9 @@ def run_with_page(folder: Path, *options: str) -> Iterator[tuple[subprocess.Pope
         run.communicate(timeout=PATIENCE_S)
 
 
-def address_of(run: subprocess.Popen[str]) -> str:
-    """Wait for the address of a run's page."""
-    assert run.stderr is not None
-    said = ""
-    for line in run.stderr:
-        if line.startswith("live: "):
-            return line.removeprefix("live: ").strip()
-        said += line
-    raise RuntimeError(f"the run did not start: {said}")
-
-
 def origin_s(folder: Path) -> float:
     """Return the zero of a run's times on the monotonic clock [s]."""
     return 1e-9 * float(read_log(folder / "run.hwlog")[1]["deadline_ns"][0])
-
-
-# What it costs the loop.
-
-
-class Case(NamedTuple):
-    """A run that is measured."""
-
-    servo: str
-    mode: str
-    turn: int
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Figures of one run; NaN: it had too few ticks [µs]."""
-
-    late_p50: float
-    late_p99: float
-    frames_p50: float
-    """Deviation of the interval of two torques from the period"""
-    frames_p99: float
-
-
-FIGURES = {
-    "late_p50": "lateness, p50",
-    "late_p99": "lateness, p99",
-    "frames_p50": "torque intervals, p50",
-    "frames_p99": "torque intervals, p99",
-}
-
-
-def turns(given: Given) -> list[Case]:
-    """Every mode in each round; each round begins with another one."""
-    modes, found = list(MODES), []
-    for turn in range(given.rounds):
-        for servo in SERVOS:
-            for k in range(len(modes)):
-                found.append(Case(servo, modes[(turn + k) % len(modes)], turn, given.seconds))
-    return found
-
-
-def cost(case: Case) -> Cost:
-    """Run a wall once in a mode, and return its figures."""
-    clients = MODES[case.mode]
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
-        log, record = Path(name) / "run.hwlog", Path(name) / "bus.csv"
-        words = [*PROGRAM, "run", case.servo, "--no-plot", "--json", "--log", str(log)]
-        words += ["--duration", str(case.seconds)]
-        if case.servo != "simulated":
-            words += ["--witness", str(record), *with_sets(tuple(FORGIVING))]
-        if clients is not None:
-            words.append("--live")
-        run = subprocess.Popen(
-            words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, process_group=0
-        )
-        readers = None
-        if clients is not None:
-            readers = subprocess.Popen(
-                [
-                    *[sys.executable, "-m", "scripts.live_clients", address_of(run)],
-                    *[str(clients), str(case.seconds + PATIENCE_S)],
-                ],
-                cwd=ROOT,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            os.sched_setaffinity(readers.pid, pick_cores()[1])  # as if on another machine
-        _, said = run.communicate(timeout=PATIENCE_S + case.seconds)
-        if run.returncode:
-            raise RuntimeError(f"{case} ended with {run.returncode}: {said}")
-        if readers is not None and not int(readers.communicate(timeout=PATIENCE_S)[0]):
-            raise RuntimeError(f"{case}: the clients read nothing")
-        rows = read_log(log)[1]
-        if case.servo == "simulated":
-            sent_s = 1e-9 * (rows["sampled_ns"] + rows["age_ns"])[rows["sampled_ns"] > 0]
-        else:
-            sent_s = torque_frames(read_rows(record))
-    began_s, ended_s = (1e-9 * float(rows["deadline_ns"][k]) for k in (0, -1))
-    inside = (began_s + SKIPPED_S, ended_s - END_S)
-    due_s = 1e-9 * rows["deadline_ns"]
-    late_us = 1e-3 * rows["lateness_ns"][(due_s > inside[0]) & (due_s < inside[1])]
-    frames_us = 1e6 * np.abs(np.diff(sent_s[(sent_s > inside[0]) & (sent_s < inside[1])]) - 1e-3)
-    return Cost(*percentiles(late_us), *percentiles(frames_us))
-
-
-def percentiles(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Median and 99th percentile."""
-    if len(values) < 100:
-        return float("nan"), float("nan")
-    return float(np.percentile(values, 50)), float(np.percentile(values, 99))
-
-
-def ratios(found: Found[Case, Cost], servo: str, mode: str, figure: str) -> list[float]:
-    """A figure over that without a page, round by round."""
-    of = {(case.mode, case.turn): row for case, row in found if case.servo == servo}
-    return [
-        getattr(row, figure) / getattr(of["no page", turn], figure)
-        for (name, turn), row in of.items()
-        if name == mode and ("no page", turn) in of
-    ]
-
-
-def cost_lines(found: Found[Case, Cost]) -> list[str]:
-    """A line for each servo and mode."""
-    rows = []
-    for servo in SERVOS:
-        for mode in MODES:
-            of = [row for case, row in found if (case.servo, case.mode) == (servo, mode)]
-            cells = []
-            for figure in FIGURES:
-                middle = statistics.median(getattr(row, figure) for row in of)
-                if mode == "no page":
-                    cells.append(f"{middle:.3g} µs")
-                else:
-                    each = ratios(found, servo, mode, figure)
-                    cells.append(f"{statistics.median(each):.2f} ({min(each):.2f}–{max(each):.2f})")
-            rows.append([f"`{servo}`", mode, *cells])
-    first = found[0][0]
-    count = max(case.turn for case, _ in found) + 1
-    over = [
-        f"`{servo}`, {mode}, {words}"
-        for servo in SERVOS
-        for mode, clients in MODES.items()
-        for figure, words in FIGURES.items()
-        if clients is not None
-        and statistics.median(ratios(found, servo, mode, figure)) > MOST_RATIO
-    ]
-    return [
-        *table(["servo", "mode", *FIGURES.values()], *rows),
-        "",
-        f"{count} rounds of {first.seconds:g} s, load of the machine {os.getloadavg()[0]:.1f}."
-        " Ratios to `no page` of the same round: median and range."
-        f" Wanted: every median at most {MOST_RATIO:g}. "
-        + (f"It is more for: {'; '.join(over)}." if over else "It holds."),
-    ]
-
-
-def cheap(found: Found[Case, Cost]) -> bool:
-    """Whether no median ratio is more than is wanted."""
-    return all(
-        statistics.median(ratios(found, servo, mode, figure)) <= MOST_RATIO
-        for servo in SERVOS
-        for mode, clients in MODES.items()
-        for figure in FIGURES
-        if clients is not None
-    )
 
 
 # How soon the page opens.
@@ -336,11 +167,13 @@ def latency(seconds: float) -> Latency:
     """Follow the newest second of a run."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        with browser(folder / "browser") as tab:
-            with run_with_page(folder, "--set", "servo.hand=push") as (_, address):
-                opening(tab, address)
-                seen = pictures(tab, seconds)
-                close(tab)
+        with (
+            browser(folder / "browser") as tab,
+            run_with_page(folder, "--set", "servo.hand=push") as (_, address),
+        ):
+            opening(tab, address)
+            seen = pictures(tab, seconds)
+            close(tab)
         newest_s = origin_s(folder) + seen.newest_s
     drawn, shown = (percentiles(ages_ms(newest_s, at)) for at in (seen.drawn_s, seen.shown_s))
     followed = int(np.isfinite(seen.shown_s).sum())
@@ -384,21 +217,23 @@ class Memory:
 
 def memory(seconds: float) -> Memory:
     """Watch the server while a client reads nothing."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
-        with run_with_page(Path(name)) as (run, address):
-            time.sleep(4.0)
-            pid = child_of(run.pid, "live.process")
-            if pid is None:
-                raise RuntimeError("the page has no process")
-            with client(address):  # so that what serves a first client is there before
-                time.sleep(2.0)
-            with client(address) as link:
-                before = most = own_mb(pid)
-                end_s = time.monotonic() + seconds
-                while time.monotonic() < end_s:
-                    time.sleep(0.5)
-                    most = max(most, own_mb(pid))
-                waiting = pending_mb(link.getsockname()[1])
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name,
+        run_with_page(Path(name)) as (run, address),
+    ):
+        time.sleep(4.0)
+        pid = child_of(run.pid, "live.process")
+        if pid is None:
+            raise RuntimeError("the page has no process")
+        with client(address):  # so that what serves a first client is there before
+            time.sleep(2.0)
+        with client(address) as link:
+            before = most = own_mb(pid)
+            end_s = time.monotonic() + seconds
+            while time.monotonic() < end_s:
+                time.sleep(0.5)
+                most = max(most, own_mb(pid))
+            waiting = pending_mb(link.getsockname()[1])
     return Memory(before, most, waiting)
 
 
@@ -424,8 +259,8 @@ def memory_lines(found: Found[float, Memory]) -> list[str]:
     """A sentence."""
     return [
         f"A client connects and reads nothing for {seconds:g} s. The server's own memory is"
-        f" {row.before:.1f} MB before and {row.most:.1f} MB at most; {row.buffered:.1f} MB wait in the"
-        f" system's buffers of the connection. Wanted: less than {MOST_GROWTH_MB:g} MB more. "
+        f" {row.before:.1f} MB before and {row.most:.1f} MB at most; {row.buffered:.1f} MB wait in"
+        f" the system's buffers of the connection. Wanted: less than {MOST_GROWTH_MB:g} MB more. "
         + ("It holds." if row.most - row.before < MOST_GROWTH_MB else "It does not hold.")
         for seconds, row in found
     ]

@@ -23,7 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from haptic_wall.controller import live as room
 from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.live.client import MOST_ROWS
+from haptic_wall.controller.live.client import MOST_ROWS, Messages
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.relay import sets_of
@@ -365,6 +365,17 @@ def test_a_message_of_100_mb_ends_its_client_only(served: Served) -> None:
                 client.recv(timeout=10.0)
         served.write(5)
         numbers(other)
+
+
+def test_rows_are_packed_once_for_all_clients_that_have_come_equally_far(served: Served) -> None:
+    new = Messages(served.view.source)
+    message, tail = new.since(0)
+    served.write(5)
+    again, same = new.since(0)
+    assert again is message and same == tail
+    later, end = new.since(tail)
+    assert later and end >= tail + 5
+    assert new.since(end)[1] == end
 
 
 def test_of_20_clients_one_that_does_not_read_is_not_buffered_and_misses_rows_at_last() -> None:

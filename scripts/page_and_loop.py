@@ -1,0 +1,199 @@
+"""Runs with and without the live page, in turns: lateness, and how regular the torques are.
+
+The runs without a page take part twice: what differs between the two is no effect of the page.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.bench.loops import FORGIVING
+from haptic_wall.controller.bench.torque_frames import torque_frames
+from haptic_wall.controller.emulated_bus.record import read_rows
+from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.runtime.realtime import pick_cores
+from scripts.study import Found, Given, table
+from scripts.whole_program import PROGRAM, ROOT, with_sets
+
+PATIENCE_S = 60.0
+SKIPPED_S, END_S = 2.0, 0.2
+"""Ignored time at the beginning of a run, in which clients come, and at its end [s]"""
+SERVOS = ("simulated", "emulated-xm430")
+BASE, AGAIN = "no page", "no page, again"
+MODES = {BASE: None, AGAIN: None, "one client": 1, "20 clients": 20}
+"""Clients of the page by the name of the mode; None: there is no page"""
+MOST_RATIO = 1.05
+
+
+def address_of(run: subprocess.Popen[str]) -> str:
+    """Wait for the address of a run's page."""
+    assert run.stderr is not None
+    said = ""
+    for line in run.stderr:
+        if line.startswith("live: "):
+            return line.removeprefix("live: ").strip()
+        said += line
+    raise RuntimeError(f"the run did not start: {said}")
+
+
+class Case(NamedTuple):
+    """A run that is measured."""
+
+    servo: str
+    mode: str
+    turn: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Figures of one run; NaN: it had too few ticks [µs]."""
+
+    late_p50: float
+    late_p99: float
+    frames_p50: float
+    """Deviation of the interval of two torques from the period"""
+    frames_p99: float
+
+
+FIGURES = {
+    "late_p50": "lateness, p50",
+    "late_p99": "lateness, p99",
+    "frames_p50": "torque intervals, p50",
+    "frames_p99": "torque intervals, p99",
+}
+
+
+def turns(given: Given) -> list[Case]:
+    """Every mode in each round; each round begins with another one."""
+    modes, found = list(MODES), []
+    for turn in range(given.rounds):
+        for servo in SERVOS:
+            for k in range(len(modes)):
+                found.append(Case(servo, modes[(turn + k) % len(modes)], turn, given.seconds))
+    return found
+
+
+def cost(case: Case) -> Cost:
+    """Run a wall once in a mode, and return its figures."""
+    clients = MODES[case.mode]
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
+        log, record = Path(name) / "run.hwlog", Path(name) / "bus.csv"
+        words = [*PROGRAM, "run", case.servo, "--no-plot", "--json", "--log", str(log)]
+        words += ["--duration", str(case.seconds)]
+        if case.servo != "simulated":
+            words += ["--witness", str(record), *with_sets(tuple(FORGIVING))]
+        if clients is not None:
+            words.append("--live")
+        run = subprocess.Popen(
+            words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, process_group=0
+        )
+        readers = None
+        if clients is not None:
+            readers = subprocess.Popen(
+                [
+                    *[sys.executable, "-m", "scripts.live_clients", address_of(run)],
+                    *[str(clients), str(case.seconds + PATIENCE_S)],
+                ],
+                cwd=ROOT,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            os.sched_setaffinity(readers.pid, pick_cores()[1])  # as if on another machine
+        _, said = run.communicate(timeout=PATIENCE_S + case.seconds)
+        if run.returncode:
+            raise RuntimeError(f"{case} ended with {run.returncode}: {said}")
+        if readers is not None and not int(readers.communicate(timeout=PATIENCE_S)[0]):
+            raise RuntimeError(f"{case}: the clients read nothing")
+        rows = read_log(log)[1]
+        if case.servo == "simulated":
+            sent_s = 1e-9 * (rows["sampled_ns"] + rows["age_ns"])[rows["sampled_ns"] > 0]
+        else:
+            sent_s = torque_frames(read_rows(record))
+    began_s, ended_s = (1e-9 * float(rows["deadline_ns"][k]) for k in (0, -1))
+    inside = (began_s + SKIPPED_S, ended_s - END_S)
+    due_s = 1e-9 * rows["deadline_ns"]
+    late_us = 1e-3 * rows["lateness_ns"][(due_s > inside[0]) & (due_s < inside[1])]
+    frames_us = 1e6 * np.abs(np.diff(sent_s[(sent_s > inside[0]) & (sent_s < inside[1])]) - 1e-3)
+    return Cost(*percentiles(late_us), *percentiles(frames_us))
+
+
+def percentiles(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Median and 99th percentile."""
+    if len(values) < 100:
+        return float("nan"), float("nan")
+    return float(np.percentile(values, 50)), float(np.percentile(values, 99))
+
+
+def ratios(found: Found[Case, Cost], servo: str, mode: str, figure: str) -> list[float]:
+    """A figure over that without a page, round by round."""
+    of = {(case.mode, case.turn): row for case, row in found if case.servo == servo}
+    return [
+        getattr(row, figure) / getattr(of[BASE, turn], figure)
+        for (name, turn), row in of.items()
+        if name == mode and (BASE, turn) in of
+    ]
+
+
+def cost_lines(found: Found[Case, Cost]) -> list[str]:
+    """A line for each servo and mode."""
+    rows = []
+    for servo in SERVOS:
+        for mode in MODES:
+            of = [row for case, row in found if (case.servo, case.mode) == (servo, mode)]
+            cells = []
+            for figure in FIGURES:
+                middle = statistics.median(getattr(row, figure) for row in of)
+                if mode == BASE:
+                    cells.append(f"{middle:.3g} µs")
+                else:
+                    each = ratios(found, servo, mode, figure)
+                    cells.append(f"{statistics.median(each):.2f} ({min(each):.2f}–{max(each):.2f})")
+            rows.append([f"`{servo}`", mode, *cells])
+    first = found[0][0]
+    count = max(case.turn for case, _ in found) + 1
+    over = beyond(found)
+    return [
+        *table(["servo", "mode", *FIGURES.values()], *rows),
+        "",
+        f"{count} rounds of {first.seconds:g} s, load of the machine {os.getloadavg()[0]:.1f}."
+        " Ratios to `no page` of the same round: median and range."
+        f" Wanted: every median at most {MOST_RATIO:g}. "
+        + (f"It is more for: {'; '.join(over)}." if over else "It holds."),
+    ]
+
+
+def beyond(found: Found[Case, Cost], least: float = MOST_RATIO) -> list[str]:
+    """The figures whose median ratio is more than is wanted, and than any round's without a page.
+
+    Args:
+        found: Every run.
+        least: Ratio up to which a figure is never listed [1].
+    """
+    listed = []
+    for servo in SERVOS:
+        for figure, words in FIGURES.items():
+            noise = max(ratios(found, servo, AGAIN, figure))
+            for mode, clients in MODES.items():
+                if clients is None:
+                    continue
+                middle = statistics.median(ratios(found, servo, mode, figure))
+                if middle > least:
+                    doubt = f" (without a page up to {noise:.2f})" if middle <= noise else ""
+                    listed.append(f"`{servo}`, {mode}, {words}{doubt}")
+    return listed
+
+
+def cheap(found: Found[Case, Cost]) -> bool:
+    """Whether no median ratio is more than is wanted, and than any round's without a page."""
+    return all("without a page" in words for words in beyond(found))
