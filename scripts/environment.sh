@@ -39,7 +39,7 @@ wanted_stamp() {
     cksum <"$root/pyproject.toml"
 }
 
-# $1: what to install (run: the program; test: what its tests need as well).
+# $1: what to install (run: the program; docs: what its website needs; test: what its tests need as well).
 install() {
     for kind in "$1" test; do
         if [ -x "$root/.venv/bin/python" ] && [ "$(cat "$root/.venv/.installed-$kind" 2>/dev/null)" = "$(wanted_stamp)" ] &&
@@ -56,7 +56,7 @@ install() {
             fail "the virtual environment could not be made; the reason is above"
     fi
     what=$root
-    [ "$1" = run ] || what="$root[test]"
+    [ "$1" = run ] || what="$root[$1]"
     echo "installing into $root/.venv" >&2
     "$root/.venv/bin/python" -m pip install --disable-pip-version-check --quiet --editable "$what" >&2 ||
         fail "the installation failed; the reason is above (a network is needed the first time)"

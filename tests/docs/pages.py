@@ -1,11 +1,13 @@
-"""The pages as the tests read them: commands in ``sh`` blocks, links, headings, tables."""
+"""The pages as the tests read them: commands in ``sh`` blocks, tables."""
 
 import re
 import shlex
 from pathlib import Path
 
+from scripts.website import pages_of
+
 ROOT = Path(__file__).parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+PAGES = tuple(pages_of(ROOT))
 
 
 def text_of(name: str) -> str:
@@ -26,13 +28,3 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
                 if words:
                     found.setdefault(words, name_of(page))
     return [(page, words) for words, page in found.items()]
-
-
-def without_code(text: str) -> str:
-    return re.sub(r"`[^`\n]*`", "", re.sub(r"^ *```.*?^ *```", "", text, flags=re.S | re.M))
-
-
-def anchors(page: Path) -> set[str]:
-    """The names that links into a page may use, made of its headings."""
-    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
-    return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}

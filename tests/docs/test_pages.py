@@ -14,7 +14,8 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
 from scripts import readme_output
-from tests.docs.pages import PAGES, ROOT, anchors, name_of, text_of, without_code
+from scripts.website import broken
+from tests.docs.pages import PAGES, ROOT, name_of, text_of
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
 
@@ -23,13 +24,7 @@ _IMPORTED = re.compile(r"^(?:>>> )?from (haptic_wall[\w.]*) import (\([\w\s,]+\)
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text())):
-        if re.match(r"[a-z]+:", target):
-            continue
-        path, _, anchor = target.partition("#")
-        there = (page.parent / path).resolve() if path else page
-        assert there.exists(), target
-        assert not anchor or anchor in anchors(there), target
+    assert broken(page) == []
 
 
 def test_every_page_is_in_the_list_of_pages() -> None:
