@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import html
+import json
 import re
 import shutil
 import sys
@@ -24,6 +25,7 @@ from urllib.parse import unquote
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 INDEX: Final = "docs/README.md"
+NOTEBOOK: Final = ".ipynb"
 _ROW: Final = re.compile(r"^\| \[(.+?)\]\(([^)#]+)\) \|", re.M)
 _LINK: Final = re.compile(r"\]\(([^)\s]+)\)")
 _SHOWN: Final = (".png", ".gif", ".md", ".csv", ".json", ".ipynb")
@@ -138,6 +140,25 @@ def _copy(file: Path, folder: Path, root: Path) -> None:
     to = to if to.suffix in _SHOWN else to.with_name(f"{to.name}.txt")
     to.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(file, to)
+    if file.suffix == NOTEBOOK:
+        to.with_suffix(".md").write_text(text_of_notebook(file), encoding="utf-8")
+
+
+def text_of_notebook(notebook: Path) -> str:
+    """Return the cells of a notebook and their output as a page."""
+    found = [f'<a href="{notebook.name}">This page as a notebook</a>']
+    for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        found.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+        for output in cell.get("outputs", ()):
+            if "text" in output:
+                found.append(f"```text\n{''.join(output['text'])}```")
+            elif "data" in output:
+                picture = "".join(output["data"]["image/png"].split())
+                found.append(
+                    f'<img alt="position and torque" src="data:image/png;base64,{picture}">'
+                )
+    return "\n\n".join(found) + "\n"
 
 
 def _list(there: Path, folder: Path, root: Path) -> None:
@@ -168,14 +189,14 @@ def place_of(target: str, page: Path) -> str:
     there = page.parent / unquote(path)
     if there.is_dir():
         return f"{path.rstrip('/')}/index.html"
-    if path.endswith(".md"):
+    if path.endswith((".md", NOTEBOOK)):
         folder, _, name = path.rpartition("/")
-        name = "index.html" if name == "README.md" else f"{name[:-3]}.html"
+        name = "index.html" if name == "README.md" else f"{Path(name).stem}.html"
         return f"{folder}/{name}{hash_}{anchor}" if folder else f"{name}{hash_}{anchor}"
     return path if there.exists() else f"{path}.txt"
 
 
-def rendered(text: str, page: Path) -> tuple[str, list[dict[str, Any]]]:
+def rendered(text: str, page: Path) -> tuple[str, list[Any]]:
     """Return a page as HTML, and its headings as MkDocs takes them.
 
     Args:
@@ -186,7 +207,7 @@ def rendered(text: str, page: Path) -> tuple[str, list[dict[str, Any]]]:
 
     parser = MarkdownIt("commonmark", {"html": True}).enable("table")
     tokens = parser.parse(text)
-    headings: list[dict[str, Any]] = []
+    headings: list[Any] = []
     for n, token in enumerate(tokens):
         if token.type == "heading_open":
             words = "".join(part.content for part in tokens[n + 1].children or ())
@@ -198,7 +219,7 @@ def rendered(text: str, page: Path) -> tuple[str, list[dict[str, Any]]]:
             for name in ("href", "src"):
                 if target := part.attrGet(name):
                     part.attrSet(name, place_of(str(target), page))
-    answer = parser.renderer.render(tokens, parser.options, {})
+    answer: str = parser.renderer.render(tokens, parser.options, {})
     top = headings[:1]
     for each in headings[1:]:
         if each["level"] == 2:
@@ -247,7 +268,7 @@ def build(out: Path, root: Path = ROOT) -> None:
             hooks=[__file__],
             markdown_extensions=[],
             nav=[
-                {name: [{entry.title: entry.path} for entry in entries]}
+                {name: [{entry.title: entry.path.replace(NOTEBOOK, ".md")} for entry in entries]}
                 for name, entries in sections.items()
             ],
             validation={
