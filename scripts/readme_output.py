@@ -17,6 +17,7 @@ their names hold the date.
 
 import argparse
 import contextlib
+import csv
 import io
 import math
 import os
@@ -49,6 +50,8 @@ PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-
 LIMITS = ("linear", "exact", "one_sided", "quantisation")
 HORN = 0.1
 """Length of the horn that forces are told for [m]"""
+PUBLISHED = ROOT / "docs" / "examples" / "published-friction.csv"
+"""Fits of real servos"""
 WHOLE_DELAYS = (0, 1, 2, 5)
 """Delays of the table of one-sided limits [periods]"""
 
@@ -338,6 +341,24 @@ def filtered_guard() -> tuple[list[str], list[list[object]]]:
     return ["vibration", "filter", "ceiling of B", "highest B commanded", "K there"], rows
 
 
+def published() -> tuple[list[str], list[list[object]]]:
+    """Return the ranges of the published fits of each servo."""
+    columns = ("inertia_kgm2", "viscous_nms_per_rad", "coulomb_nm", "excess_at_rest_nm")
+    fits: dict[str, list[dict[str, str]]] = {}
+    with PUBLISHED.open(encoding="utf-8", newline="") as file:
+        for fit in csv.DictReader(file):
+            fits.setdefault(fit["servo"].partition(",")[0], []).append(fit)
+    rows: list[list[object]] = []
+    for servo, found in fits.items():
+        row: list[object] = [servo]
+        for column in columns:
+            values = [float(fit[column]) for fit in found if fit[column]]
+            row.append(f"{min(values):g} to {max(values):g}")
+        rows.append(row)
+    head = ["inertia [kg·m²]", "viscous [N·m·s/rad]", "Coulomb [N·m]", "excess [N·m]"]
+    return ["servo", *head], rows
+
+
 def safety() -> tuple[list[str], list[list[object]]]:
     """Table of the presets' settings that end a run."""
     names = ("simulated", "emulated-xm430", "xm430-w350")
@@ -375,6 +396,7 @@ TABLES = {
     "rebounds": rebounds,
     "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,
+    "published": published,
     "safety": safety,
     "checks": checks,
 }
