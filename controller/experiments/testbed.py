@@ -38,7 +38,7 @@ _GONE = frozenset(
         Trip.SUSPENDED,
     )
 )
-_PASSING = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS))
+_PASSING = frozenset((Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.MISSED_PERIODS, Trip.LOOP_HUNG))
 _OF_MOTION = frozenset((Trip.OVERSPEED, Trip.OSCILLATION))
 
 
@@ -52,14 +52,20 @@ class ExperimentTrippedError(ExplainedError):
     Attributes:
         stop_reason: A ``Trip``, or ``End.REFUSED``
         fault: Why the rows until then cannot be used; None: none is missing.
+        torque_off: Torque off was read back.
     """
 
     def __init__(
-        self, stop_reason: StopReason, message: Problem | str, fault: Problem | None = None
+        self,
+        stop_reason: StopReason,
+        message: Problem | str,
+        fault: Problem | None = None,
+        torque_off: bool = True,
     ) -> None:
         super().__init__(message)
         self.stop_reason = stop_reason
         self.fault = fault
+        self.torque_off = torque_off
 
     @property
     def gone(self) -> bool:
@@ -73,14 +79,14 @@ class ExperimentTrippedError(ExplainedError):
 
     @property
     def passing(self) -> bool:
-        """Whether readings or periods were lost, for which the wall is not the cause."""
-        return self.stop_reason in _PASSING
+        """Whether the machine or the bus lost time, and the same may be run again."""
+        return self.stop_reason in _PASSING and self.torque_off
 
     def __reduce__(
         self,
-    ) -> tuple[type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None]]:
+    ) -> tuple[type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None, bool]]:
         """Return the parts for pickling, so that the error survives a process boundary."""
-        return type(self), (self.stop_reason, self.problem, self.fault)
+        return type(self), (self.stop_reason, self.problem, self.fault, self.torque_off)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +162,7 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
-        A run that lost readings or missed periods have ended is repeated once.
+        A run that lost readings, missed periods or a stalled loop have ended is repeated once.
 
         Args:
             name: Name of its log; an existing one is replaced as soon as there are rows.
@@ -211,7 +217,10 @@ class Testbed:
             raise ExperimentInterruptedError("interrupted", advice=kept)
         if ended.stop_reason != End.DURATION:
             raise ExperimentTrippedError(
-                ended.stop_reason, explained(ended, config.servo) or "", _fault(log, ended)
+                ended.stop_reason,
+                explained(ended, config.servo) or "",
+                _fault(log, ended),
+                ended.torque_off is True,
             )
         if fault := _fault(log, ended):
             raise UserError(fault)

@@ -318,9 +318,10 @@ class PointSearch:
             if error.gone:
                 raise
             tripped = error
+            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
             if error.fault and not error.passing:  # the stiffness is unknown
-                raise UserError(error.fault) from error
-            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")[: None if not error.fault else 0]
+                raise UserError(error.fault) if rows.size else error
+            rows = rows[:0] if error.fault else rows
         over = int(rows["phase"][-1]) if rows.size else -1
         missed: dict[float, list[float]] = {1.0: [], -1.0: []}
         self._again = []

@@ -201,10 +201,13 @@ def test_a_trial_of_lost_readings_is_made_again_and_told(
     assert found.measured == pytest.approx(true, rel=0.005)
 
 
-def test_a_run_that_lost_all_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("trip", [Trip.LOSS_RATE, Trip.LOOP_HUNG])
+def test_a_run_that_lost_all_is_made_again(
+    trip: Trip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It ended before there was a row, and is no reason to speak of a full disk."""
     played = Testbed.play
-    losses = iter([ExperimentTrippedError(Trip.LOSS_RATE, "late", Problem("holds no rows"))])
+    losses = iter([ExperimentTrippedError(trip, "late", Problem("holds no rows"))])
 
     def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
         for loss in losses:
@@ -214,8 +217,19 @@ def test_a_run_that_lost_all_is_made_again(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(Testbed, "play", play)
     found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
     assert found.measured is not None
-    assert found.trips[0].startswith("trip:loss_rate at ")
+    assert found.trips[0].startswith(f"{trip} at ")
     assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was run again"
+
+
+def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def play(*_: object) -> NoReturn:
+        raise ExperimentTrippedError(Trip.LOOP_HUNG, "stalled", Problem("no rows"), False)
+
+    monkeypatch.setattr(Testbed, "play", play)
+    with pytest.raises(ExperimentTrippedError, match="stalled"):
+        search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
 
 
 @pytest.mark.parametrize("in_a_row", [1, 2])
