@@ -315,12 +315,13 @@ class PointSearch:
             if played.repeated is not None:
                 result.trips.append(f"{played.repeated} in {name}, which was run again")
         except ExperimentTrippedError as error:
-            if error.gone:
+            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
+            unknown = error.fault is not None and not error.passing  # which stiffness it was
+            if error.gone or (unknown and not rows.size):
                 raise
             tripped = error
-            rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
-            if error.fault and not error.passing:  # the stiffness is unknown
-                raise UserError(error.fault) if rows.size else error
+            if unknown and error.fault:
+                raise UserError(error.fault) from error
             rows = rows[:0] if error.fault else rows
         over = int(rows["phase"][-1]) if rows.size else -1
         missed: dict[float, list[float]] = {1.0: [], -1.0: []}
