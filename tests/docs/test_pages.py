@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
+import haptic_wall
 from haptic_wall.controller.cli.main import COMMANDS
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.runtime.realtime import Setting
@@ -128,6 +130,13 @@ def test_every_column_of_the_log_is_explained() -> None:
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", page, re.M)
     assert dict(rows) == COLUMNS
     assert set(not_none(ROW.names)) - set(COLUMNS.values()) == {"seq", "sampled_ns"}
+
+
+def test_the_version_is_that_of_changes_and_citation() -> None:
+    cited = yaml.safe_load(text_of("docs/CITATION.cff"))
+    newest = re.findall(r"^## ([\d.]+), ([\d-]+)$", text_of("docs/changelog.md"), re.M)[0]
+    assert (cited["version"], str(cited["date-released"])) == newest
+    assert newest[0] == haptic_wall.__version__
 
 
 def test_every_start_up_check_is_explained() -> None:
