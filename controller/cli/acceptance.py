@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +27,7 @@ from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK
+from haptic_wall.controller.system.file_kinds import BUNDLE, PICTURE, RESULT, RESULT_MARK
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import Problem
 
@@ -93,8 +94,26 @@ def command(
             advice="give for example --out acceptance",
         )
     kinds = {_JSON: RESULT, _PNG: PICTURE}
-    take_folder("--out", asked.out, kinds, force=False)
+    take_folder("--out", asked.out, kinds, force=False, has_force=False)
+    _refuse_foreign(asked.out)
     sys.exit(_accepted(asked, asked.out, hung, seconds, fresh))
+
+
+def _refuse_foreign(out: Path) -> None:
+    """Raise if there are files that an acceptance would replace, and no acceptance wrote."""
+    from haptic_wall.controller.experiments.acceptance import bundle, predictions
+
+    if (out / predictions.FILE).exists():
+        return
+    for name in (_JSON, _PNG, _PAGE, bundle.FILE, "measured", "emulated"):
+        if os.path.lexists(out / name):
+            raise UserError(
+                f"found {name}, but no {predictions.FILE}: no acceptance began there",
+                field="--out",
+                given=out,
+                wanted="a new folder, or one of an earlier acceptance",
+                advice="name another place",
+            )
 
 
 def _accepted(asked: Asked, out: Path, hung: Weight | None, seconds: float, fresh: bool) -> int:
@@ -217,7 +236,8 @@ def _written(
         predictions.FILE: (out / predictions.FILE).read_text(encoding="utf-8"),
     }
     folders = {"measured": out / "measured", "emulated": out / "emulated"}
-    bundle.pack(packed, folders, own, scrubber)
+    with whole(packed, BUNDLE, force=True) as part:
+        bundle.pack(part, folders, own, scrubber)
     return clean | {"bundle": str(packed), "report": str(out / _PAGE)}
 
 

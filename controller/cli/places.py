@@ -73,7 +73,9 @@ def take_file(
             remove_leftovers(path)
 
 
-def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool) -> None:
+def take_folder(
+    option: str, folder: Path, kinds: Mapping[str, Kind], *, force: bool, has_force: bool = True
+) -> None:
     """Check that files can be written there without loss, and claim the folder until the end.
 
     Args:
@@ -81,6 +83,7 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
         folder: Made if necessary.
         kinds: Names and kinds of the files.
         force: Replace any files.
+        has_force: The command has that option.
 
     Raises:
         UserError: It is no folder, or not writable, or a file is of another kind, or another
@@ -105,7 +108,7 @@ def take_folder(option: str, folder: Path, kinds: Mapping[str, Kind], *, force: 
                 wanted="a file or nothing",
                 advice="name another place",
             )
-        _refuse_foreign(option, folder / name, kind, force=force)
+        _refuse_foreign(option, folder / name, kind, force=force, has_force=has_force)
     with writing(option, folder):
         _claim(option, folder)
         for name in kinds:
@@ -175,14 +178,16 @@ def _make(option: str, folder: Path) -> None:
         ) from error
 
 
-def _refuse_foreign(option: str, path: Path, kind: Kind, *, force: bool) -> None:
+def _refuse_foreign(
+    option: str, path: Path, kind: Kind, *, force: bool, has_force: bool = True
+) -> None:
     if not force and not may_be_replaced(path, kind):
         early = " (early versions did not mark theirs)" if kind in (PICTURE, RESULT) else ""
         raise UserError(
             f"found a file that is not {kind.name}{early}, and would be lost",
             field=option,
             given=path,
-            advice="name another place, or give --force to replace it",
+            advice="name another place" + ", or give --force to replace it" * has_force,
         )
 
 

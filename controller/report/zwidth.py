@@ -143,7 +143,8 @@ def _impedance(stiffness: Axes, damping: Axes, found: Impedance) -> None:
         grid(ax)
     if not at.size:
         told = "measured: not excited" if found.rows else "not measured"
-        stiffness.text(0.03, 0.06, told, transform=stiffness.transAxes)
+        # Beside the curve, which begins at the bottom left.
+        stiffness.text(0.97, 0.06, told, transform=stiffness.transAxes, ha="right")
     stiffness.legend(loc="upper left", fontsize=7)
     stiffness.set_ylabel("effective stiffness\n[N$\\cdot$m/rad]")
     damping.set_ylabel("effective damping\n[N$\\cdot$m$\\cdot$s/rad]")

@@ -41,6 +41,8 @@ RESULT = Kind(
 )
 RECORD = Kind("a record of an emulated bus", re.compile(rb"time_s,event,id,instruction,"))
 
+BUNDLE = Kind("a zip file", re.compile(rb"PK\x03\x04"))
+
 
 def table(columns: str) -> Kind:
     """Return the kind of CSV files whose header begins with these comma-separated columns."""

@@ -1,5 +1,6 @@
 """``haptic-wall acceptance``: predictions first, then measurements, then one file to send back."""
 
+import errno
 import gc
 import json
 import re
@@ -207,6 +208,38 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     assert call(*(word.format(out=tmp_path / "out") for word in words)) == 2
     assert told in capsys.readouterr().err
     assert not [*tmp_path.rglob("*.json")]
+
+
+@pytest.mark.parametrize("name", ["acceptance.json", "report.html", "acceptance.zip", "measured"])
+def test_files_that_no_acceptance_wrote_are_not_replaced(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_text("mine")
+    assert call(*SIMULATED, "--out", tmp_path) == 2
+    told = capsys.readouterr().err
+    assert "name another place" in told and "--force" not in told
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_full_disk_leaves_no_half_bundle(
+    accepted: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(bundle: zipfile.ZipFile, _name: str, _content: object) -> NoReturn:
+        bundle.writestr("part", b"PK")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder = tmp_path / "out"
+    shutil.copytree(accepted, folder)
+    before = (folder / "acceptance.zip").read_bytes()
+    monkeypatch.setattr(bundle, "_add", full)
+    quicker(monkeypatch)
+    assert call(*SIMULATED, "--yes", "--out", folder) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert (folder / "acceptance.zip").read_bytes() == before
+    assert not [*folder.glob(".*")]
 
 
 def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(

@@ -211,7 +211,8 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
             link.symlink_to(not_none(found))
     install_python(project)
     (project / "scripts" / "test").write_text(SUITE)
-    (project / ".ci" / "wheel").write_text("#!/bin/sh\necho the wheel is tried >&2\n")
+    for part in ("wheel", "pythons", "bare"):
+        (project / ".ci" / part).write_text(f"#!/bin/sh\necho {part} is tried >&2\n")
     folders = project.parent / "folders"
     folders.mkdir()
     more = {} if sets_up else {"NO_NETWORK": "1"}
@@ -224,7 +225,8 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
     )
     place, locale = done.stdout.splitlines()[-2:]
     assert locale == "C" and done.returncode == 7
-    assert ("the wheel is tried" in done.stderr) == sets_up
+    for part in ("wheel", "pythons", "bare"):
+        assert (f"{part} is tried" in done.stderr) == sets_up
     if sets_up:
         assert place.startswith(str(folders)) and place.endswith("/a wäll")
     else:
