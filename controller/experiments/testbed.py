@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
 from haptic_wall.controller.theory.checks import IntArray
-from haptic_wall.hw.errors import ExplainedError, Problem
+from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
 _GONE = frozenset(
     (
@@ -162,7 +162,8 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
-        A run that lost readings, missed periods or a stalled loop have ended is repeated once.
+        A run that lost readings, missed periods or a stalled loop have ended is repeated once, and
+        so is one whose emulated servo did not answer at the start.
 
         Args:
             name: Name of its log; an existing one is replaced as soon as there are rows.
@@ -182,7 +183,12 @@ class Testbed:
             if not error.passing:
                 raise
             self.tell(f"{name}: {error.stop_reason}; once more")
-            first = error.stop_reason
+            first: StopReason = error.stop_reason
+        except (ServoLostError, ServoMissingError) as error:
+            if self.config.servo.kind != "emulated":
+                raise  # a cable may be loose: it is looked at first
+            self.tell(f"{name}: {error} The emulator was not run in time; once more")
+            first = Trip.SERVO_LOST
         return replace(self._played(name, phases, delay_steps), repeated=first)
 
     def _played(self, name: str, phases: Sequence[Phase], delay_steps: int | None) -> Played:

@@ -29,6 +29,13 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert broken(page) == []
 
 
+def test_the_pages_stay_short() -> None:
+    """All but the generated ones, counted as ``wc -w`` does; 40,000 are wanted."""
+    read = [page for page in PAGES if "evidence" not in page.parts]
+    words = sum(len(page.read_text().split()) for page in read)
+    assert words <= 63_000, f"found {words} words: shorten a page"
+
+
 def test_every_page_is_in_the_list_of_pages() -> None:
     """Or in a folder that is, as the decisions are."""
     text = text_of("docs/README.md")

@@ -23,7 +23,7 @@ from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.errors import Problem, ServoLostError
 from tests.typed import not_none
 
 LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "loop.clock=simulated", "servo.hand=none")
@@ -79,6 +79,25 @@ def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:
     with pytest.raises(ExperimentTrippedError) as error:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
     assert error.value.stop_reason == "trip:overspeed"
+
+
+@pytest.mark.parametrize(("preset", "runs"), [("emulated-ideal", 2), ("xm430-w350", 1)])
+def test_only_an_emulated_servo_that_does_not_answer_is_started_again(
+    preset: str, runs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A machine may stall its emulator; a real servo's cable may be loose."""
+    begun: list[str] = []
+
+    def silent(plan: Plan, _tell: Callable[[str], None]) -> Ended:
+        begun.append(str(plan.log))
+        raise ServoLostError("stopped answering", advice="look at its cable")
+
+    monkeypatch.setattr(testbed, "run", silent)
+    told: list[str] = []
+    with pytest.raises(ServoLostError, match="stopped answering"):
+        Testbed(load_config(preset).config, tmp_path, told.append).play("one", [Phase(0.1)])
+    assert len(begun) == runs
+    assert any("once more" in each for each in told) == (runs == 2)
 
 
 def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(
