@@ -25,6 +25,7 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
 )
+from haptic_wall.controller.report.acceptance import picture
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
@@ -275,6 +276,8 @@ def test_points_of_a_sweep_that_a_trip_ends_are_in_the_report(
     assert [row["real"] is None for row in limits] == [True, False]
     assert "the sweep ended before: trip:loss_rate: check the cable" in limits[0]["note"]
     assert limits[1]["real"]["kick_rad"] and limits[1]["real"]["stderr"]
+    label = picture._label(limits[1])
+    assert f"(kick {limits[1]['real']['kick_rad']:.3g} rad; " in label and "emulated)" in label
     assert limits[0]["name"].startswith(f"critical stiffness at B {first['virtual_damping']:.3g}")
 
 

@@ -68,7 +68,7 @@ def plot_acceptance(rows: Sequence[Mapping[str, Any]], name: str, path: Path) ->
                     capsize=2.0,
                     elinewidth=0.8,
                 )
-        ax.set_yticks(places, [row["name"] for row in shown], fontsize=7)
+        ax.set_yticks(places, [_label(row) for row in shown], fontsize=6.5, linespacing=0.95)
         ax.invert_yaxis()
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
         ax.set_xlabel("1 is the middle of the predicted range (grey)")
@@ -84,3 +84,13 @@ def _legend() -> list[Any]:
         Line2D([], [], color=BLUE, marker="o", label="this servo, ±2 s.e.", **style),
         Line2D([], [], color=ORANGE, marker="s", label="emulated as believed, ±2 s.e.", **style),
     ]
+
+
+def _label(row: Mapping[str, Any]) -> str:
+    """Return a row's name; a limit's with the kicks for which it was measured."""
+    kicks = [
+        f"{row[key]['kick_rad']:.3g} rad{of}"
+        for key, of in (("real", ""), ("emulated", ", emulated"))
+        if row[key] is not None and row[key]["kick_rad"]
+    ]
+    return f"{row['name']}\n(kick {'; '.join(kicks)})" if kicks else str(row["name"])
