@@ -398,7 +398,7 @@ class PointSearch:
             result.measured = math.sqrt(between[0] * between[1])
             result.uncertainty = 0.5 * (between[1] - between[0])
             result.kick_rad = self._kick
-            result.reason = bracket_text(*between)
+            result.reason = bracket_text(*between, mixed=between[1] not in self._grew())
             return
         if found is None:
             result.reason = nothing_text(

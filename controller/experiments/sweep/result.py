@@ -67,12 +67,20 @@ def out_of_reach_text(edge: Reach, seen: str) -> str:
     )
 
 
-def bracket_text(died: float, grew: float) -> str:
-    """Explain a figure that comes from the two nearest outcomes alone [N·m/rad]."""
-    return (
-        f"between {died:.4g}, where motion died, and {grew:.4g}, where it grew: too few undisturbed"
-        " half cycles to fit its growth, as with much friction"
+def bracket_text(low: float, high: float, *, mixed: bool) -> str:
+    """Explain a figure that comes from the nearest outcomes alone.
+
+    Args:
+        low: Where motion died [N·m/rad].
+        high: Where it grew; with mixed outcomes the stiffest at which it died [N·m/rad].
+        mixed: In between some motions grew and some died.
+    """
+    found = (
+        f"between {low:.4g} and {high:.4g} some motions grew and some died"
+        if mixed
+        else f"between {low:.4g}, where motion died, and {high:.4g}, where it grew"
     )
+    return f"{found}: too few undisturbed half cycles to fit its growth, as with much friction"
 
 
 def bounded_text(amplitude: float) -> str:

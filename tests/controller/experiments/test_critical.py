@@ -12,7 +12,9 @@ import pytest
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import testbed
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
+from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
@@ -219,6 +221,33 @@ def test_a_run_that_lost_all_is_made_again(
     assert found.measured is not None
     assert found.trips[0].startswith(f"{trip} at ")
     assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was run again"
+
+
+@pytest.mark.parametrize(
+    ("grew", "value", "error", "told"),
+    [
+        ((False, True), 10.49, 0.5, "between 10, where motion died, and 11, where it grew"),
+        ((False, True, False), 10.95, 1.0, "between 10 and 12 some motions grew and some died"),
+    ],
+)
+def test_outcomes_that_contradict_each_other_are_less_certain(
+    grew: tuple[bool, ...],
+    value: float,
+    error: float,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    none = Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
+
+    def watched(search: PointSearch) -> None:
+        search._trials += [Trial(10.0 + n, none, 0.1, each) for n, each in enumerate(grew)]
+
+    monkeypatch.setattr(PointSearch, "_search", watched)
+    found = search(tmp_path, 0.02, 2, kick=0.1)
+    assert found.measured == pytest.approx(value, abs=0.01)
+    assert found.uncertainty == pytest.approx(error)
+    assert not_none(found.reason).startswith(told)
 
 
 def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
