@@ -276,9 +276,10 @@ def writing(option: str, path: PurePath) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         raise UserError(
             f"cannot be written: {error.strerror or error}",
             field=option,
             given=path,
-            advice="name another place",
+            advice="make room, or name another place" if full else "name another place",
         ) from error

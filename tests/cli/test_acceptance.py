@@ -238,7 +238,7 @@ def test_a_full_disk_leaves_no_half_bundle(
     monkeypatch.setattr(bundle, "_add", full)
     quicker(monkeypatch)
     assert call(*SIMULATED, "--yes", "--out", folder) == 2
-    assert "No space left on device" in capsys.readouterr().err
+    assert "No space left on device; make room, or" in capsys.readouterr().err
     assert (folder / "acceptance.zip").read_bytes() == before
     assert not [*folder.glob(".*")]
 
