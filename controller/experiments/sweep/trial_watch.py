@@ -74,6 +74,9 @@ def watch(
         age = _mean_age(own, used, device.period) if used.any() else None
     trial = Trial(phase.stiffness, found, turns.half_period, _grew(found, turns.position, position))
     lost = float(np.sum(own["missed"]) + np.sum(~good)) > _DISTURBED * own.size
+    if not found.log_ratio.size and not lost:  # a few losses may have spoiled every half-cycle
+        limited = (own, phase, position, damped, time, turns.time, device.period)
+        lost = bool(growth(turns, _sound(*limited, losses=False)).log_ratio.size)
     return Seen(trial, float(position[0]), age, lost and not found.log_ratio.size)
 
 
@@ -85,15 +88,16 @@ def _sound(
     time: FloatArray,
     turned: FloatArray,
     period: float,
+    losses: bool = True,
 ) -> NDArray[np.bool_]:
-    """Whether each half-cycle is undisturbed: no loss, no stall, no saturation."""
+    """Whether each half-cycle is undisturbed: no saturation; no loss and no stall, if asked."""
     torque: FloatArray = own["wall_torque"]
     missed: IntArray = own["missed"]
     failed: NDArray[np.bool_] = own["outcome"] != Outcome.OK
     asked = -phase.stiffness * position - phase.damping * velocity
     # A torque that differs from spring and damper was limited.
     cut = np.abs(asked - torque) > 1e-9 * (1.0 + np.abs(asked))
-    wrong = missed + cut + failed
+    wrong = missed + cut + failed if losses else cut & ~failed
     total = np.concatenate([[0.0], np.cumsum(wrong)])
     at = np.clip(np.searchsorted(time, turned), 0, own.size)
     share = np.diff(total[at]) / np.maximum(np.diff(turned) / period, 1.0)
