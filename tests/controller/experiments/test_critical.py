@@ -203,6 +203,26 @@ def test_a_trial_of_lost_readings_is_made_again_and_told(
     assert found.measured == pytest.approx(true, rel=0.005)
 
 
+def test_few_losses_that_spoil_every_second_half_cycle_spoil_a_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = Testbed.play
+    runs: list[str] = []
+
+    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
+        done = played(bed, name, phases, steps)
+        runs.append(name)
+        if len(runs) == 1:
+            rows = done.rows
+            ahead = np.flatnonzero((rows["phase"] == 1) & (rows["velocity"] > 0.0))
+            rows["outcome"][ahead[::20]] = Outcome.LOST
+            assert ahead[::20].size < 0.03 * np.sum(rows["phase"] == 1)
+        return done
+
+    monkeypatch.setattr(Testbed, "play", play)
+    assert search(tmp_path, 0.02, 2, *LINEAR, kick=0.1).disturbed == 1
+
+
 @pytest.mark.parametrize("trip", [Trip.LOSS_RATE, Trip.LOOP_HUNG])
 def test_a_run_that_lost_all_is_made_again(
     trip: Trip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
