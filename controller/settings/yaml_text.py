@@ -32,10 +32,32 @@ _WORDS = (
 )
 
 
+_MERGE = "tag:yaml.org,2002:merge"
+
+
 class _Loader(yaml.SafeLoader):
     """Loads plain data only, by the rules above; keys are texts."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Expand ``<<``: a mapping's own key wins over a merged one, an earlier merge over a later.
+
+        The library's own expansion differs between its versions: PyYAML 6.0.4 takes the merged value
+        where a merged mapping overrules what it merges itself.
+        """
+        own = [pair for pair in node.value if pair[0].tag != _MERGE]
+        merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+        for _, value in (pair for pair in node.value if pair[0].tag == _MERGE):
+            for source in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                if not isinstance(source, yaml.MappingNode):
+                    raise _problem("<< takes a mapping or a list of mappings", value)
+                self.flatten_mapping(source)
+                for pair in source.value:
+                    merged.setdefault(str(pair[0].value), pair)
+        for key, _ in own:
+            merged.pop(str(key.value), None)
+        node.value = [*merged.values(), *own]
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Construct as the base class, but keep keys as texts: true, 1 and null too."""

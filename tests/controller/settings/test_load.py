@@ -516,6 +516,17 @@ def test_what_a_merge_brings_in_may_be_overruled_wherever_it_stands() -> None:
     assert data["y"] == data["p"]["q"] == {"k": 2}
 
 
+def test_the_first_of_several_merged_mappings_wins() -> None:
+    data = parse("a: &a {k: 1}\nb: &b {k: 2, m: 3}\ny: {<<: [*a, *b], n: 4}", "text")
+    assert data["y"] == {"k": 1, "m": 3, "n": 4}
+
+
+@pytest.mark.parametrize("text", ["y: {<<: 3}", "y: {<<: [{k: 1}, 3]}"])
+def test_only_mappings_are_merged(text: str) -> None:
+    with pytest.raises(UserError, match="<< takes a mapping or a list of mappings"):
+        parse(text, "text")
+
+
 def test_a_number_too_large_for_a_computer_is_refused_by_name() -> None:
     for field in ("wall.stiffness", "servo.id", "safety.max_losses_in_row", "model.delay"):
         assert field in only("simulated", f"{field}={'9' * 400}")
