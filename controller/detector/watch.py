@@ -202,7 +202,10 @@ class Watch:
             self._take_back()
         if own.alarm or own.steady:
             self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
-            self._note(self.current, own.amplitude, own.frequency_hz)
+            amplitude, frequency_hz = own.amplitude, own.frequency_hz
+            if (asked := own.asked) is not None:
+                amplitude, frequency_hz = asked.amplitude, 1.0 / asked.cycle
+            self._note(self.current, amplitude, frequency_hz)
             if own.alarm and isnan(self.first_alarm_s):
                 self.first_alarm_s = (self._ticks - 1) * self._period
         if own.failed or (own.alarm and self._settings.answer == "trip"):
