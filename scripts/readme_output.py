@@ -36,7 +36,6 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -359,23 +358,6 @@ def published() -> tuple[list[str], list[list[object]]]:
     return ["servo", *head], rows
 
 
-def safety() -> tuple[list[str], list[list[object]]]:
-    """Table of the presets' settings that end a run."""
-    names = ("simulated", "emulated-xm430", "xm430-w350")
-    loaded = [load_config(name).config for name in names]
-    rows: list[list[object]] = []
-    for path, field in fields().items():
-        section, key = path.split(".")
-        if (
-            section == "safety" and key not in ("engage", "engage_torque")
-        ) or path == "servo.watchdog_s":
-            used = [c.servo.kind in field.used_by for c in loaded]
-            values = [getattr(getattr(c, section), key) for c in loaded]
-            cells = [v if use else None for v, use in zip(values, used, strict=True)]
-            rows.append([f"`{path}`", field.unit or ("–" if field.choices else "1"), *cells])
-    return ["field", "unit", *(f"`{name}`" for name in names)], rows
-
-
 def checks() -> tuple[list[str], list[list[object]]]:
     """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
     config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
@@ -397,7 +379,6 @@ TABLES = {
     "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,
     "published": published,
-    "safety": safety,
     "checks": checks,
 }
 
