@@ -376,17 +376,6 @@ def safety() -> tuple[list[str], list[list[object]]]:
     return ["field", "unit", *(f"`{name}`" for name in names)], rows
 
 
-def checks() -> tuple[list[str], list[list[object]]]:
-    """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    servo = open_servo(config.servo_settings(), SimulatedClock())
-    try:
-        found = servo.start()
-    finally:
-        servo.close()
-    return ["check", "wanted", "found"], [[c.name, c.wanted, c.found] for c in found]
-
-
 TABLES = {
     "presets": presets,
     "stiffness": stiffness,
@@ -398,7 +387,6 @@ TABLES = {
     "filtered_guard": filtered_guard,
     "published": published,
     "safety": safety,
-    "checks": checks,
 }
 
 

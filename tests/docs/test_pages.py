@@ -15,6 +15,9 @@ from haptic_wall.controller.runtime.realtime import Setting
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.fields import fields
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.open import open_servo
 from scripts import readme_output
 from scripts.website import broken
 from tests.docs.pages import PAGES, ROOT, name_of, text_of
@@ -44,6 +47,13 @@ def test_every_page_is_in_the_list_of_pages() -> None:
     }
     missing = {page for page in PAGES[1:] if not listed & {page, *page.parents}}
     assert missing == {ROOT / "docs" / "README.md"}
+
+
+def test_every_page_of_evidence_is_in_its_list() -> None:
+    text = text_of("docs/evidence/README.md")
+    listed = re.findall(r"^\| \[.*?\]\(([^)#]+)\) \|", text, re.M)
+    pages = {page.name for page in (ROOT / "docs" / "evidence").glob("*.md")}
+    assert sorted(listed) == sorted(pages - {"README.md"})
 
 
 @pytest.mark.usefixtures("folder")
@@ -147,6 +157,11 @@ def test_the_version_is_that_of_changes_and_citation() -> None:
 
 
 def test_every_start_up_check_is_explained() -> None:
-    _, rows = readme_output.checks()
-    page = text_of("docs/hardware.md").partition("| check | why |")[2].partition("\n\n")[0]
-    assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [name for name, *_ in rows]
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
+    servo = open_servo(config.servo_settings(), SimulatedClock())
+    try:
+        checks = servo.start()
+    finally:
+        servo.close()
+    page = text_of("docs/hardware.md").partition("| check | wanted")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| ([\w -]+) \| ", page, re.M) == [check.name for check in checks]
