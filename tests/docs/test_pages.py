@@ -92,7 +92,9 @@ def test_commands_that_are_named_exist(page: Path) -> None:
     assert sorted(named - {*COMMANDS}) == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize(
+    "page", [*PAGES, *sorted((ROOT / "docs" / "examples").glob("*.py"))], ids=name_of
+)
 def test_names_that_are_imported_in_examples_exist(page: Path) -> None:
     for module, names in _IMPORTED.findall(page.read_text(encoding="utf-8")):
         there = importlib.import_module(module)
