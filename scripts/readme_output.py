@@ -11,8 +11,8 @@ A part begins with one of these comments and ends with ``<!-- end -->``:
     table: NAME                  computed by the program; see TABLES
     figures: SECTION | ROWS      rows of a table of docs/evidence/measured.md
 
-LABELS, where given, name the lines to show; log and picture are shown only of measured runs, as
-their names hold the date.
+Without COMMAND it is that of the part's ``sh`` block. LABELS, where given, name the lines to show;
+log and picture are shown only of measured runs, as their names hold the date.
 """
 
 import argparse
@@ -37,7 +37,7 @@ from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request,
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
@@ -67,6 +67,8 @@ def renewed(page: Path, measure: bool) -> str:
     def part(found: re.Match[str]) -> str:
         begin, kind, what, old, end = found.groups()
         subject, _, chosen = (text.strip() for text in what.partition("|"))
+        if not subject and (block := re.search(r"```sh\n(.*)\n", old)):
+            subject = block[1]
         if kind == "table":
             body = table(*TABLES[subject]())
         elif kind == "figures":
@@ -210,11 +212,6 @@ def decided(
     known = replace(known, belief=replace(known.belief, **(belief or {})))
     changes: dict[str, Any] = dict(asked)
     return decide(replace(config.request(), **changes), config.guard_settings(), known, ages)
-
-
-def presets() -> tuple[list[str], list[list[object]]]:
-    """The presets that come with the program."""
-    return ["preset", "what for"], [[f"`{n}`", preset_summary(n)] for n in preset_names()]
 
 
 def stiffness() -> tuple[list[str], list[list[object]]]:
@@ -377,7 +374,6 @@ def safety() -> tuple[list[str], list[list[object]]]:
 
 
 TABLES = {
-    "presets": presets,
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,

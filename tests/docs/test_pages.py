@@ -71,13 +71,6 @@ def test_measured_parts_are_filled() -> None:
     assert [name_of(page) for page in PAGES if re.search(empty, page.read_text())] == []
 
 
-def test_the_presets_are_those_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["presets", "--json"]) == 0
-    listed = {p["name"]: p["summary"] for p in json.loads(capsys.readouterr().out)["presets"]}
-    rows = dict(re.findall(r"^\| `([\w-]+)` \| (.*?) \|$", text_of("README.md"), re.M))
-    assert {name: rows.get(name) for name in listed} == listed
-
-
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_settings_that_are_named_exist(page: Path) -> None:
     sections = "|".join({path.split(".")[0] for path in fields()})
