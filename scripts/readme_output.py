@@ -11,8 +11,8 @@ A part begins with one of these comments and ends with ``<!-- end -->``:
     table: NAME                  computed by the program; see TABLES
     figures: SECTION | ROWS      rows of a table of docs/evidence/measured.md
 
-LABELS, where given, name the lines to show; log and picture are shown only of measured runs, as
-their names hold the date.
+Without COMMAND it is that of the part's ``sh`` block. LABELS, where given, name the lines to show;
+log and picture are shown only of measured runs, as their names hold the date.
 """
 
 import argparse
@@ -36,7 +36,7 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
@@ -66,6 +66,8 @@ def renewed(page: Path, measure: bool) -> str:
     def part(found: re.Match[str]) -> str:
         begin, kind, what, old, end = found.groups()
         subject, _, chosen = (text.strip() for text in what.partition("|"))
+        if not subject and (block := re.search(r"```sh\n(.*)\n", old)):
+            subject = block[1]
         if kind == "table":
             body = table(*TABLES[subject]())
         elif kind == "figures":
@@ -211,11 +213,6 @@ def decided(
     return decide(replace(config.request(), **changes), config.guard_settings(), known, ages)
 
 
-def presets() -> tuple[list[str], list[list[object]]]:
-    """The presets that come with the program."""
-    return ["preset", "what for"], [[f"`{n}`", preset_summary(n)] for n in preset_names()]
-
-
 def stiffness() -> tuple[list[str], list[list[object]]]:
     """Table of stiffnesses: the force in the hand, and the commanded stiffness."""
     head = ["K [N·m/rad]", "torque per degree [N·m]", "at the tip of a 10 cm horn [N/mm]"]
@@ -358,19 +355,7 @@ def published() -> tuple[list[str], list[list[object]]]:
     return ["servo", *head], rows
 
 
-def checks() -> tuple[list[str], list[list[object]]]:
-    """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    servo = open_servo(config.servo_settings(), SimulatedClock())
-    try:
-        found = servo.start()
-    finally:
-        servo.close()
-    return ["check", "wanted", "found"], [[c.name, c.wanted, c.found] for c in found]
-
-
 TABLES = {
-    "presets": presets,
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,
@@ -379,7 +364,6 @@ TABLES = {
     "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,
     "published": published,
-    "checks": checks,
 }
 
 
