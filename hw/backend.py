@@ -6,8 +6,8 @@ A backend is registered by name under the entry point group ``haptic_wall.servos
 real servo.
 
 The program needs mostly facts of a backend, which need no inheritance, and a new fact breaks no
-older backend. The built-in backends stand in ``haptic_wall.hw.open`` and not among the entry points:
-those cost 50 ms at each start, and an editable install keeps old ones.
+older backend. The built-in backends stand in ``haptic_wall.hw.open`` and not among the entry
+points: those cost 50 ms at each start, and an editable install keeps old ones.
 """
 
 from __future__ import annotations

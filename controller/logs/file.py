@@ -6,8 +6,8 @@ both JSON again.
 ``numpy.load`` on an open file reads them one after the other; each carries checksums, see
 ``blocks``.
 
-A killed recorder or a full disk costs at most a block, and a reader skips damaged blocks. Equal rows
-give equal bytes. Nothing is unpickled, so no log can run code. The file gets its name with its
+A killed recorder or a full disk costs at most a block, and a reader skips damaged blocks. Equal
+rows give equal bytes. Nothing is unpickled, so no log can run code. The file gets its name with its
 first rows, so a run that cannot start costs no old log.
 
 Other formats were rejected: CSV is slow and has no configuration; a killed writer ruins an HDF5,

@@ -6,10 +6,9 @@ same tick takes two to three times as long as in a loop without pause. The waite
 before each deadline anyway, and would only read the clock. It executes a second tick instead, which
 has a wall, a detector and a servo of its own: the same code without any effect.
 
-By `haptic-wall bench --section stages` (median of three runs, 2 busy cores of AMD EPYC) this lowers
-the median of a tick from 46 to 20 µs with the servo in the process, and from 87 to 80 on the
-emulated bus, where the loop sleeps again until the reply. The core works about 10 % more. Several
-warm-ups do not make the tick quicker. One while the reply travels delays its reading by 30 µs.
+`haptic-wall bench --section stages` measures both (docs/evidence/bench.md). The gain is smaller on
+a bus, where the loop sleeps again until the reply. The core works about 10 % more. Several warm-ups
+do not make the tick quicker. One while the reply travels delays its reading by 30 µs.
 """
 
 from __future__ import annotations
