@@ -202,15 +202,12 @@ def situation(config: Config) -> Situation:
     )
 
 
-def decided(
-    preset: str, ages: list[float], belief: dict[str, Any] | None = None, **asked: float
-) -> list[Decision]:
+def decided(preset: str, ages: list[float], **asked: float) -> list[Decision]:
     """Decisions of the guard on a preset's wall, for sample ages [s], with changes."""
     config = load_config(preset).config
-    known = situation(config)
-    known = replace(known, belief=replace(known.belief, **(belief or {})))
     changes: dict[str, Any] = dict(asked)
-    return decide(replace(config.request(), **changes), config.guard_settings(), known, ages)
+    request = replace(config.request(), **changes)
+    return decide(request, config.guard_settings(), situation(config), ages)
 
 
 def stiffness() -> tuple[list[str], list[list[object]]]:
@@ -246,23 +243,6 @@ def dampings() -> tuple[list[str], list[list[object]]]:
         rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
-
-
-def beliefs() -> tuple[list[str], list[list[object]]]:
-    """Table of what each bound of the real servo's belief costs."""
-    belief = load_config("xm430-w350").config.belief()
-    exactly = {
-        name: Bounded.exactly(getattr(belief, name).value)
-        for name in ("inertia", "damping", "delay", "torque_gain")
-    }
-    cases: list[tuple[str, dict[str, Any]]] = [("as the preset believes", {})]
-    cases += [(f"`model.{name}` known exactly", {name: exactly[name]}) for name in exactly]
-    cases += [("all of them known exactly", exactly)]
-    rows: list[list[object]] = []
-    for name, known in cases:
-        d = decided("xm430-w350", [2e-4], known, stiffness=1e6)[0]
-        rows.append([name, 1e3 * d.delay, d.stiffness])
-    return ["belief", "delay t_d [ms]", "K commanded"], rows
 
 
 def rebounds() -> tuple[list[str], list[list[object]]]:
@@ -359,7 +339,6 @@ TABLES = {
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,
-    "beliefs": beliefs,
     "rebounds": rebounds,
     "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,

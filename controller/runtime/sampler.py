@@ -8,7 +8,9 @@ from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
 from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 COLLECT_SHARE = 0.8
-"""Fraction of a period after which a missing reply is given up [1]"""
+"""Fraction of a period after which a missing reply is given up [1]. A pipelined tick that waits
+sends its next request later, until a phase of the adapter's timer comes in which the replies are in
+time. A loop that does not wait misses every reply at some phases."""
 LONGER_SHARE = 1.05
 """The same fraction after a pipelined reply was lost, until another one is lost [1]. An adapter
 flushes its buffer periodically. A request sent after giving up can then miss each tick by the time

@@ -1,7 +1,8 @@
 """The emulated bus: takes and gives bytes at given times, as on one half-duplex wire.
 
 It has no clock: the caller gives the time, in nanoseconds that never decrease. Between two calls
-every event happens at its own instant.
+every event happens at its own instant. So a late server delays replies only, and a test in memory
+repeats a fault of the terminal to the byte.
 
 There is one wire. A byte takes ten bit times. An instruction takes effect when its last byte has
 arrived; a reply can be read when its last byte has, unless an adapter holds it back. Bytes sent

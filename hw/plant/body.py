@@ -11,6 +11,9 @@ zero and where a stuck body breaks away; the module solves for each of them.
 
 At rest the body is stuck while the applied torque is at most c (static friction equals
 kinetic friction).
+
+Near the stability boundary a loop grows by 1e-7 per sample. The damping of a fixed-step integrator
+would be as large.
 """
 
 from __future__ import annotations

@@ -4,7 +4,9 @@ The operations and their order are those of ``many_walls`` and ``haptic_wall.hw.
 that each wall moves to the last bit as there. A few walls at a time, one in each lane, run through
 all periods in a workspace that stays in the first-level cache. Each pass over the lanes has no
 branches, so that a compiler makes vector instructions of it; bodies that come to rest within a step
-are rare and are solved one by one.
+are rare and are solved one by one. One wall at a time would wait for its own last result in every
+operation. Threads instead of processes would not help: the search around the loop holds the
+interpreter.
 
 The functions are plain Python and give the same results uncompiled, thousands of times slower.
 ``haptic_wall.controller.experiments.maps.compiled`` compiles them. All are in one file, because the

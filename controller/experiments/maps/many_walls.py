@@ -4,6 +4,10 @@ Each wall is simulated to the last bit as the program would run it alone on the 
 the simulated servo (without guard, safety and operator): the same operations in the same order, on
 blocks of walls that fit into the processor's cache. Where Numba is installed, blocks without
 current loops, further effects and encoder errors run compiled (``compiled``), with equal results.
+
+With friction, counts and one-sidedness the last bit decides whether a count is crossed, and then
+two simulations diverge: a tolerance would hold for short runs only. One-sided contacts assume a
+constant acceleration at the surface: with heavy viscous friction the limit is up to 0.1 % low.
 """
 
 from __future__ import annotations
