@@ -1,4 +1,4 @@
-"""Measures how many wall periods are simulated a second: in arrays, compiled, alone, by peers."""
+"""Measures how many wall periods are simulated a second: arrays, compiled, one by one, by peers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures the controller's work in a tick, stage by stage, in a loop that sleeps as a real one."""
+"""Measures the controller's work in a tick, stage by stage, in a loop that sleeps between ticks."""
 
 from __future__ import annotations
 

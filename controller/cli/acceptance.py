@@ -1,4 +1,4 @@
-"""``haptic-wall acceptance``: a first real servo, predicted, measured, and packed into one file."""
+"""``haptic-wall acceptance``: predicts and measures a real servo, and packs all into one file."""
 
 from __future__ import annotations
 

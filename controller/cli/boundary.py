@@ -1,4 +1,4 @@
-"""``haptic-wall boundary``: computes a servo's stiffness limits, and the effect of improvements."""
+"""``haptic-wall boundary``: computes a servo's stiffness limits, and which changes raise them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Click's errors of this program, with the parts of their sentence."""
+"""Defines the errors of the command line as Click's, with found and wanted values as data."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""The backstop: finds a wall that moves the shaft by itself, on any servo, and reduces its gains.
+"""The backstop: detects self-sustained oscillation by a probe of the wall, and reduces its gains.
 
 A motion that does not decay may be fed by the wall, or made by a hand. The motion alone does not
 show which; a change of the wall does. So the wall is probed: at a turning point the elastic torque,
 the limit of that torque, and the damping are all reduced to a quarter. A motion that the wall makes
-then becomes
-slower: twice as slow for a linear spring. A hand's motion keeps its period. The result uses no
-belief about the servo.
+then becomes slower: twice as slow for a linear spring. A hand's motion keeps its period. The result
+uses no belief about the servo.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Applies the backstop to a wall of either kind: to its half-cycles, and to its contacts."""
+"""Runs the backstop on half-cycles and, at a one-sided wall, on contacts."""
 
 from __future__ import annotations
 

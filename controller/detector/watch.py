@@ -1,4 +1,4 @@
-"""The oscillation watch: finds an oscillation of the running wall's own, and answers it.
+"""The oscillation watch: runs detector and backstop in each tick, and acts on their alarms.
 
 Two parts judge the motion. The detector uses the believed values, is fast, and may be wrong about a
 hand where their bounds are wide. The backstop uses no belief: it probes the wall. ``report`` only

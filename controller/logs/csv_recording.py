@@ -1,4 +1,4 @@
-"""Reads a recorded motion from a CSV of any origin.
+"""Reads a recorded motion from a CSV: fixed column names, but written by any program.
 
 It repairs irregular data where that is possible without guessing, and reports each repair: it
 splits the record at long gaps, drops rows without a number, and interpolates uneven time stamps

@@ -1,4 +1,4 @@
-"""Passes messages to a person from a thread of its own, so that a blocked terminal does no harm.
+"""Passes messages to a person from a thread of its own: a blocked terminal blocks no caller.
 
 A terminal that was stopped with Ctrl-S, or a reader that does not read, blocks the writer. The
 process that watches over a torque must not block.

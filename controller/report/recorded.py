@@ -1,4 +1,4 @@
-"""Draws a recorded motion, the fit to it, and what is left."""
+"""Draws a recorded motion, the fit to it, and the residual."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws a sweep: measured points on the limits, in the plane of stiffness and damping."""
+"""Draws a sweep: measured critical stiffness over virtual damping, with the predicted limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trips: ends a run at once with torque off, each trip under its own name."""
+"""Checks each reading against the safety limits; names and explains the trips, which end a run."""
 
 from __future__ import annotations
 

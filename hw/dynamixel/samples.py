@@ -1,4 +1,4 @@
-"""Decodes a sample from a servo's reply, and validates it by the servo's own clock."""
+"""Decodes a sample from a servo's reply; refuses a late one by the servo's millisecond clock."""
 
 from __future__ import annotations
 

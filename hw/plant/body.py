@@ -1,4 +1,4 @@
-"""Moves a one-axis servo exactly under held torque, friction and an operator; no time stepping.
+"""Simulates a one-axis servo exactly under held torque, friction and operator; no time stepping.
 
 The motion over a step solves ::
 

@@ -1,4 +1,4 @@
-"""Moves a servo whose load lies behind a flexible transmission: two masses, friction on one.
+"""Simulates a servo with its load behind a flexible transmission: two masses, friction on one.
 
 The motion solves, with the motor's position x, the output's y and the transmitted torque F ::
 
