@@ -61,13 +61,13 @@ def witnessed(folder: Path, seconds: float, factor: float | None, delay: float) 
     }
 
 
-def earliest_slope(x: np.ndarray, y: np.ndarray, blocks: int = 40) -> float:
+def earliest_slope(x: np.ndarray, y: np.ndarray) -> float:
     """Slope of a line under points that come late at times, and by half a period seem early."""
     for _ in range(3):
         rest = y - np.polyval(np.polyfit(x, y, 1), x)
         keep = np.abs(rest - np.median(rest)) < 0.05 * PERIOD
         x, y, rest = x[keep], y[keep], rest[keep]
-    first = [part[np.argmin(rest[part])] for part in np.array_split(np.arange(x.size), blocks)]
+    first = [part[np.argmin(rest[part])] for part in np.array_split(np.arange(x.size), 40)]
     return float(np.polyfit(x[first], y[first], 1)[0])
 
 

@@ -21,7 +21,7 @@ from scripts.trials.draws import bench_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.verdicts import (
     longest_unseen_s,
     small,
@@ -126,9 +126,7 @@ def jobs(given: Given) -> list[Job]:
     """Return the jobs: both servos, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
-        left = walls_of(given, 4)
-        for part in range(-(-left // _A_JOB)):
-            walls = min(_A_JOB, left - part * _A_JOB)
+        for part, walls in in_parts(walls_of(given, 4), _A_JOB):
             made.append((preset, walls, (given.seed, 5, i, part)))
     return made
 
