@@ -50,13 +50,12 @@ def real_time_soak(seconds: float, seed: int, damage: Sequence[str], folder: Pat
             stderr=subprocess.PIPE,
             text=True,
         )
-        assert run.stderr is not None and bus.process.stdin is not None
+        assert run.stderr is not None
         said = ""
         for line in run.stderr:
             said += line
             if "torque is on" in line:
-                bus.process.stdin.write("\n".join([*damage, ""]))
-                bus.process.stdin.flush()
+                bus.inject(*damage)
                 break
         output, rest = run.communicate()
     if run.returncode:
