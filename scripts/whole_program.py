@@ -69,7 +69,7 @@ def hardware_of(config: Config) -> tuple[Model, float]:
 
 def children_of(pid: int) -> dict[str, int]:
     """The children of a run that are there, each by a name of ``CHILDREN``."""
-    found = {}
+    found: dict[str, int] = {}
     with contextlib.suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):

@@ -49,7 +49,9 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
     sets = (f"loop.rate_hz={rate_hz}", f"servo.schedule={schedule}", *alone)
     phases = range(0, 32) if thorough else (1, 12, 23)
     for phase in phases:
-        found = run_in_memory(sets, 0.5, adapter=(TIMER_MS * MS, 62), shift_ns=phase * MS // 2 + 37_000)
+        found = run_in_memory(
+            sets, 0.5, adapter=(TIMER_MS * MS, 62), shift_ns=phase * MS // 2 + 37_000
+        )
         result = found.result
         assert result.stop_reason == "duration"
         assert result.torque_off
@@ -98,7 +100,9 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> N
 def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     """Ticks in which none was due are neither good nor lost."""
     sets = ("safety.max_loss=0.15", "loop.warm_up_s=0.3")
-    found = run_in_memory(sets, 10.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"])
+    found = run_in_memory(
+        sets, 10.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"]
+    )
     assert found.result.stop_reason == "trip:loss_rate"
     calm = run_in_memory(
         ("safety.max_loss=0.5", "loop.warm_up_s=0.3"),
