@@ -6,13 +6,7 @@ import json
 import os
 from typing import Any, Final
 
-from haptic_wall.controller.bench.loops import (
-    AT_REST,
-    FORGIVING,
-    START_S,
-    emulated_bus,
-    wall_run,
-)
+from haptic_wall.controller.bench.loops import AT_REST, FORGIVING, START_S, emulated_bus, wall_run
 from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds
 from haptic_wall.controller.bench.stage_times import STAGES
 from haptic_wall.controller.errors import PlatformError

@@ -10,13 +10,7 @@ import numpy as np
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, draw_damping, draw_kick, hand_case, log_uniform
 from scripts.trials.draws import bench_of, critical_of, damping_ceiling_of, draw_truth
-from scripts.trials.hand_hours import (
-    OF_THE_LIMIT,
-    HandTrial,
-    intervention_cells,
-    judged,
-    needless,
-)
+from scripts.trials.hand_hours import OF_THE_LIMIT, HandTrial, intervention_cells, judged, needless
 from scripts.trials.operators import TURN
 from scripts.trials.own_walls import WORSE, grown, growth_cells, late_or_unseen_of
 from scripts.trials.rates import few, most

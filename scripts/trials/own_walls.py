@@ -7,15 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scripts.study import Given
-from scripts.trials.cases import (
-    LAGS,
-    PRESETS,
-    ROWS,
-    Case,
-    draw_damping,
-    draw_kick,
-    draw_row,
-)
+from scripts.trials.cases import LAGS, PRESETS, ROWS, Case, draw_damping, draw_kick, draw_row
 from scripts.trials.draws import bench_of
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked

@@ -9,26 +9,13 @@ import numpy as np
 
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from scripts.study import Given
-from scripts.trials.cases import (
-    LAGS,
-    PRESETS,
-    Case,
-    Row,
-    draw_damping,
-    draw_row,
-)
+from scripts.trials.cases import LAGS, PRESETS, Case, Row, draw_damping, draw_row
 from scripts.trials.draws import bench_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
 from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
-from scripts.trials.verdicts import (
-    longest_unseen_s,
-    small,
-    sustains,
-    time_above_s,
-    unseen,
-)
+from scripts.trials.verdicts import longest_unseen_s, small, sustains, time_above_s, unseen
 
 BACKLASH = (math.radians(0.1), math.radians(0.5))
 KICK = (0.02, 0.05)

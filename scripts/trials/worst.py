@@ -24,11 +24,7 @@ from scripts.trials.run import WallAsked
 from scripts.trials.search import Axis, Found, worst_cases
 from scripts.trials.sections import Job, Made, section
 from scripts.trials.truth import BackEmf, Truth
-from scripts.trials.verdicts import (
-    at_alarm_and_after,
-    longest_unseen_s,
-    sustains,
-)
+from scripts.trials.verdicts import at_alarm_and_after, longest_unseen_s, sustains
 
 Body = Literal["rigid", "flexible"]
 BODIES: tuple[Body, ...] = ("rigid", "flexible")
