@@ -20,11 +20,7 @@ PICTURE = Path(__file__).resolve().parent.parent / "docs" / "evidence" / "record
 
 
 def drawn(path: Path) -> None:
-    """Draw the picture.
-
-    Args:
-        path: Where it is written.
-    """
+    """Draw the picture."""
     alone = {name: swings((name,), "M1") for name in DROPS}
     both = swings(DROPS, "M2")
     with style.picture(path, style.PAGE, 4.2) as figure:

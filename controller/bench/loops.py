@@ -138,11 +138,7 @@ LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
 
 
 def of_run(ended: Ended) -> Ran:
-    """Return the result of a run of the whole program.
-
-    Args:
-        ended: The run.
-    """
+    """Return the result of a run of the whole program."""
     statistics = ended.statistics
     times = (statistics.lateness, statistics.bus, statistics.work)
     reports = [each.as_report(50, 99) for each in times]

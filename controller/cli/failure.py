@@ -61,12 +61,7 @@ _NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
 
 
 class EndedEarlyError(HapticWallError):
-    """A person or a trip has ended a command before it had an answer.
-
-    Args:
-        problem: The reason of the early end.
-        exit_status: Exit status of the command.
-    """
+    """A person or a trip has ended a command before it had an answer."""
 
     def __init__(self, problem: Problem | str, exit_status: int) -> None:
         super().__init__(problem)

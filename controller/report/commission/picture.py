@@ -47,11 +47,6 @@ _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
 def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path) -> None:
     """Draw the allowed stiffness, and the report's walls, as PNG.
 
-    Args:
-        question: The servo in its loop.
-        report: The report's data.
-        path: Path of the picture.
-
     Raises:
         OSError: The file cannot be written.
     """
