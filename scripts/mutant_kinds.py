@@ -320,7 +320,7 @@ def modules_of(root: Path, role: str) -> list[Path]:
 
 
 def all_mutants(root: Path) -> list[Mutant]:
-    """The mutants of all roles in a tree; where two have the same id, the later ones get a number."""
+    """The mutants of all roles in a tree; of those with the same id the later ones get a number."""
     found: list[Mutant] = []
     seen: Counter[str] = Counter()
     for role in ROLES:
