@@ -140,7 +140,7 @@ class Fault:
 
     @property
     def strikes_the_torque(self) -> bool:
-        """Whether nobody renders the wall any more: a time for the torque to be gone counts."""
+        """Whether no loop renders the wall any more, so that the torque must end in time."""
         return not self.goes_on and (
             "loop" in self.name or not self.name.startswith(("supervisor", "recorder", "dial"))
         )
@@ -168,7 +168,7 @@ def killed_unwatched(target: Target) -> None:
 
 
 def orphaned(number: signal.Signals) -> Callable[[Target], None]:
-    """The loop hangs, and who watches it is killed."""
+    """The loop hangs, and its supervisor is killed."""
 
     def inject(target: Target) -> None:
         target.send(signal.SIGSTOP, "supervisor")

@@ -72,7 +72,7 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
         seconds = stage.random.uniform(least_s, most_s)
         struck_s = time.monotonic()
         stage.send(name, signal.SIGSTOP)
-        if seconds < 0.1:  # shorter than whoever undoes it may take to come round
+        if seconds < 0.1:  # shorter than a turn of the loop that undoes faults
             time.sleep(seconds)
             stage.send(name, signal.SIGCONT)
             return Lasting(0.0, detail=f"{1e3 * seconds:.0f} ms")

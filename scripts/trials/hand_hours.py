@@ -65,7 +65,7 @@ def hand_trials(job: tuple[str, str, int, float, tuple[int, ...]]) -> list[HandT
 
 
 def draw_held(preset: str, operator: str, trial_s: float, random: np.random.Generator) -> Case:
-    """Draw a wall and the operator who holds its shaft, see ``hand_trials``."""
+    """Draw a wall and the operator that holds its shaft, see ``hand_trials``."""
     bench = bench_of(preset)
     while True:
         truth = draw_truth(bench, random, lag_factor=1.0, back_emf=None)

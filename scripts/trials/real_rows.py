@@ -37,7 +37,7 @@ def draw_real_wall(preset: str, lags: int, random: np.random.Generator) -> Case:
 
 
 def draw_real_hand(preset: str, operator: str, trial_s: float, random: np.random.Generator) -> Case:
-    """Draw a servo within the belief, a wall at nine tenths of its limit, and who holds it."""
+    """Draw a servo within the belief, a wall at nine tenths of its limit, and an operator."""
     while True:
         truth = draw_real(bench_of(preset), random)
         damping = draw_damping(preset, random)
