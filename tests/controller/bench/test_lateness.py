@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.controller.bench import cyclictest, lateness
 from haptic_wall.controller.bench.lateness_client import PERIOD_NS, on_grid
-from haptic_wall.controller.bench.report import granted
+from haptic_wall.controller.bench.rights import granted
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.realtime import pick_cores
 from tests.typed import not_none
