@@ -29,7 +29,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, dampings: list[float]) -> Axes:
     setting = MapSettings.of(load_config("paper-table2", ()).config)
     with ThreadPoolExecutor(1) as pool:
         found = critical_map(setting, dampings, [1], [0.01], executor=pool, tolerance=0.1)
-    monkeypatch.setattr(map_plot, "picture", picture)
+    monkeypatch.setattr(map_plot.style, "picture", picture)
     map_plot.plot_map(found, "test", Path("unused"))
     return figure.axes[0]
 
