@@ -105,7 +105,7 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
 def told_by(
     name: str,
     words: Sequence[str],
-    orders: Mapping[str, Any] | None,
+    orders: dict[str, Any] | None,
     seconds: float,
     cores: set[int],
 ) -> dict[str, Any]:
