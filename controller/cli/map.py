@@ -17,11 +17,7 @@ from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
-from haptic_wall.controller.cli.options import (
-    as_json,
-    say,
-    writing,
-)
+from haptic_wall.controller.cli.options import as_json, say, writing
 from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError

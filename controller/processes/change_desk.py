@@ -13,11 +13,7 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.processes.log_events import send_event
 from haptic_wall.controller.processes.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
-from haptic_wall.controller.runtime.changeover import (
-    MOST_J,
-    MOST_WITH_HAND_J,
-    Obstacle,
-)
+from haptic_wall.controller.runtime.changeover import MOST_J, MOST_WITH_HAND_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word

@@ -62,13 +62,7 @@ class Shares(NamedTuple):
 
 
 def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
-    """Return the valid parts of a joint reply in the received bytes.
-
-    Args:
-        raw: Bytes since the request.
-        count: Number of requested servos.
-        size: Requested bytes of each.
-    """
+    """Return the valid parts of a joint reply in the received bytes."""
     length = 1 + count * (size + 4)
     at = raw.find(_head(count, size))
     if at < 0:

@@ -26,12 +26,7 @@ _FIXED: Final = 8
 
 
 class ExpectedReply:
-    """Recognises the one reply that a cyclic request expects, in half the time of a search.
-
-    Args:
-        id: Id of the requested servo.
-        size: Requested bytes of data.
-    """
+    """Recognises the one reply that a cyclic request expects, in half the time of a search."""
 
     __slots__ = ("_crc", "_prefix", "_size")
 
@@ -83,12 +78,7 @@ class ExpectedFastReply:
 
 
 class SyncWrite:
-    """Builds the sync writes that send a 16-bit value to each of some servos.
-
-    Args:
-        address: Address of the register.
-        ids: Ids of the servos.
-    """
+    """Builds the sync writes that send a 16-bit value to each of some servos."""
 
     __slots__ = ("_crc", "_fields", "_prefix", "_shares")
 
