@@ -113,8 +113,8 @@ class Sampler:
         if not self._pipelined:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
-        self.outcome, position, _, sampled_ns, self.measured_torque, _ = reading
-        outcome = self.outcome
+        outcome, position, _, sampled_ns, self.measured_torque, _ = reading
+        self.outcome = outcome
         self.first = False
         if outcome is _WAITING:
             # Held until the next sample: a loop with a longer period, as in the theory. With dx = 0
@@ -158,7 +158,7 @@ class Sampler:
         Returns:
             The interval [ns]; 0: this reading failed, and the interval continues.
         """
-        if not self.known:
+        if self.outcome is not _OK and self.outcome is not _WAITING:
             return 0
         interval_ns = woke_ns - self._served_ns if self._served_ns else self._period_ns
         self._served_ns = woke_ns
