@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
@@ -21,6 +21,17 @@ MOST_STRIBECK_EXPONENT: Final = 10.0
 """Range of ``TrueServo.stribeck_exponent``: published fits have 0.76 to 8.7"""
 MOST_TORQUE_RIPPLE: Final = 0.9
 """Largest ``TrueServo.torque_ripple``: from 1 on the motor would turn round"""
+
+
+class Link(NamedTuple):
+    """A mass, and the joint that holds it to the mass before it."""
+
+    inertia: float
+    """[kg·m²], > 0"""
+    stiffness: float
+    """Of the joint [N·m/rad], > 0"""
+    damping: float
+    """Of the joint [N·m·s/rad], >= 0"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,9 @@ class TrueServo:
     """[N·m/rad], > 0 with a ``load_inertia``, else 0"""
     transmission_damping: float = 0.0
     """[N·m·s/rad], >= 0"""
+    chain: tuple[Link, ...] = ()
+    """Further masses behind the output, each on the one before; operator and weight are then at
+    the last one"""
     encoder: EncoderSide = "output"
     """Side of the transmission that the encoder measures"""
     static_friction: float = 0.0
@@ -139,7 +153,13 @@ class TrueServo:
     @property
     def flexible(self) -> bool:
         """Whether a transmission lies between motor and output."""
-        return any((self.load_inertia, self.transmission_stiffness, self.transmission_damping))
+        return any(self.links[0]) or bool(self.chain)
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Return the output and the masses behind it."""
+        output = Link(self.load_inertia, self.transmission_stiffness, self.transmission_damping)
+        return output, *self.chain
 
 
 @dataclass(frozen=True, slots=True)
