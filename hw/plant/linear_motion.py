@@ -40,21 +40,6 @@ class Inputs(NamedTuple):
     """Speed of the operator's reference [rad/s]"""
 
 
-def fastest(inertia: float, links: Sequence[Link]) -> float:
-    """Return the rate of the chain's fastest vibration without damping [rad/s]."""
-    if len(links) == 1:
-        return math.sqrt(links[0].stiffness * (1.0 / inertia + 1.0 / links[0].inertia))
-    import numpy as np
-
-    # of the joints' twists: they are as many as the vibrations
-    ease = [1.0 / inertia, *(1.0 / link.inertia for link in links)]
-    root = [math.sqrt(link.stiffness) for link in links]
-    rates = np.diag([s * s * (a + b) for s, a, b in zip(root, ease, ease[1:], strict=False)])
-    for i in range(len(links) - 1):
-        rates[i, i + 1] = rates[i + 1, i] = -root[i] * root[i + 1] * ease[i + 1]
-    return math.sqrt(float(np.linalg.eigvalsh(rates)[-1]))
-
-
 class LinearMotion:
     """One linear motion of a chain; responses over few lengths are kept."""
 

@@ -26,9 +26,9 @@ from itertools import pairwise
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State
 from haptic_wall.hw.plant.effects import Effects
-from haptic_wall.hw.plant.linear_motion import Inputs, fastest, linear_motion
+from haptic_wall.hw.plant.linear_motion import Inputs, linear_motion
 from haptic_wall.hw.plant.substeps import FADED, GRAIN_S, PHASE, TEETH, fall_of
-from haptic_wall.hw.settings import Link, TrueServo
+from haptic_wall.hw.settings import Link, TrueServo, vibrations
 
 TURN = 0.5
 """Longest substep, in radians of the transmission's oscillation"""
@@ -113,7 +113,7 @@ class Masses:
         self._divided = self._uneven or self._gap > 0.0 or not one_way
         self._grain = _ENDLESS
         if self._divided:
-            rate = fastest(self._inertia, self._links)
+            rate = vibrations(self._inertia, self._links)[-1].rate
             seconds = min(GRAIN_S if self._uneven else LONGEST_S, TURN / rate)
             cogs = self._cogs + self._ripples * true.torque_limit
             if cogs > 0.0:
