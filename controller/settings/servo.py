@@ -155,8 +155,8 @@ class Servo(Section):
     )
     chain: Annotated[tuple[LinkRow, ...], BeforeValidator(_links)] = setting(
         (),
-        "True masses behind the output, each a list of inertia [kg·m²], and stiffness [N·m/rad] and "
-        "damping [N·m·s/rad] of its joint to the mass before",
+        "True masses behind the output, each a list of its inertia [kg·m²], and of stiffness "
+        "[N·m/rad] and damping [N·m·s/rad] of its joint to the mass before",
         max_length=MOST_LINKS,
         used_by=_TRUTH,
     )

@@ -1,8 +1,8 @@
 """Computes the linear motion of a chain of masses under held torques, exactly.
 
 The state is a list: the motor's speed, then for each further mass the twist of the joint before it
-and its speed, and last the stretch of the operator's spring. The inputs are the held torques on
-motor, output (the second mass) and end (the last one), and the speed of the operator's reference.
+and its speed, and last the stretch of the operator's spring. The inputs are held: torques on motor,
+output (the second mass) and end (the last one), and the speed of the operator's reference.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from haptic_wall.hw.settings import Link
 
@@ -27,17 +27,8 @@ _LOOKS = 8
 """Parts of a piece in which a root is looked for"""
 
 
-class Inputs(NamedTuple):
-    """The inputs, held during a step."""
-
-    motor: float
-    """Torque on the motor's side [N·m]"""
-    output: float
-    """Torque on the output [N·m]"""
-    end: float
-    """Torque on the last mass [N·m]; with two masses that is the output"""
-    slope: float
-    """Speed of the operator's reference [rad/s]"""
+Inputs = tuple[float, float, float, float]
+"""Held torques on motor, output and last mass [N·m], and the reference's speed [rad/s]"""
 
 
 class LinearMotion:
@@ -69,7 +60,7 @@ class LinearMotion:
 
         size = 2 * len(links) + 2
         speeds = range(0, size - 1, 2)
-        rates = np.zeros((size, size + len(Inputs._fields)))
+        rates = np.zeros((size, size + 4))
         motor, output, end, slope = range(size, rates.shape[1])
         rates[0, 0], rates[0, motor], rates[2, output], rates[-2, end] = -viscous, 1.0, 1.0, 1.0
         for i, (_, stiffness, damping) in zip(speeds, links, strict=False):

@@ -26,7 +26,7 @@ from itertools import pairwise
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State
 from haptic_wall.hw.plant.effects import Effects
-from haptic_wall.hw.plant.linear_motion import Inputs, linear_motion
+from haptic_wall.hw.plant.linear_motion import LinearMotion, linear_motion
 from haptic_wall.hw.plant.substeps import FADED, GRAIN_S, PHASE, TEETH, fall_of
 from haptic_wall.hw.settings import Link, TrueServo, vibrations
 
@@ -37,6 +37,8 @@ LONGEST_S = 5e-4
 FINEST_NS = 50_000
 """Substeps do not get shorter than this [ns]; events do"""
 _ENDLESS = 10**18
+_MOTIONS = 64
+"""Most linear motions that are at hand"""
 _NAMES = "load_inertia", "transmission_stiffness", "transmission_damping"
 
 
@@ -59,6 +61,7 @@ class Masses:
         "_load",
         "_loaded",
         "_loose",
+        "_motions",
         "_ripples",
         "_static",
         "_stiffness",
@@ -101,6 +104,7 @@ class Masses:
         self._coulomb, self._static = true.coulomb, effects.breakaway(true.coulomb)
         self._excess = self._static - self._coulomb if effects.stribeck_speed > 0.0 else 0.0
         self._gap = 0.5 * true.backlash
+        self._motions: dict[tuple[bool, float, float, float, bool], LinearMotion] = {}
         self._effects = effects
         self._cogs = effects.cogging * effects.cogging_periods
         self._ripples = effects.torque_ripple * effects.torque_ripple_periods
@@ -165,17 +169,18 @@ class Masses:
             still = v == 0.0 and abs(push - passed) <= self._most(made, passed)
             direction = 0.0 if still else math.copysign(1.0, v or push - passed)
             viscous = self._viscous[direction < 0.0] + braking
-            motion = linear_motion(
-                self._inertia,
-                self._links if side else self._loose,
-                viscous,
-                hand_stiffness,
-                hand_damping,
-                still and self._divided,
-            )
+            sticks = still and self._divided
+            kind = side == 0, viscous, hand_stiffness, hand_damping, sticks
+            motion = self._motions.get(kind)
+            if motion is None:
+                links = self._links if side else self._loose
+                motion = linear_motion(self._inertia, links, *kind[1:])
+                if len(self._motions) > _MOTIONS:
+                    self._motions.clear()
+                self._motions[kind] = motion
             friction, excess = self._friction(abs(v), made, passed)
             friction *= direction
-            held = Inputs(push - friction + ahead, -ahead, weight, slope)
+            held = push - friction + ahead, -ahead, weight, slope
             longest = min(left, self._grain)
             if self._uneven:
                 gain = (push - passed - friction - viscous * v) / self._inertia
@@ -194,7 +199,7 @@ class Masses:
                 friction = direction * self._friction(abs(middle[0]), made, passed)[0]
                 if v == 0.0 and direction * (push - friction - passed) < 0.0:
                     friction = push - passed  # it breaks away just now
-                held = Inputs(push - friction + ahead, -ahead, weight, slope)
+                held = push - friction + ahead, -ahead, weight, slope
             if not self._divided or longest == self._grain:
                 took = _kept_length(longest)
                 after = motion.after(now, held, took)

@@ -472,7 +472,7 @@ def _integrate_coupled(
             )
             outside -= body.gravity * math.sin(z - body.angle)
             rates = [v if sign else 0.0, push / body.inertia if sign else 0.0]
-            inertias = (body.load_inertia, *(link.inertia for link in body.chain))
+            inertias = (body.load_inertia, *(inertia for inertia, _, _ in body.chain))
             for i, (inertia, before, behind) in enumerate(
                 zip(inertias, torques, [*torques[1:], -outside], strict=True), 1
             ):

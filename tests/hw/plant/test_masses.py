@@ -252,7 +252,8 @@ def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
         transmission_stiffness=stiffness,
         transmission_damping=damping,
     )
-    masses, rigid = (State(0.0, 0.0),) * 2, State(0.0, 0.0)
+    rigid = State(0.0, 0.0)
+    masses: tuple[State, ...] = (rigid, rigid)
     plant, one = Masses(true), PlantParameters(0.01 + load, 0.01, 0.05)
     for k in range(100):
         torque = 0.4 * math.sin(0.1 * k)
