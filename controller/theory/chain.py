@@ -138,6 +138,10 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     return Sampled(np.expm1(poles), numerator, step, new, old)
 
 
+_BLOCK = 256
+"""Matrices whose products fit into the processor's cache"""
+
+
 def _scale(chain: Chain, period: FloatArray) -> FloatArray:
     """Return factors of states, position and torque with which their rates are alike.
 
@@ -160,6 +164,11 @@ def moved(matrices: FloatArray) -> FloatArray:
 
     Source: Paterson and Stockmeyer (1973), for few products.
     """
+    blocks = [matrices[i : i + _BLOCK] for i in range(0, len(matrices), _BLOCK)]
+    return np.concatenate([_moved(block) for block in blocks] or [matrices])
+
+
+def _moved(matrices: FloatArray) -> FloatArray:
     size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
     squarings = max(math.frexp(size)[1] + 1, 0)
     small = matrices * 0.5**squarings

@@ -352,9 +352,10 @@ class _Polynomials:
 def _in_s(rising: FloatArray) -> FloatArray:
     """Return p(delta) (1 - s)^n in powers of s, for delta = 2 s / (1 - s) and p of degree n."""
     n = rising.shape[1] - 1
-    found = np.zeros_like(rising)
+    powers = np.zeros((n + 1, n + 1))
     for k in range(n + 1):
-        found[:, k:] += rising[:, k, None] * 2.0**k * _power(-1, n - k)
+        powers[k, k:] = 2.0**k * _power(-1, n - k)
+    found: FloatArray = rising @ powers
     return found
 
 
@@ -382,8 +383,16 @@ def _odd(rising: FloatArray) -> FloatArray:
 
 def _times(a: _Rows, b: _Rows) -> _Rows:
     """Return the products of polynomials, row by row; one row stands for all."""
-    rows = max(len(a), len(b))
-    found = np.zeros((rows, a.shape[1] + b.shape[1] - 1), dtype=a.dtype)
+    if len(b) > 1:
+        a, b = b, a
+    size = a.shape[1] + b.shape[1] - 1
+    if len(b) == 1 < len(a):
+        shifted = np.zeros((a.shape[1], size), dtype=b.dtype)
+        for i in range(a.shape[1]):
+            shifted[i, i : i + b.shape[1]] = b[0]
+        product: _Rows = a @ shifted
+        return product
+    found = np.zeros((len(a), size), dtype=a.dtype)
     for i in range(a.shape[1]):
         found[:, i : i + b.shape[1]] += a[:, i, None] * b
     return found
