@@ -30,6 +30,8 @@ _Rows = TypeVar("_Rows", FloatArray, ComplexArray)
 
 _STEP = 1e-7
 """Relative step of the frequency that tells a slope"""
+_REAL = 1e-6
+"""Largest imaginary part of a real number, relative"""
 _ROUNDS = 8
 _FINE = 1e-7
 """Relative correction of a frequency after which the next one, from the same slope, is exact"""
@@ -183,6 +185,8 @@ def _ordered(
     gain = np.concatenate([value, last.real])
     poles = np.concatenate([np.where(rises, 2, -2), np.where(before.imag < 0, 1, -1)])
     kept = np.isfinite(gain) & (gain > 0)
+    # at pi all is real, unless the difference is 0 there and only its rounding is left
+    kept[len(value) :] &= np.abs(last.imag) <= _REAL * np.abs(last.real)
     row, w, gain, poles = row[kept], w[kept], gain[kept], poles[kept]
     order = np.lexsort((gain, row))
     row, w, gain, poles = row[order], w[order], gain[order], poles[order]
