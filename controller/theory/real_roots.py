@@ -68,7 +68,7 @@ def positive_roots(rising: FloatArray) -> Roots:
     if not found:
         return Roots(np.empty(0, dtype=np.int64), np.empty(0))
     row, low, high, b = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
-    share = _root(b * binomial[:, None])
+    share = _root(b * binomial[:, None], _guess(b))
     above = (1.0 - high) + (high - low) / (1.0 + share)
     below = low + (high - low) * (share / (1.0 + share))
     return Roots(row, below / above * scale[row])
@@ -87,15 +87,26 @@ def _halves(b: FloatArray) -> tuple[FloatArray, FloatArray]:
     return left, right
 
 
-def _root(rising: FloatArray) -> FloatArray:
+def _guess(b: FloatArray) -> FloatArray:
+    """Return u / (1 - u) where the coefficients, joined by lines over u from 0 to 1, are 0."""
+    after = np.argmax((b[1:] < 0.0) != (b[:-1] < 0.0), axis=0)
+    every = np.arange(b.shape[1])
+    left, right = b[after, every], b[after + 1, every]
+    share = (after + left / (left - right)) / (len(b) - 1)
+    found: FloatArray = np.clip(share, 1e-12, None) / np.clip(1.0 - share, 1e-12, None)
+    return found
+
+
+def _root(rising: FloatArray, at: FloatArray) -> FloatArray:
     """Return the one positive root of polynomials whose coefficients change sign once.
 
     Args:
         rising: Coefficients of rising powers, powers × polynomials.
+        at: A guess for each, > 0.
     """
     degree, count = len(rising) - 1, rising.shape[1]
     found, index = np.ones(count), np.arange(count)
-    at, low, high = np.ones(count), np.zeros(count), np.full(count, np.inf)
+    low, high = np.zeros(count), np.full(count, np.inf)
     begin = rising[0] < 0.0
     for _ in range(_ROUNDS):
         value, slope = rising[degree], np.zeros_like(at)

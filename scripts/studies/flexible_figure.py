@@ -178,7 +178,7 @@ def _config(load: Load) -> Any:  # noqa: ANN401 - a Config
 def _simulated(load: Load, damping: float) -> float:
     """Return the stiffness from which on the motion of both masses grows, by halving."""
     low, high = 0.0, 400.0
-    for _ in range(10):
+    for _ in range(14):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if _grows(load, middle, damping) else (middle, high)
     return 0.5 * (low + high)
