@@ -26,7 +26,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.plant.body import PlantParameters, State
-from haptic_wall.hw.plant.two_masses import TwoMasses
+from haptic_wall.hw.plant.masses import Masses
 from haptic_wall.hw.settings import TrueServo
 from scripts.study import Found, Option, Part, Study, table
 
@@ -172,7 +172,7 @@ def _config(load: Load) -> Any:  # noqa: ANN401 - a Config
 def _simulated(load: Load, damping: float) -> float:
     """Return the stiffness from which on the motion of both masses grows, by halving."""
     low, high = 0.0, 400.0
-    for _ in range(10):
+    for _ in range(14):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if _grows(load, middle, damping) else (middle, high)
     return 0.5 * (low + high)
@@ -188,7 +188,7 @@ def _grows(load: Load, stiffness: float, damping: float) -> bool:
         transmission_stiffness=transmission[0],
         transmission_damping=transmission[1],
     )
-    plant, parameters = TwoMasses(true), PlantParameters(MOTOR, FRICTION, 0.0)
+    plant, parameters = Masses(true), PlantParameters(MOTOR, FRICTION, 0.0)
     motor = output = State(0.01, 0.0)
     before, waiting, energies = output.position, 0.0, []
     notch = None if load.velocity_filter is None else Biquad(load.velocity_filter.taps())
@@ -198,7 +198,7 @@ def _grows(load: Load, stiffness: float, damping: float) -> bool:
         torque = -stiffness * output.position - damping * velocity
         before = output.position
         # The torque of the sample a period ago acts.
-        motor, output = plant.step(motor, output, parameters, waiting, round(PERIOD * 1e9))
+        motor, output = plant.step((motor, output), parameters, waiting, round(PERIOD * 1e9))
         waiting = torque
         twist = motor.position - output.position
         energies.append(
