@@ -1,4 +1,4 @@
-"""Simulates a servo with its load behind a flexible transmission: a chain of masses, friction on one.
+"""Simulates a servo with a load behind a flexible transmission: masses in a chain, friction on one.
 
 The motion solves, with the motor's position x, the output's y and the transmitted torque F ::
 
