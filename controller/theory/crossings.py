@@ -13,20 +13,26 @@ several intervals.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.theory.chain import Sampled
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.polynomials import (
+    circle,
+    even,
+    in_s,
+    odd,
+    plus,
+    power,
+    right_roots,
+    times,
+)
 from haptic_wall.controller.theory.real_roots import positive_roots
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-
-_Rows = TypeVar("_Rows", FloatArray, ComplexArray)
 
 _STEP = 1e-7
 """Relative step of the frequency that tells a slope"""
@@ -112,14 +118,14 @@ class Crossings:
 def crossings(loops: Loops, virtual_damping: FloatArray) -> Crossings:
     """Return the crossings of stiffnesses above 0, at each loop's virtual damping [N·m·s/rad]."""
     parts = _Polynomials.of(loops)
-    torque, wall = _times(parts.torque_odd, parts.filter_size), parts.wall_odd
+    torque, wall = times(parts.torque_odd, parts.filter_size), parts.wall_odd
     more = parts.late - loops.samples
     if more >= 0:
-        wall = _times(wall, _circle(more))
+        wall = times(wall, circle(more))
     else:
-        torque = _times(torque, _circle(-more))
+        torque = times(torque, circle(-more))
     scale = (loops.samples * loops.period)[:, None]
-    whole = _sum(-scale * torque, -virtual_damping[:, None] * _times(wall, parts.size))
+    whole = plus(-scale * torque, -virtual_damping[:, None] * times(wall, parts.size))
 
     def left(some: Loops, index: IntArray, w: FloatArray) -> ComplexArray:
         inverse, difference = some.responses(w)
@@ -137,26 +143,9 @@ def unstable_softest(loops: Loops, found: Crossings) -> IntArray:
     The count is right if ``found`` has every crossing.
     """
     far: IntArray = (
-        loops.whole + 1 + _right(_in_s(loops.chains.numerator)) - found.poles.sum(axis=1)
+        loops.whole + 1 + right_roots(in_s(loops.chains.numerator)) - found.poles.sum(axis=1)
     )
     return far
-
-
-def _right(rising: FloatArray) -> IntArray:
-    """Return how many roots of polynomials have a positive real part.
-
-    Source: Routh's array; a row that vanishes is one of a root on the axis.
-    """
-    above, row = rising[:, ::-2], rising[:, -2::-2]
-    count = np.zeros(len(rising), dtype=np.int64)
-    while row.shape[1]:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = above[:, :1] / row[:, :1]
-        count += (above[:, 0] < 0) != (row[:, 0] < 0)
-        next_row = above[:, 1:].copy()
-        next_row[:, : row.shape[1] - 1] -= ratio * row[:, 1:]
-        above, row = row, next_row
-    return count
 
 
 _Left = Callable[[Loops, IntArray, FloatArray], ComplexArray]
@@ -291,17 +280,17 @@ def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
     parts = _Polynomials.of(loops)
     # F / D is real: Im(F conj D) = 0, with conj D ~ (1 - s)^N - (1 + s)^N over (1 - s)^N
     n = loops.samples
-    back = (_power(-1, n) - _power(1, n))[1:]  # without its factor s
-    both = _times(parts.torque, _times(back[None], _power(1, n)[None]))
+    back = (power(-1, n) - power(1, n))[1:]  # without its factor s
+    both = times(parts.torque, times(back[None], power(1, n)[None]))
     if loops.velocity_filter is not None:  # its numerator is real
-        both = _times(both, loops.velocity_filter.denominator[None])
+        both = times(both, loops.velocity_filter.denominator[None])
 
     def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
         inverse, difference = some.responses(w)
         found: ComplexArray = inverse / difference
         return found
 
-    damping, _, leaving = _ordered(loops, _even(both), left)
+    damping, _, leaving = _ordered(loops, even(both), left)
     return damping, leaving
 
 
@@ -324,88 +313,30 @@ class _Polynomials:
     @classmethod
     def of(cls, loops: Loops) -> _Polynomials:
         chains, late = loops.chains, loops.whole + 1
-        numerator = _in_s(chains.numerator)
+        numerator = in_s(chains.numerator)
         mirrored = numerator * (-1.0) ** np.arange(numerator.shape[1])
         pole = np.zeros((len(numerator), 2), dtype=np.complex128)
         pole[:, 1] = 2.0  # the position's
         for i in range(chains.moved_poles.shape[1]):
             mu = chains.moved_poles[:, i]
-            pole = _times(pole, np.stack([-mu, 2.0 + mu], axis=1))
-        torque = _times(_times(pole.real, mirrored), _power(1, 2 * late)[None])
-        wall = _power(1, 2 * loops.samples)[None]
+            pole = times(pole, np.stack([-mu, 2.0 + mu], axis=1))
+        torque = times(times(pole.real, mirrored), power(1, 2 * late)[None])
+        wall = power(1, 2 * loops.samples)[None]
         filter_size = np.ones((1, 1))
         if loops.velocity_filter is not None:
             below = loops.velocity_filter.denominator[None]
             below_mirrored = below * np.array([1.0, -1.0, 1.0])
             # D ~ (1 - s²)^N - (1 - s)^2N, and -(1 - s)^2N has the odd part of (1 + s)^2N
             ends = np.zeros((1, 2 * loops.samples + 1))
-            ends[:, ::2] = (_power(-1, loops.samples))[None]
-            wall = ends - _power(-1, 2 * loops.samples)[None]
-            wall = _times(wall, _times(loops.velocity_filter.numerator[None], below_mirrored))
-            filter_size = _even(_times(below, below_mirrored))
+            ends[:, ::2] = (power(-1, loops.samples))[None]
+            wall = ends - power(-1, 2 * loops.samples)[None]
+            wall = times(wall, times(loops.velocity_filter.numerator[None], below_mirrored))
+            filter_size = even(times(below, below_mirrored))
         return cls(
             torque=torque,
-            torque_odd=_odd(torque),
-            wall_odd=_odd(wall),
+            torque_odd=odd(torque),
+            wall_odd=odd(wall),
             filter_size=filter_size,
-            size=_even(_times(numerator, mirrored)),
+            size=even(times(numerator, mirrored)),
             late=late,
         )
-
-
-def _in_s(rising: FloatArray) -> FloatArray:
-    """Return p(delta) (1 - s)^n in powers of s, for delta = 2 s / (1 - s) and p of degree n."""
-    n = rising.shape[1] - 1
-    powers = np.zeros((n + 1, n + 1))
-    for k in range(n + 1):
-        powers[k, k:] = 2.0**k * _power(-1, n - k)
-    found: FloatArray = rising @ powers
-    return found
-
-
-def _power(sign: int, n: int) -> FloatArray:
-    """Return the coefficients of (1 + sign s)^n, rising."""
-    return np.array([math.comb(n, k) * float(sign) ** k for k in range(n + 1)])
-
-
-def _circle(n: int) -> FloatArray:
-    """Return the coefficients of (1 + v)^n, rising."""
-    return _power(1, n)[None]
-
-
-def _even(rising: FloatArray) -> FloatArray:
-    """Return the real part of p(j t) in powers of v = t²."""
-    part = rising[:, ::2]
-    return part * (-1.0) ** np.arange(part.shape[1])
-
-
-def _odd(rising: FloatArray) -> FloatArray:
-    """Return the imaginary part of p(j t), over t, in powers of v = t²."""
-    part = rising[:, 1::2]
-    return part * (-1.0) ** np.arange(part.shape[1])
-
-
-def _times(a: _Rows, b: _Rows) -> _Rows:
-    """Return the products of polynomials, row by row; one row stands for all."""
-    if len(b) > 1:
-        a, b = b, a
-    size = a.shape[1] + b.shape[1] - 1
-    if len(b) == 1 < len(a):
-        shifted = np.zeros((a.shape[1], size), dtype=b.dtype)
-        for i in range(a.shape[1]):
-            shifted[i, i : i + b.shape[1]] = b[0]
-        product: _Rows = a @ shifted
-        return product
-    found = np.zeros((len(a), size), dtype=a.dtype)
-    for i in range(a.shape[1]):
-        found[:, i : i + b.shape[1]] += a[:, i, None] * b
-    return found
-
-
-def _sum(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the sums of polynomials of unlike degree."""
-    a, b = np.atleast_2d(a), np.atleast_2d(b)
-    found = np.zeros((max(len(a), len(b)), max(a.shape[1], b.shape[1])))
-    found[:, : a.shape[1]] += a
-    found[:, : b.shape[1]] += b
-    return found
