@@ -19,7 +19,6 @@ from haptic_wall.controller.experiments.identify.motion_model import Motion, Pie
 from haptic_wall.controller.experiments.identify.output_error import (
     OutputError,
     Prior,
-    least_squares,
 )
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.theory.checks import FloatArray
@@ -230,7 +229,7 @@ def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool
     count = 5 if start.backlash > 0.0 else 4
     names = (*NAMES[:count], *start.effects.fitted)
     model = model_of(start, names, priors)
-    values, speeds = least_squares(model, start.speeds, thorough)
+    values, speeds = model.fitted(start.speeds, thorough=thorough)
     return made(start, model, values, speeds)
 
 

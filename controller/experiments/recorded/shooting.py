@@ -1,8 +1,8 @@
 """Fits a model of motion to pieces of a record, each with a beginning of its own.
 
 The parameters are per inertia: friction, load and torque gain over the inertia of all that turns,
-since a motion tells no more. Least squares by Levenberg and Marquardt; one pass over the rows moves
-all variants, so that derivatives cost little.
+since a motion tells no more. One pass over the rows moves all variants, so that derivatives cost
+little.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.separable import Linear, fit_own, fit_pieces
 from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 40
 _TRIES, _REFINED = 48, 2
 """Number of starts that are drawn, and of those that a fit begins at"""
-_DAMPINGS = np.array([0.0, 1e-3, 1e-1, 1e1])
-"""Tried side by side, relative to the diagonal"""
-_SETTLED = 1e-4
+_SETTLED = 1e-6
 """Fraction of the squares below which a further round is not worth it"""
 _SCALES: Mapping[str, float] = {
     "sine": 1.0, "cosine": 1.0, "damping": 0.1, "coulomb": 0.2, "stribeck": 0.2,
@@ -30,7 +29,8 @@ _SCALES: Mapping[str, float] = {
     "gain": 1.0, "delay": 1e-3, "quadratic": 0.05,
 }  # fmt: skip
 """Least size of a parameter for its numerical derivative, per inertia"""
-_STEP = 1e-4
+_STEP, _OWN_STEPS = 1e-4, (1e-5, 1e-3)
+"""Of a parameter, relative; of a piece's first position [rad] and speed [rad/s]"""
 _UNBOUNDED = frozenset({"sine", "cosine", "gain"})
 LONGEST_DELAY_S = 0.1
 _MOST: Mapping[str, float] = {
@@ -137,33 +137,22 @@ def fit(
         rounds: Largest number of rounds.
     """
     names = tuple(start)
-    values = np.array([start[name] for name in names])
-    begin, speed = beginnings(pieces) if at is None else at
-    low, high = _limits(names)
-    values = np.clip(values, low, high)
-    now, slopes, own = _slopes(pieces, names, values, begin, speed, fixed=fixed)
-    cost = _cost(pieces, now[None])[0]
-    damping = 1.0
-    for _ in range(rounds):
-        left = np.where(pieces.held, pieces.position - now, 0.0)
-        steps, own_steps = _steps(slopes, own, left, damping, values, low, high, fixed)
-        tried = np.clip(values + steps, low, high)
-        begins, speeds = begin + own_steps[:, 0], speed + own_steps[:, 1]
-        found = moved(pieces, names, tried, begins, speeds)
-        costs = _cost(pieces, found)
-        best = int(np.nanargmin(np.where(np.isfinite(costs), costs, np.inf)))
-        if not costs[best] < cost:
-            if damping > 1e4:
-                break
-            damping *= 100.0
-            continue
-        gained = (cost - costs[best]) / cost if cost > 0.0 else 0.0
-        values, begin, speed, cost = tried[best], begins[best], speeds[best], costs[best]
-        damping = max(0.1 * damping, 1e-3) if best < 2 else damping * (1.0 if best == 2 else 10.0)
-        now, slopes, own = _slopes(pieces, names, values, begin, speed, fixed=fixed)
-        if gained < _SETTLED:
-            break
-    return Shot(names, values, begin, speed, now, _projected(slopes, own), pieces)
+    limits = _limits(names)
+    values = np.clip([start[name] for name in names], *limits)
+    own = np.stack(beginnings(pieces) if at is None else at)
+
+    def linearised(values: FloatArray, own: FloatArray) -> Linear:
+        return _linear(pieces, names, values, own, names[: 0 if fixed else None])
+
+    if fixed:
+        own = fit_own(lambda own: linearised(values, own), own, rounds)
+    else:
+        values, own = fit_pieces(
+            linearised, values, own, bounds=limits, rounds=rounds, enough=_SETTLED
+        )
+    found = linearised(values, own)
+    slopes = found.weights * found.without_own(found.shared)
+    return Shot(names, values, *own, pieces.position + found.left, slopes, pieces)
 
 
 def fit_anywhere(
@@ -221,77 +210,25 @@ def _cost(pieces: Pieces, found: FloatArray) -> FloatArray:
     return squares
 
 
-def _slopes(
+def _linear(
     pieces: Pieces,
     names: tuple[str, ...],
     values: FloatArray,
-    begin: FloatArray,
-    speed: FloatArray,
-    *,
-    fixed: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the positions, and their derivatives with respect to parameters and beginnings."""
-    count = 0 if fixed else len(names)
-    small = _STEP * np.array([max(abs(v), _SCALES[n]) for n, v in zip(names, values, strict=True)])
-    high = _limits(names)[1]
-    small = np.where(values + small > high, -small, small)[:count]
-    variants = np.tile(values, (count + 3, 1))
-    variants[1 : count + 1] += np.diag(np.concatenate([small, np.zeros(len(names) - count)]))[
-        :count
-    ]
-    begins, speeds = (np.tile(each, (count + 3, 1)) for each in (begin, speed))
-    own_small = np.array([1e-5, 1e-3])
-    begins[count + 1] += own_small[0]
-    speeds[count + 2] += own_small[1]
-    found = moved(pieces, names, variants, begins, speeds)
-    held = pieces.held
-    slopes = np.where(held, (found[1 : count + 1] - found[0]) / small[:, None, None], 0.0)
-    own = np.where(held, (found[count + 1 :] - found[0]) / own_small[:, None, None], 0.0)
-    return found[0], slopes, own
-
-
-def _projected(slopes: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the slopes without the part that the beginnings can make."""
-    out = np.empty_like(slopes)
-    for at in range(own.shape[1]):
-        base = np.linalg.qr(own[:, at].T)[0]
-        out[:, at] = slopes[:, at] - slopes[:, at] @ base @ base.T
-    return out
-
-
-def _steps(
-    slopes: FloatArray,
     own: FloatArray,
-    left: FloatArray,
-    damping: float,
-    values: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    fixed: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Return steps of parameters (dampings, names), and of beginnings (dampings, 2, pieces)."""
-    count, pieces = slopes.shape[0], left.shape[0]
-    steps = np.zeros((_DAMPINGS.size, values.size))
-    own_steps = np.zeros((_DAMPINGS.size, 2, pieces))
-    own_square = np.einsum("ipr,jpr->pij", own, own)
-    own_right = np.einsum("ipr,pr->pi", own, left)
-    cross = np.einsum("ipr,jpr->pij", own, slopes)
-    square = np.einsum("ipr,jpr->ij", slopes, slopes)
-    right = np.einsum("ipr,pr->i", slopes, left)
-    free = np.ones(count, dtype=bool)
-    if not fixed:
-        free = ~(((values <= low) & (right < 0.0)) | ((values >= high) & (right > 0.0)))
-        free &= np.diag(square) > 0.0
-    for at, share in enumerate(_DAMPINGS * damping):
-        blocks = own_square + share * np.einsum("pij,ij->pij", own_square, np.eye(2))
-        blocks = blocks + 1e-12 * np.eye(2)
-        inner = np.linalg.solve(blocks, np.concatenate([cross, own_right[..., None]], axis=2))
-        if not fixed and free.any():
-            whole = square + share * np.diag(np.diag(square))
-            whole = whole - np.einsum("pji,pjk->ik", cross, inner[..., :-1])
-            gradient = right - np.einsum("pji,pj->i", cross, inner[..., -1])
-            chosen = np.ix_(free, free)
-            steps[at, free] = np.linalg.lstsq(whole[chosen], gradient[free], rcond=1e-12)[0]
-        made = inner[..., -1] - np.einsum("pij,j->pi", inner[..., :-1], steps[at, :count])
-        own_steps[at] = made.T
-    return steps, own_steps
+    changed: tuple[str, ...],
+) -> Linear:
+    """Return residuals, with derivatives by the first of the parameters and the beginnings."""
+    count = len(changed)
+    small = _STEP * np.array([max(abs(v), _SCALES[n]) for n, v in zip(names, values, strict=True)])
+    small = np.where(values + small > _limits(names)[1], -small, small)[:count]
+    variants = np.tile(values, (count + 3, 1))
+    variants[range(1, count + 1), range(count)] += small
+    begins, speeds = (np.tile(each, (count + 3, 1)) for each in own)
+    begins[count + 1] += _OWN_STEPS[0]
+    speeds[count + 2] += _OWN_STEPS[1]
+    left = np.where(
+        pieces.held, moved(pieces, names, variants, begins, speeds) - pieces.position, 0.0
+    )
+    slopes = (left[1:] - left[0]) / np.array([*small, *_OWN_STEPS])[:, None, None]
+    weights = pieces.held.astype(float)
+    return Linear(left[0], slopes[:count], slopes[count:], weights, np.zeros(count))
