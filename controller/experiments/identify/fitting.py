@@ -215,7 +215,7 @@ def model_of(fit: Fit, names: tuple[str, ...], priors: Mapping[str, Prior] | Non
     """Return the residuals of a fit's pieces, by the values of these names."""
     values = {name: getattr(fit, name) for name in NAMES}
     values.update({n: v for n, v in asdict(fit.effects).items() if isinstance(v, float)})
-    return OutputError(fit.pieces, values, names, fit.effects.center, priors, fit.residual)
+    return OutputError(fit.pieces, values, names, priors, fit.residual)
 
 
 def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool = True) -> Fit:

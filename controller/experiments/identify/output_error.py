@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.motion_model import Parameters, Pieces, simulated
+from haptic_wall.controller.experiments.identify.motion_model import Pieces, simulated
 from haptic_wall.controller.experiments.identify.separable import Linear, fit_pieces
 from haptic_wall.controller.experiments.identify.standard_errors import CORRELATED
 from haptic_wall.controller.theory.checks import FloatArray
@@ -56,7 +56,6 @@ class OutputError:
         pieces: The recorded motion.
         values: Initial values by name: those of ``Fit`` and ``Effects``.
         names: Of those that are fitted; the others stay.
-        center: Position at which the cogging's angle is zero [rad].
         priors: Priors of values, by name.
         noise: Residual of a fit that leaves nothing but rounding [rad]: the weight of the priors.
 
@@ -72,7 +71,6 @@ class OutputError:
         pieces: Pieces,
         values: Mapping[str, float],
         names: Sequence[str],
-        center: float = 0.0,
         priors: Mapping[str, Prior] | None = None,
         noise: float = 0.0,
     ) -> None:
@@ -80,7 +78,6 @@ class OutputError:
         self.names = tuple(names)
         self._loaded = any(name in names for name in ("gear", "excess", "sine"))
         self._values = dict(values)
-        self._center = center
         inertia = values["inertia"]
         low = {**_LOW, "inertia": 0.05 * inertia}
         self.low = np.array([low.get(name, -np.inf) for name in names])
@@ -94,8 +91,6 @@ class OutputError:
         self.precision = np.array([prior.precision(noise) for prior in each])
         self._weights = weights_of(pieces)
         self._means = self._weights / self._weights.sum(axis=1, keepdims=True)
-        self._between = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
-        self._waves = np.sin(self._between), np.cos(self._between)
 
     def fitted(self, speeds: FloatArray, *, thorough: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return values and initial speeds with the least weighted squares.
@@ -151,44 +146,10 @@ class OutputError:
             {name: variants[:, n : n + 1] for n, name in enumerate(self.names)}, **(other or {})
         )
         with np.errstate(over="ignore", invalid="ignore"):  # a step too far is not taken
-            shown = simulated(self.pieces, self._parameters(columns), starts)
+            shown = simulated(self.pieces, columns, starts)
         shown -= self.pieces.position
         shown -= np.sum(shown * self._means, axis=2, keepdims=True)
         return shown
-
-    def _parameters(self, values: Mapping[str, FloatArray]) -> Parameters:
-        def used(name: str) -> FloatArray | None:
-            return values[name] if np.any(values[name]) or name in self.names else None
-
-        coulomb = values["coulomb"]
-        slow = coulomb + values["excess"]
-        weight = load = None
-        if "sine" in self.names or np.any(values["sine"]) or np.any(values["cosine"]):
-            sine, cosine = self._waves
-            load = weight = (
-                values["sine"][:, :, None] * sine + values["cosine"][:, :, None] * cosine
-            )
-        if "periods" in self.names or np.any(values["cogging_sine"]):
-            angle = values["periods"][:, :, None] * (self._between - self._center)
-            cogging = values["cogging_sine"][:, :, None] * np.sin(angle)
-            cogging += values["cogging_cosine"][:, :, None] * np.cos(angle)
-            load = cogging if load is None else load + cogging
-        return Parameters(
-            values["inertia"],
-            values["damping"],
-            coulomb,
-            values["delay"],
-            values["backlash"],
-            slow=None if used("excess") is None else slow,
-            fading=used("fading"),
-            static=np.maximum(values["static"], slow),
-            load=load,
-            weight=weight,
-            gear=used("gear"),
-            uneven=used("uneven"),
-            drag=used("drag"),
-            dead_band=used("dead_band"),
-        )
 
 
 def weights_of(pieces: Pieces) -> FloatArray:
