@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.experiments.identify.separable import Linear, fit_own, fit_pieces
+from haptic_wall.controller.experiments.recorded.friction import TERMS
 from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -22,25 +23,8 @@ _TRIES, _REFINED = 48, 2
 """Number of starts that are drawn, and of those that a fit begins at"""
 _SETTLED = 1e-6
 """Fraction of the squares below which a further round is not worth it"""
-_SCALES: Mapping[str, float] = {
-    "sine": 1.0, "cosine": 1.0, "damping": 0.1, "coulomb": 0.2, "stribeck": 0.2,
-    "stribeck_speed": 0.1, "load": 0.02, "load_stribeck": 0.02, "load_motor": 0.02,
-    "load_motor_stribeck": 0.02, "load_quadratic": 1e-3, "load_motor_quadratic": 1e-3,
-    "gain": 1.0, "delay": 1e-3, "quadratic": 0.05,
-}  # fmt: skip
-"""Least size of a parameter for its numerical derivative, per inertia"""
 _STEP, _OWN_STEPS = 1e-4, (1e-5, 1e-3)
 """Of a parameter, relative; of a piece's first position [rad] and speed [rad/s]"""
-_UNBOUNDED = frozenset({"sine", "cosine", "gain"})
-LONGEST_DELAY_S = 0.1
-_MOST: Mapping[str, float] = {
-    "damping": 200.0, "coulomb": 1e4, "stribeck": 1e4, "quadratic": 1e3,
-    "stribeck_speed": 10.0, "load": 0.9, "load_stribeck": 0.9, "load_motor": 0.9,
-    "load_motor_stribeck": 0.9, "delay": LONGEST_DELAY_S,
-}  # fmt: skip
-_SPREADS: Mapping[str, float] = {"sine": 0.02, "cosine": 0.3, "gain": 0.05, "delay": 0.2}
-"""Relative spread of the starts that are drawn around one; others 0.5"""
-_LEAST: Mapping[str, float] = {"stribeck_speed": 0.02}
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,9 +161,9 @@ def fit_anywhere(
     names = tuple(start)
     values = np.array([start[name] for name in names])
     random = np.random.default_rng(1)
-    spread = np.array([_SPREADS.get(name, 0.5) for name in names])
+    spread = np.array([TERMS[name].spread for name in names])
     drawn = values * np.exp(spread * random.standard_normal((_TRIES, values.size)))
-    away = np.array([0.3 * _SCALES[name] if v == 0.0 else 0.0 for name, v in start.items()])
+    away = np.array([0.3 * TERMS[name].size if v == 0.0 else 0.0 for name, v in start.items()])
     drawn += away * np.abs(random.standard_normal(drawn.shape))
     drawn[0] = values
     drawn = np.clip(drawn, *_limits(names))
@@ -199,8 +183,8 @@ def fit_anywhere(
 
 
 def _limits(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    low = [(-np.inf if name in _UNBOUNDED else _LEAST.get(name, 0.0)) for name in names]
-    return np.array(low), np.array([_MOST.get(name, np.inf) for name in names])
+    low, high = zip(*((TERMS[name].least, TERMS[name].most) for name in names), strict=True)
+    return np.array(low), np.array(high)
 
 
 def _cost(pieces: Pieces, found: FloatArray) -> FloatArray:
@@ -219,7 +203,9 @@ def _linear(
 ) -> Linear:
     """Return residuals, with derivatives by the first of the parameters and the beginnings."""
     count = len(changed)
-    small = _STEP * np.array([max(abs(v), _SCALES[n]) for n, v in zip(names, values, strict=True)])
+    small = _STEP * np.array(
+        [max(abs(v), TERMS[n].size) for n, v in zip(names, values, strict=True)]
+    )
     small = np.where(values + small > _limits(names)[1], -small, small)[:count]
     variants = np.tile(values, (count + 3, 1))
     variants[range(1, count + 1), range(count)] += small
