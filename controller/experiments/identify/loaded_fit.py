@@ -133,12 +133,9 @@ def hinted(fit: Fit) -> tuple[str, ...]:
     for group in ALWAYS:
         used = [model.names.index(name) for name in (*NAMES[:4], *group)]
         one = replace(linear, shared=linear.shared[used], precision=np.zeros(len(used)))
-        rest, left = one.without_own(one.shared), one.without_own(one.left[None])[0]
-        root = np.sqrt(one.weights)
-        columns = (root * rest).reshape(len(used), -1).T
-        scale = np.sqrt(np.maximum(np.sum(columns**2, axis=0), 1e-300))
-        step = -np.linalg.lstsq(columns / scale, (root * left).ravel(), rcond=1e-6)[0] / scale
-        after = replace(one, left=left + np.tensordot(step, rest, axes=1))
+        step = one.step()
+        moved = one.left + np.tensordot(step, one.shared, axes=1)
+        after = replace(one, left=one.without_own(moved[None])[0])
         errors = np.sqrt(np.diag(standard_covariance(after, period)))
         if np.any(np.abs(step[4:]) > _HINT * errors[4:]):
             found += group

@@ -18,6 +18,8 @@ from haptic_wall.controller.theory.checks import FloatArray
 
 _FELT_S = 3e-3
 """Change of position per unit of an own value, below which that value is not fitted"""
+_ALIKE = 3e-7
+"""Largest relative difference of values whose effects on the motion cannot be told apart"""
 _SETTLED = 1e-4
 """Relative improvement of the squares that is not worth another step"""
 _FAR = 1e3
@@ -54,12 +56,29 @@ class Linear:
         weighted = weighted * felt[:, :, None]
         gram = np.einsum("qsn,rsn->sqr", weighted, self.own * felt[:, :, None])
         cross = np.einsum("qsn,ksn->sqk", weighted, lines)
-        return np.einsum("sqr,srk->kqs", np.linalg.pinv(gram, hermitian=True), cross)
+        part: FloatArray = np.einsum("sqr,srk->kqs", np.linalg.pinv(gram, hermitian=True), cross)
+        return part
 
     def without_own(self, lines: FloatArray) -> FloatArray:
         """Return lines of shape (k, s, n) without the part that own values can make."""
         rest: FloatArray = lines - np.einsum("kqs,qsn->ksn", self.own_part(lines), self.own)
         return rest
+
+    def step(self, away: FloatArray | float = 0.0) -> FloatArray:
+        """Return the change of the shared values to the least squares of the linear model.
+
+        Args:
+            away: How far each is from what is known of it beforehand.
+        """
+        root, count = np.sqrt(self.weights), len(self.shared)
+        rest = (root * self.without_own(self.shared)).reshape(count, -1)
+        columns = np.concatenate([rest.T, np.diag(np.sqrt(self.precision))])
+        right = np.concatenate([(root * self.left).ravel(), np.sqrt(self.precision) * away])
+        # With the prior, or one of a value known exactly would hide all other values.
+        scale = np.linalg.norm(columns, axis=0)
+        scale[scale == 0.0] = 1.0
+        found: FloatArray = np.linalg.lstsq(columns / scale, -right, rcond=_ALIKE)[0] / scale
+        return found
 
 
 Linearised = Callable[[FloatArray, FloatArray], Linear]

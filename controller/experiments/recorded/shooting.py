@@ -136,7 +136,7 @@ def fit(
         )
     found = linearised(values, own)
     slopes = found.weights * found.without_own(found.shared)
-    return Shot(names, values, *own, pieces.position + found.left, slopes, pieces)
+    return Shot(names, values, own[0], own[1], pieces.position + found.left, slopes, pieces)
 
 
 def fit_anywhere(
