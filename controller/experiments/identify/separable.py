@@ -150,7 +150,11 @@ def fit_pieces(
         left, np.clip(begin, *bounds), slopes, bounds=bounds, method="dogbox", x_scale="jac",
         ftol=enough, xtol=1e-12, gtol=None, max_nfev=rounds,
     )  # fmt: skip
-    return at[0], at[1]
+    values, own, now = at
+    if now is not None:  # they are those before the last step
+        best = own - now.own_part(now.left[None])[0]
+        own = best if linearised(values, best).cost < now.cost else own
+    return values, own
 
 
 def _finite(linear: Linear) -> Linear:
