@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_wall.controller.experiments.identify.cruise import Band, Cruise, cruises
 from haptic_wall.controller.experiments.identify.excitation import (
     COASTING_S,
     Bounds,
@@ -88,3 +89,16 @@ def furthest(guess: Guess, weight: float, hanging: float) -> float:
         if playing.done:
             return far
     raise AssertionError("the program does not end")
+
+
+def test_a_cruise_holds_the_weight() -> None:
+    """It would stop the shaft on one way, and drive it on the other."""
+    cruise = Cruise(speed=1.5, half=0.3, seconds=0.4, bias=0.1, inertia=0.012, most=2.0)
+    bands = [Band(6.0, 12.0, 0.05)]
+    without, held = (
+        cruises(cruise, bands, replace(GUESS, cosine=weight), BOUNDS) for weight in (0.0, 0.07)
+    )
+    more = [other.bias - one.bias for one, other in zip(without, held, strict=True)]
+    springs = [phase.stiffness > 0.0 for phase in held]  # they hold it by themselves
+    assert more == pytest.approx([0.0 if spring else 0.07 for spring in springs])
+    assert springs.count(False) == 6
