@@ -191,7 +191,9 @@ class Bench:
         raise UnidentifiableError(
             f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries",
             wanted=f"at most {bounds.reach:.2g} rad",
-            advice="give it more --reach, or see what else moves it",
+            advice="give it more --reach, or see what else moves it"
+            if not guess.heaviest
+            else f"a weight pulls it with up to {guess.heaviest:.2g} N·m: take it off",
         )
 
     def _explained(self, motion: Motion, rough: bool) -> Fit:

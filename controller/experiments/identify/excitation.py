@@ -69,6 +69,11 @@ class Guess:
         return lifted / (end - begin)
 
     @property
+    def heaviest(self) -> float:
+        """Return the largest torque of the weight [N·m]; 0: there is none."""
+        return math.hypot(self.sine, self.cosine)
+
+    @property
     def lost(self) -> float:
         """Return the commanded torque that does not accelerate the shaft [N·m]."""
         return self.coulomb + self.dead_band
