@@ -400,7 +400,8 @@ def test_a_weight_that_drives_the_shaft_away_is_told(
     config = Effects(gravity=0.01, hanging=math.pi / 2).on(config_of())
     monkeypatch.setattr(bench, "_furthest", lambda _played: 1.0)
     bed = Testbed(config, tmp_path, lambda _text: None, option="--logs")
-    guess = Guess(*truth(config)[:3], 0.005)
+    inertia, damping, coulomb, _ = truth(config)
+    guess = Guess(inertia, damping, coulomb, 0.005)
     with pytest.raises(UnidentifiableError, match=r"up to 0\.0[01]\d* N·m: take it off"):
         Bench(bed, bounds_of(config, 0.6), lambda _text: None).fitted(
             "motions", guess, 0.15, rough=True
