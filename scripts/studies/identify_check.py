@@ -1,6 +1,6 @@
 """Identifies simulated servos whose truth is known.
 
-    scripts/study identify_check [--seeds N] [--servos N] [--quick]
+    scripts/study identify_check [--seeds N] [--servos N] [--seed N] [--effects NAME ...] [--quick]
 
 Each seed draws a servo: inertia, damping and friction up to 20 % from those of its model, a lag
 from 0 to 5 ms, and a position between two counts of the encoder. The belief stays that of the
@@ -35,6 +35,7 @@ from scripts.trials.rates import lower_bound
 SEEDS = 50
 FIRST = 7000
 """Seed of the first servo with an effect"""
+DRAWN = (IDEAL, *EFFECTS, ALL)
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")
@@ -151,8 +152,14 @@ Drawn = tuple[RealKind, str, int]
 def truth_of(kind: RealKind, config: Config) -> tuple[float, float, float]:
     """Return inertia, damping and delay as the guard must not overestimate what they allow.
 
-    The damping is that in the direction where it is less. A current loop counts as a delay of its
-    time constant and half its period, and the back-EMF that it takes away so late as inertia.
+    The damping is that in the direction where it is less. A current loop counts as half its period
+    of delay, and by what it makes of the motion: with the back-EMF k that it takes away after its
+    time constant tau, ::
+
+        tau u' = command - u - k tau x'',    m x'' = u
+        x / command = 1 / (s² (m + k tau) (1 + tau m / (m + k tau) s))
+
+    so it is k tau of inertia, and a lag of tau m / (m + k tau).
     """
     servo = config.servo
     damping, inertia = servo.damping, servo.inertia
@@ -161,8 +168,9 @@ def truth_of(kind: RealKind, config: Config) -> tuple[float, float, float]:
     bandwidth = servo.current_bandwidth or 0.0
     lag = 1.0 / (math.tau * bandwidth) if bandwidth else 0.0
     motor = kind.torque_limit / kind.no_load_speed if servo.back_emf else 0.0
-    delay = (servo.delay or 0.0) + lag + 0.5 * (servo.current_period or 0.0)
-    return inertia + motor * lag, min(damping, back), delay
+    whole = inertia + motor * lag
+    delay = (servo.delay or 0.0) + lag * inertia / whole + 0.5 * (servo.current_period or 0.0)
+    return whole, min(damping, back), delay
 
 
 def effect_identified(case: Drawn) -> Bounded | str:
@@ -228,10 +236,7 @@ def effect_lines(found: Found[Drawn, Bounded | str]) -> list[str]:
     head = ["effect", "a result", "bounds hold the truth", "at least"]
     head += ["width, inertia", "damping", "delay", "lower bound of the damping"]
     head += ["stiffness, median", "least", "named in `warnings`"]
-    every = [
-        (effect, [row for case, row in found if case[1] == effect])
-        for effect in (IDEAL, *EFFECTS, ALL)
-    ]
+    every = [(effect, [row for case, row in found if case[1] == effect]) for effect in DRAWN]
     cells = [effect_cells(effect, rows) for effect, rows in every if rows]
     good = [row for _, row in found if isinstance(row, Bounded)]
     return [
@@ -314,9 +319,9 @@ STUDY = Study(
         Part(
             "effects",
             lambda given: [
-                (kind, effect, FIRST + n)
+                (kind, effect, given.seed + n)
                 for n in range(given.servos)
-                for effect in (IDEAL, *EFFECTS, ALL)
+                for effect in given.effects
                 for kind in REAL_KINDS
             ],
             effect_identified,
@@ -327,5 +332,7 @@ STUDY = Study(
     (
         Option("seeds", SEEDS, "simulated servos of each kind", quick=5),
         Option("servos", 38, "servos of each kind with each effect", quick=1),
+        Option("seed", FIRST, "seed of the first servo with an effect"),
+        Option("effects", DRAWN, "effects that are drawn", choices=DRAWN),
     ),
 )

@@ -39,6 +39,8 @@ _MOVED_RAD = 0.005
 _FRICTION_SHARE = 0.4
 """Largest fraction of the torque limit that friction may take"""
 _TRIES = 3
+_HEAVY = 0.1
+"""Least weight that the motions are planned for, over the Coulomb friction"""
 _SOFTER = 0.6
 """Factor on the size of a program that went too far"""
 _ONE_WAY = 3
@@ -79,7 +81,7 @@ class Bench:
         self._bounds = bounds
         self._tell = tell
         self._priors = priors
-        self._age = 0.0
+        self._age = self._start = 0.0
         self.logs: list[Path] = []
 
     def find_moving_torque(self, guess: Guess) -> Guess:
@@ -165,6 +167,7 @@ class Bench:
                 continue
             furthest = _furthest(played)
             self._age = float(np.median(played.rows["age_ns"])) * 1e-9
+            self._start = float(played.rows["position"][0])
             try:
                 fit = self._explained(motion_of(played.rows), rough)
             except NoFitError as error:
@@ -188,7 +191,9 @@ class Bench:
         raise UnidentifiableError(
             f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries",
             wanted=f"at most {bounds.reach:.2g} rad",
-            advice="give it more --reach, or see what else moves it",
+            advice="give it more --reach, or see what else moves it"
+            if not guess.heaviest
+            else f"a weight pulls it with up to {guess.heaviest:.2g} N·m: take it off",
         )
 
     def _explained(self, motion: Motion, rough: bool) -> Fit:
@@ -217,12 +222,19 @@ class Bench:
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""
         least = 0.1 * fit.inertia  # stable even without friction
+        sine = cosine = 0.0
+        if fit.effects.gravity > _HEAVY * fit.coulomb:
+            turned = fit.effects.hanging - self._start
+            sine = fit.effects.gravity * math.cos(turned)
+            cosine = -fit.effects.gravity * math.sin(turned)
         return Guess(
             fit.inertia,
             max(fit.damping, least),
             fit.coulomb,
             max(fit.delay, 0.0) + self._age,
             fit.effects.dead_band,
+            sine,
+            cosine,
         )
 
     def play(self, name: str, phases: list[Phase]) -> Played:

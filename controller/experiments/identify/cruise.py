@@ -129,7 +129,11 @@ def _swept(cruise: Cruise, band: Band) -> Phase:
 def _there_and_back(
     cruise: Cruise, ways: Sequence[Phase], guess: Guess, bounds: Bounds
 ) -> list[Phase]:
-    """Return a program that cruises there and back with each phase, given for the way there."""
+    """Return a program that cruises there and back with each phase, given for the way there.
+
+    A constant torque beside holds the weight.
+    """
+    held = guess.cosine
     home = undamped_home(guess, bounds)
     impulse = cruise.inertia * 2.0 * cruise.speed
     seconds = max(cruise.turn, impulse / max(cruise.most - cruise.bias, 0.1 * cruise.most))
@@ -139,15 +143,15 @@ def _there_and_back(
         if number % _PER_HOLD == 0:
             phases += [
                 home,
-                Phase(seconds, torque=-0.5 * turn - cruise.bias, reach=reach),
-                Phase(cruise.half / cruise.speed, torque=-cruise.bias, reach=reach),
+                Phase(seconds, torque=-0.5 * turn - cruise.bias, bias=held, reach=reach),
+                Phase(cruise.half / cruise.speed, torque=-cruise.bias, bias=held, reach=reach),
             ]
         for way in (1.0, -1.0):
             phases += [
-                Phase(seconds, torque=way * turn, reach=reach),
+                Phase(seconds, torque=way * turn, bias=held, reach=reach),
                 replace(
                     there,
-                    bias=way * there.bias,
+                    bias=way * there.bias + held,
                     center=-way * cruise.half,
                     reach=2.0 * cruise.half,
                 ),

@@ -31,6 +31,8 @@ COASTING_S = 0.8
 COAST_TRAVEL, COAST = 0.8, 0.6
 """Travel of a throw over the way from one side to the other; that of the smaller throws over the
 larger ones'"""
+_BRAKED = 0.2
+"""Least brake of a coast, over the Coulomb friction: a heavier weight does not stay where it is"""
 _LOST = 2.0
 """Excursion at which the shaft is released, as a multiple of the reach. From one reach it is still
 brought back: a motion that was too large ends there, and a smaller one begins."""
@@ -50,6 +52,26 @@ class Guess:
     """From a sample until its torque acts, in total [s]"""
     dead_band: float = 0.0
     """Torque that is missing of what is commanded; a coasting shaft is not braked by it [N·m]"""
+    sine: float = 0.0
+    """Torque of a weight against the shaft, over the sine of the angle from the start [N·m]"""
+    cosine: float = 0.0
+    """The same over the cosine: the torque that holds the weight at the start [N·m]"""
+
+    def weight(self, begin: float, end: float) -> float:
+        """Return the mean torque of the weight against the shaft from one angle to another [N·m].
+
+        Args:
+            begin: [rad], from the start.
+            end: Another one [rad].
+        """
+        lifted = self.sine * (math.cos(begin) - math.cos(end))
+        lifted += self.cosine * (math.sin(end) - math.sin(begin))
+        return lifted / (end - begin)
+
+    @property
+    def heaviest(self) -> float:
+        """Return the largest torque of the weight [N·m]; 0: there is none."""
+        return math.hypot(self.sine, self.cosine)
 
     @property
     def lost(self) -> float:
@@ -124,6 +146,7 @@ def _shaking(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
         SHAKE_S,
         stiffness=spring,
         torque=torque,
+        bias=guess.cosine,
         wave="sine",
         from_hz=QUICKER * slow,
         to_hz=slow,
@@ -147,12 +170,11 @@ def _steps(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     """Return a motion there, back past the start, and there again, with four torque reversals."""
     torque = guess.lost + guess.inertia * amplitude / STEP_S**2
     torque = min(torque, 0.7 * bounds.torque, guess.lost + guess.inertia * bounds.speed / STEP_S)
-    reach = bounds.reach
     return [
-        Phase(STEP_S, torque=torque, reach=reach),
-        Phase(2 * STEP_S, torque=-torque, reach=reach),
-        Phase(2 * STEP_S, torque=torque, reach=reach),
-        Phase(STEP_S, torque=-torque, reach=reach),
+        *(
+            Phase(length * STEP_S, torque=way * torque, bias=guess.cosine, reach=bounds.reach)
+            for way, length in ((1, 1), (-1, 2), (1, 2), (-1, 1))
+        ),
         *_home(guess, bounds),
     ]
 
@@ -161,17 +183,20 @@ def _coasts(guess: Guess, bounds: Bounds, amplitude: float) -> list[Phase]:
     """Return slow travel to each side, and throws across, after which the shaft coasts.
 
     No torque acts then: the friction is that of each direction by itself, without the part that
-    grows with the gear's load.
+    grows with the gear's load. A weight brakes one throw and drives the other, which is weaker.
     """
     phases = []
     for side, share in ((1.0, 1.0), (-1.0, 1.0), (1.0, COAST), (-1.0, COAST)):
         way = COAST_TRAVEL * share * 2.0 * amplitude
-        speed = min(math.sqrt(2.0 * way * guess.coulomb / guess.inertia), bounds.speed)
+        begin = -side * amplitude
+        weight = side * guess.weight(begin, begin + side * way)
+        brake = max(guess.coulomb + weight, _BRAKED * guess.coulomb)
+        speed = min(math.sqrt(2.0 * way * brake / guess.inertia), bounds.speed)
         torque = guess.lost + guess.damping * speed / 2.0 + guess.inertia * speed / STEP_S
-        torque = side * min(torque, 0.7 * bounds.torque)
+        torque = side * min(torque + weight, 0.7 * bounds.torque)
         reach, band = 2.0 * bounds.reach, 1.5 * bounds.step  # it starts from the other side
         phases += [
-            *_held(guess, bounds, -side * amplitude),
+            *_held(guess, bounds, begin),
             Phase(STEP_S, torque=torque, reach=reach),
             Phase(COASTING_S, reach=reach, still_s=0.05, still_band=band),
         ]

@@ -19,7 +19,6 @@ from haptic_wall.controller.experiments.identify.motion_model import Motion, Pie
 from haptic_wall.controller.experiments.identify.output_error import (
     OutputError,
     Prior,
-    least_squares,
 )
 from haptic_wall.controller.experiments.identify.standard_errors import standard_covariance
 from haptic_wall.controller.theory.checks import FloatArray
@@ -216,7 +215,7 @@ def model_of(fit: Fit, names: tuple[str, ...], priors: Mapping[str, Prior] | Non
     """Return the residuals of a fit's pieces, by the values of these names."""
     values = {name: getattr(fit, name) for name in NAMES}
     values.update({n: v for n, v in asdict(fit.effects).items() if isinstance(v, float)})
-    return OutputError(fit.pieces, values, names, fit.effects.center, priors, fit.residual)
+    return OutputError(fit.pieces, values, names, priors, fit.residual)
 
 
 def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool = True) -> Fit:
@@ -230,7 +229,7 @@ def fitted(start: Fit, priors: Mapping[str, Prior] | None = None, thorough: bool
     count = 5 if start.backlash > 0.0 else 4
     names = (*NAMES[:count], *start.effects.fitted)
     model = model_of(start, names, priors)
-    values, speeds = least_squares(model, start.speeds, thorough)
+    values, speeds = model.fitted(start.speeds, thorough=thorough)
     return made(start, model, values, speeds)
 
 

@@ -132,16 +132,10 @@ def hinted(fit: Fit) -> tuple[str, ...]:
     found: list[str] = []
     for group in ALWAYS:
         used = [model.names.index(name) for name in (*NAMES[:4], *group)]
-        one = replace(linear, shared=linear.shared[used], precision=None)
-        rest = one.without_own()
-        normal = np.einsum("psn,qsn->pq", rest * one.weights, rest)
-        right = np.sum(rest * one.weights * one.left, axis=(1, 2))
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        normal /= np.outer(scale, scale)
-        step = -np.linalg.lstsq(normal, right / scale, rcond=1e-12)[0] / scale
+        one = replace(linear, shared=linear.shared[used], precision=np.zeros(len(used)))
+        step = one.step()
         moved = one.left + np.tensordot(step, one.shared, axes=1)
-        pull = np.sum(one.weights * one.own * moved, axis=1) / one.own_square()
-        after = replace(one, left=moved - pull[:, None] * one.own)
+        after = replace(one, left=one.without_own(moved[None])[0])
         errors = np.sqrt(np.diag(standard_covariance(after, period)))
         if np.any(np.abs(step[4:]) > _HINT * errors[4:]):
             found += group

@@ -105,7 +105,7 @@ def _cruised(
     for number, phase in enumerate(phases):
         sampled = (rows["sampled_ns"][rows["phase"] == number] - rows["sampled_ns"][0]) * 1e-9
         if phase.wave == "sine" and sampled.size > FEWEST:
-            spans.append((float(sampled[0]), float(sampled[-1]), float(np.sign(phase.bias))))
+            spans.append((float(sampled[0]), float(sampled[-1]), -float(np.sign(phase.center))))
     decay = max(fit.damping, 0.0) / fit.inertia
     found = cruises_of(motion, spans, bounds.period, max(fit.delay, 0.0), decay, fit.effects)
     return found if found.way.size >= FEWEST_CRUISES else None

@@ -13,7 +13,7 @@ which need not lie on the grid.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,38 +63,8 @@ def motion_of(rows: NDArray[np.void]) -> Motion:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """Fitted parameters, one value for each variant: arrays of shape (v, 1)."""
-
-    inertia: FloatArray
-    """[kg·m²]"""
-    damping: FloatArray
-    """[N·m·s/rad]"""
-    coulomb: FloatArray
-    """[N·m]"""
-    delay: FloatArray
-    """From sending a torque until it acts [s]"""
-    backlash: FloatArray
-    """Backlash between shaft and encoder, full width [rad]"""
-    static: FloatArray | None = None
-    """Friction at rest [N·m]; None: as in motion"""
-    slow: FloatArray | None = None
-    """Friction in slow motion [N·m]; None: as in fast motion"""
-    fading: FloatArray | None = None
-    """Speed at which the excess in slow motion has fallen to a third [rad/s]"""
-    load: FloatArray | None = None
-    """Torque against the shaft from each sample to the next [N·m], (v, s, n - 1); None: none"""
-    weight: FloatArray | None = None
-    """The part of it that loads the gear [N·m], as ``load``; None: none"""
-    gear: FloatArray | None = None
-    """Fraction of the gear's load that adds to the friction; None: none"""
-    uneven: FloatArray | None = None
-    """Half the difference of the damping forwards and backwards [N·m·s/rad]; None: none"""
-    drag: FloatArray | None = None
-    """Friction with the square of the speed [N·m·s²/rad²]; None: none"""
-    dead_band: FloatArray | None = None
-    """Torque that is missing of what is commanded [N·m]; None: none"""
+Values = Mapping[str, FloatArray]
+"""Values of v variants by name, as in ``Fit`` and ``Effects``: arrays (v, 1); a missing one is 0"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,29 +100,29 @@ def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
     return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
-def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> FloatArray:
+def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
     """Simulate every piece with every variant; return the encoder's unrounded positions [rad].
 
     Each piece begins at zero, with the backlash taken up in the direction of its speed.
 
     Args:
         pieces: The recorded motion.
-        parameters: Parameters of v variants.
+        values: Inertia, damping, friction, delay and effects.
         speeds: Initial speed of each piece in each variant [rad/s], shape (v, s).
 
     Returns:
         Shape (v, s, n).
     """
-    lengths, torques, gears = _torques(pieces, parameters)
-    inertia, coulomb = parameters.inertia, parameters.coulomb
-    static = np.broadcast_to(
-        coulomb if parameters.static is None else np.maximum(parameters.static, coulomb),
-        speeds.shape,
-    )
+    used = {name: value for name, value in values.items() if np.any(value)}
+    none = np.zeros((speeds.shape[0], 1))
+    lengths, torques, gears = _torques(pieces, used, used.get("delay", none))
+    inertia, coulomb = values["inertia"], used.get("coulomb", none)
+    slow = coulomb + used.get("excess", none)
+    static = np.broadcast_to(np.maximum(used.get("static", none), slow), speeds.shape)
     fading = None
-    if parameters.slow is not None and parameters.fading is not None:
-        fading = np.broadcast_to(np.maximum(parameters.fading, _NO_SPEED), speeds.shape)
-    decay = parameters.damping / inertia
+    if "excess" in used:
+        fading = np.broadcast_to(np.maximum(values["fading"], _NO_SPEED), speeds.shape)
+    decay = used.get("damping", none) / inertia
     response = held_response(decay[:, :, None, None], lengths)
     # Time first: a step reads whole rows of memory.
     phi, psi, kept, held, lengths = (
@@ -160,12 +130,9 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
         for each in (*response, torques, lengths)
     )
     decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
-    half = np.broadcast_to(0.5 * parameters.backlash, speeds.shape)
-    loose = bool(np.any(half))
-    by_speed_too = parameters.uneven is not None or parameters.drag is not None
-    drag, first = coulomb, coulomb
-    if parameters.slow is not None and fading is not None:
-        first = np.broadcast_to(parameters.slow, speeds.shape)
+    half = np.broadcast_to(0.5 * used.get("backlash", none), speeds.shape)
+    loose = "backlash" in used
+    drag, first = coulomb, np.broadcast_to(slow, speeds.shape)
     x, v = np.zeros(speeds.shape), speeds.copy()
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
@@ -182,8 +149,10 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
             if fading is not None:
                 drag = coulomb + (first - coulomb) * np.exp(-np.abs(v) / fading)
             push = u - sign * (drag + more)
-            if by_speed_too:
-                push -= _lost(parameters, v)
+            if "uneven" in used:
+                push -= used["uneven"] * np.abs(v)
+            if "drag" in used:
+                push -= used["drag"] * v * np.abs(v)
             if not moving:
                 push[sign == 0.0] = 0.0
             push /= inertia
@@ -214,32 +183,32 @@ def simulated(pieces: Pieces, parameters: Parameters, speeds: FloatArray) -> Flo
 
 
 def _torques(
-    pieces: Pieces, parameters: Parameters
+    pieces: Pieces, used: Values, delay: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Return lengths [s] and torques as ``_schedule``, and the gear's friction, time first."""
-    lengths, torques = _schedule(pieces, parameters.delay)
-    if parameters.dead_band is not None:
-        missing = np.maximum(parameters.dead_band, 0.0)[:, :, None, None]
+    lengths, torques = _schedule(pieces, delay)
+    if "dead_band" in used:
+        missing = np.maximum(used["dead_band"], 0.0)[:, :, None, None]
         torques = torques - np.clip(torques, -missing, missing)
+    angle = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
+    weight = _wave(used, "sine", "cosine", angle)
     gears = None
-    if parameters.gear is not None:
-        gears = torques if parameters.weight is None else torques + parameters.weight[:, :, :, None]
-        gears = parameters.gear[:, :, None, None] * np.abs(gears)
+    if "gear" in used:
+        gears = used["gear"][:, :, None, None] * np.abs(torques + weight)
         gears = np.ascontiguousarray(np.moveaxis(gears, (2, 3), (0, 1)))
-    if parameters.load is not None:
-        torques = torques - parameters.load[:, :, :, None]
-    return lengths, torques, gears
+    if "periods" in used:
+        turned = used["periods"][:, :, None] * (angle - np.max(used.get("center", 0.0)))
+        weight = weight + _wave(used, "cogging_sine", "cogging_cosine", turned)
+    return lengths, torques - weight, gears
 
 
-def _lost(parameters: Parameters, speed: FloatArray) -> FloatArray:
-    """Return the torque that goes with the speed in other ways than viscous friction [N·m]."""
-    fast = np.abs(speed)
-    lost: FloatArray = np.zeros(speed.shape)
-    if parameters.uneven is not None:
-        lost = lost + parameters.uneven * fast
-    if parameters.drag is not None:
-        lost = lost + parameters.drag * speed * fast
-    return lost
+def _wave(used: Values, sine: str, cosine: str, angle: FloatArray) -> FloatArray:
+    """Return a torque at each angle, (v, s, n - 1, 1), by the sizes of its sine and cosine."""
+    found: FloatArray = np.zeros((1, 1, 1, 1))
+    for name, wave in ((sine, np.sin), (cosine, np.cos)):
+        if name in used:
+            found = found + (used[name][:, :, None] * wave(angle))[..., None]
+    return found
 
 
 def _breakaway(torque: FloatArray, coulomb: FloatArray, static: FloatArray) -> FloatArray:

@@ -27,6 +27,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
 )
 from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import NO_PRIOR, Prior
+from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
 _SLOWEST = 0.15
@@ -53,6 +54,8 @@ _ROUNDS, _ENOUGH = 8, 1e-4
 _FEW = 8
 """Least number of stretches"""
 _DIVERGES = "a fit of its friction does not converge"
+_HUGE = 1e50
+"""No motion is so large, nor changes so much with a value, in SI units"""
 _FURTHEST = 3e-3
 """Largest correction of the delay in a round [s]"""
 
@@ -151,11 +154,11 @@ class _Regression:
         self._position = motion.position[self._index]
         sampled = motion.sampled[self._index]
         weight = self._held.astype(float)
-        self._number = weight.sum(axis=1)
         self.count = int(weight.sum())
-        mean = (sampled * weight).sum(axis=1) / self._number
-        self._time = (sampled - mean[:, None]) * weight
-        self._spread = np.sum(self._time**2, axis=1)
+        mean = (sampled * weight).sum(axis=1) / weight.sum(axis=1)
+        own = np.stack([weight, (sampled - mean[:, None]) * weight])
+        nothing = np.zeros((0, *weight.shape))
+        self._stretches = Linear(-self._position, nothing, own, weight, np.zeros(0))
         self._sampled = sampled
         self._delay = math.nan
         self._middle = float(np.median(motion.position))
@@ -185,13 +188,6 @@ class _Regression:
         once = np.concatenate([[0.0], np.cumsum(force * lengths)])
         twice = np.cumsum(once[:-1] * lengths + 0.5 * force * lengths**2)
         return once[self._at], np.concatenate([[0.0], twice])[self._at]
-
-    def _without_own(self, shown: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Take a position and a speed of its own from each stretch; return also these speeds."""
-        mean = np.sum(shown * self._held, axis=-1) / self._number
-        slope = np.sum(shown * self._time, axis=-1) / self._spread
-        rest = (shown - mean[..., None]) * self._held - slope[..., None] * self._time
-        return rest, slope
 
     def _forces(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, FloatArray]:
         """Return the torque that acts, and what a unit of each value adds to it."""
@@ -249,29 +245,28 @@ class _Regression:
             # The dead band is in the torque already.
             sizes = [1.0, *(0.0 if n == "dead_band" else values[n] for n in fitted)]
             moved = np.tensordot(sizes, twice, axes=1) / inertia
-            columns = np.concatenate(
+            shared = np.concatenate(
                 [-moved[None] / inertia, twice[1:] / inertia, -once[:1] / inertia]
             )
-            shown, _ = self._without_own(columns)
-            left, slopes = self._without_own(self._position - moved)
-            flat = shown.reshape(shown.shape[0], -1)
             every = ["inertia", *fitted, "delay"]
             precision, away = self._known(every, values)
-            # With the prior, or one of a value known exactly would hide all other values.
-            scale = np.sqrt(np.sum(flat**2, axis=1) + precision)
-            scale[scale == 0.0] = 1.0
-            unit = flat / scale[:, None]
-            normal = unit @ unit.T + np.diag(precision / scale**2)
-            right = unit @ left.ravel() - precision * away / scale
-            if not (np.isfinite(normal).all() and np.isfinite(right).all()):
+            if not (np.abs(shared).max() < _HUGE and np.abs(away).max() < _HUGE):
                 raise NoFitError(_DIVERGES)
-            step = np.linalg.lstsq(normal, right, rcond=1e-13)[0] / scale
+            linear = replace(
+                self._stretches,
+                left=moved - self._position,
+                shared=shared,
+                precision=precision,
+            )
+            step = linear.step(away)
             step[0] = min(max(step[0], -0.4 * inertia), 0.5 * inertia)
             step[-1] = min(max(step[-1], -_FURTHEST), _FURTHEST)
             for name, change in zip(every, step.tolist(), strict=True):
                 values[name] += change
             values["dead_band"] = max(values.get("dead_band", 0.0), 0.0)
-            left = left - np.tensordot(step, shown, axes=1)
+            slopes = -linear.own_part(linear.left[None])[0, 1]
+            reached = linear.left + np.tensordot(step, shared, axes=1)
+            left = self._held * -linear.without_own(reached[None])[0]
             speed = slopes[:, None] + np.tensordot(sizes, once, axes=1) / inertia
             right = self._held & (speed * self._sign > 0.0)
             self._speed[self._index[right]] = speed[right]
@@ -280,7 +275,8 @@ class _Regression:
                 break
             before = cost
         # Without any force each stretch would pass at a speed of its own.
-        if not cost <= float(np.sum(self._without_own(self._position)[0] ** 2)):
+        alone = self._stretches.without_own(self._position[None])[0]
+        if not cost <= float(np.sum(self._held * alone**2)):
             raise NoFitError(_DIVERGES)
         precision, away = self._known(every, values)
         return _Solved(values, names, left, np.array(speed[:, 0]), float(precision @ away**2))
@@ -301,7 +297,8 @@ class _Regression:
         self._set_delay(values["delay"])
         forces = self._forces(values, found.names)
         base = np.array([self._integrals(each)[1] for each in forces.values()])
-        own = np.linalg.qr(self._without_own(base)[0][:, self._held].T)[0]
+        without_own = self._stretches.without_own
+        own = np.linalg.qr(without_own(base)[:, self._held].T)[0]
         left = found.left[self._held]
         away = self._angle - self._middle
         most, best = -1.0, 2.0
@@ -309,7 +306,7 @@ class _Regression:
             waves = np.array(
                 [self._integrals(wave(periods * away))[1] for wave in (np.sin, np.cos)]
             )
-            pair = self._without_own(waves)[0][:, self._held]
+            pair = without_own(waves)[:, self._held]
             pair = pair - (pair @ own) @ own.T
             target = pair @ left
             normal = pair @ pair.T

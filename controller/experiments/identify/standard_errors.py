@@ -2,51 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.separable import Linear
 from haptic_wall.controller.theory.checks import FloatArray
 
 _CORRELATED_S = 0.05
 """Assumed correlation time of errors [s]"""
-_FELT_S = 3e-3
-"""Change of position per initial speed below which that speed is not fitted [s]"""
 CORRELATED = 9.0
 """Variance of correlated errors over that of independent ones, by which a prior is weighed"""
 _FEW = 1.25
 """Correction of standard errors from some twenty pieces, few of which dominate"""
-
-
-@dataclass(frozen=True, slots=True)
-class Linear:
-    """Residuals and their derivatives at some values: arrays of shape (s, n), with weights."""
-
-    left: FloatArray
-    """Fitted minus measured [rad]"""
-    shared: FloatArray
-    """Per unit of each shared value, shape (p, s, n)"""
-    own: FloatArray
-    """Per unit of the piece's own initial speed"""
-    weights: FloatArray
-    precision: FloatArray | None = None
-    """Weight of what is known of each shared value beforehand; None: nothing is"""
-
-    @property
-    def cost(self) -> float:
-        """Return the weighted sum of squares [rad²]."""
-        return float(np.sum(self.weights * self.left**2))
-
-    def without_own(self) -> FloatArray:
-        """Return the shared values' effect without a piece's own speed; as ``shared``."""
-        cross = np.sum(self.weights * self.own * self.shared, axis=2)
-        rest: FloatArray = self.shared - (cross / self.own_square())[:, :, None] * self.own
-        return rest
-
-    def own_square(self) -> FloatArray:
-        """Return the square of each piece's own speed; infinite where a piece stays at rest."""
-        square = np.sum(self.weights * self.own**2, axis=1)
-        return np.where(square > _FELT_S**2 * np.sum(self.weights, axis=1), square, np.inf)
 
 
 def standard_covariance(linear: Linear, period: float) -> FloatArray:
@@ -63,16 +29,12 @@ def standard_covariance(linear: Linear, period: float) -> FloatArray:
     Source: W. K. Newey, K. D. West, Econometrica 55(3), 1987; K.-Y. Liang, S. L. Zeger,
     Biometrika 73(1), 1986.
     """
-    rest, weights, left = linear.without_own(), linear.weights, linear.left
+    rest, weights, left = linear.without_own(linear.shared), linear.weights, linear.left
     count, groups = rest.shape[0], rest.shape[1]
-    scale = np.sqrt(np.sum(weights * rest**2, axis=(1, 2)))
-    if linear.precision is not None:
-        scale = np.hypot(scale, np.sqrt(linear.precision))
+    scale = np.sqrt(np.sum(weights * rest**2, axis=(1, 2)) + linear.precision)
     unit = np.where(scale > 0.0, scale, 1.0)
     rest = rest / unit[:, None, None]
-    known = np.zeros((count, count))
-    if linear.precision is not None:
-        known[np.diag_indices_from(known)] = linear.precision / unit**2
+    known = np.diag(linear.precision / unit**2)
     inverse = np.linalg.pinv(_products(rest * weights, rest) + known)
     scores = rest * weights * left
     samples = float(np.sum(weights))

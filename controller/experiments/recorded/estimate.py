@@ -11,7 +11,13 @@ import numpy as np
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.recorded.choice import Judged, judged
 from haptic_wall.controller.experiments.recorded.errors import covariance, stderr_of
-from haptic_wall.controller.experiments.recorded.friction import DRIVEN, FREE, MEANING, MODELS
+from haptic_wall.controller.experiments.recorded.friction import (
+    DRIVEN,
+    FREE,
+    LONGEST_DELAY_S,
+    MEANING,
+    MODELS,
+)
 from haptic_wall.controller.experiments.recorded.record import (
     Record,
     Stretch,
@@ -20,7 +26,6 @@ from haptic_wall.controller.experiments.recorded.record import (
     row_interval,
 )
 from haptic_wall.controller.experiments.recorded.shooting import (
-    LONGEST_DELAY_S,
     Shot,
     fit,
     fit_anywhere,

@@ -9,6 +9,7 @@ Simulation of Servo Actuators", arXiv:2410.08650, and its code, Rhoban bam (``ba
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,26 +19,38 @@ from haptic_wall.controller.theory.checks import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One parameter of a friction model."""
+    """One parameter of a motion; those with a torque are fitted per inertia."""
 
     name: str
     unit: str
     start: float
     """Where a fit begins; a torque counts in units of the Coulomb friction"""
-    most: float
-    """Largest value that is tried"""
+    size: float
+    """Least size for its numerical derivative"""
+    most: float = np.inf
+    least: float = 0.0
+    spread: float = 0.5
+    """Relative spread of the starts that are drawn around one"""
 
 
-COULOMB = Term("coulomb", "N·m", 1.0, np.inf)
-VISCOUS = Term("damping", "N·m·s/rad", 1.0, np.inf)
-STRIBECK = Term("stribeck", "N·m", 0.3, np.inf)
-SPEED = Term("stribeck_speed", "rad/s", 0.5, 10.0)
-LOAD = Term("load", "", 0.03, 0.9)
-LOAD_STRIBECK = Term("load_stribeck", "", 0.03, 0.9)
-LOAD_MOTOR = Term("load_motor", "", 0.03, 0.9)
-LOAD_MOTOR_STRIBECK = Term("load_motor_stribeck", "", 0.03, 0.9)
-LOAD_QUADRATIC = Term("load_quadratic", "1/(N·m)", 0.01, 10.0)
-LOAD_MOTOR_QUADRATIC = Term("load_motor_quadratic", "1/(N·m)", 0.01, 10.0)
+COULOMB = Term("coulomb", "N·m", 1.0, 0.2, 1e4)
+VISCOUS = Term("damping", "N·m·s/rad", 1.0, 0.1, 200.0)
+STRIBECK = Term("stribeck", "N·m", 0.3, 0.2, 1e4)
+SPEED = Term("stribeck_speed", "rad/s", 0.5, 0.1, 10.0, 0.02)
+LOAD = Term("load", "", 0.03, 0.02, 0.9)
+LOAD_STRIBECK = Term("load_stribeck", "", 0.03, 0.02, 0.9)
+LOAD_MOTOR = Term("load_motor", "", 0.03, 0.02, 0.9)
+LOAD_MOTOR_STRIBECK = Term("load_motor_stribeck", "", 0.03, 0.02, 0.9)
+LOAD_QUADRATIC = Term("load_quadratic", "1/(N·m)", 0.01, 1e-3)
+LOAD_MOTOR_QUADRATIC = Term("load_motor_quadratic", "1/(N·m)", 0.01, 1e-3)
+LONGEST_DELAY_S = 0.1
+_OTHERS = (
+    Term("quadratic", "N·m·s²/rad²", 0.02, 0.05, 1e3),
+    Term("sine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.02),
+    Term("cosine", "N·m", 1.0, 1.0, least=-np.inf, spread=0.3),
+    Term("gain", "", 1.0, 1.0, least=-np.inf, spread=0.05),
+    Term("delay", "s", 5e-4, 1e-3, LONGEST_DELAY_S, spread=0.2),
+)
 
 _STRIBECK = (STRIBECK, SPEED)
 _DIRECTED = (LOAD, LOAD_MOTOR, LOAD_STRIBECK, LOAD_MOTOR_STRIBECK)
@@ -50,6 +63,8 @@ MODELS: dict[str, tuple[Term, ...]] = {
     "M6": (VISCOUS, COULOMB, *_STRIBECK, *_DIRECTED, LOAD_QUADRATIC, LOAD_MOTOR_QUADRATIC),
 }
 """The parameters of each model"""
+TERMS = {term.name: term for term in (*itertools.chain(*MODELS.values()), *_OTHERS)}
+"""All parameters, by name"""
 MEANING = {
     "M1": "Coulomb and viscous friction",
     "M2": "M1 and friction that fades with speed",

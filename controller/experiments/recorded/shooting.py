@@ -1,8 +1,8 @@
 """Fits a motion model to pieces of a record, each with its initial state (multiple shooting).
 
 The parameters are per inertia: friction, load and torque gain over the inertia of all that turns,
-since a motion tells no more. Least squares by Levenberg and Marquardt; one pass over the rows moves
-all variants, so that derivatives cost little.
+since a motion tells no more. One pass over the rows moves all variants, so that derivatives cost
+little.
 """
 
 from __future__ import annotations
@@ -13,34 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from haptic_wall.controller.experiments.identify.separable import Linear, fit_own, fit_pieces
+from haptic_wall.controller.experiments.recorded.friction import TERMS
 from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS = 40
 _TRIES, _REFINED = 48, 2
 """Number of starts that are drawn, and of those that a fit begins at"""
-_DAMPINGS = np.array([0.0, 1e-3, 1e-1, 1e1])
-"""Tried side by side, relative to the diagonal"""
-_SETTLED = 1e-4
+_SETTLED = 1e-6
 """Fraction of the squares below which a further round is not worth it"""
-_SCALES: Mapping[str, float] = {
-    "sine": 1.0, "cosine": 1.0, "damping": 0.1, "coulomb": 0.2, "stribeck": 0.2,
-    "stribeck_speed": 0.1, "load": 0.02, "load_stribeck": 0.02, "load_motor": 0.02,
-    "load_motor_stribeck": 0.02, "load_quadratic": 1e-3, "load_motor_quadratic": 1e-3,
-    "gain": 1.0, "delay": 1e-3, "quadratic": 0.05,
-}  # fmt: skip
-"""Least size of a parameter for its numerical derivative, per inertia"""
-_STEP = 1e-4
-_UNBOUNDED = frozenset({"sine", "cosine", "gain"})
-LONGEST_DELAY_S = 0.1
-_MOST: Mapping[str, float] = {
-    "damping": 200.0, "coulomb": 1e4, "stribeck": 1e4, "quadratic": 1e3,
-    "stribeck_speed": 10.0, "load": 0.9, "load_stribeck": 0.9, "load_motor": 0.9,
-    "load_motor_stribeck": 0.9, "delay": LONGEST_DELAY_S,
-}  # fmt: skip
-_SPREADS: Mapping[str, float] = {"sine": 0.02, "cosine": 0.3, "gain": 0.05, "delay": 0.2}
-"""Relative spread of the starts that are drawn around one; others 0.5"""
-_LEAST: Mapping[str, float] = {"stribeck_speed": 0.02}
+_STEP, _OWN_STEPS = 1e-4, (1e-5, 1e-3)
+"""Of a parameter, relative; of a piece's first position [rad] and speed [rad/s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,33 +121,22 @@ def fit(
         rounds: Largest number of rounds.
     """
     names = tuple(start)
-    values = np.array([start[name] for name in names])
-    begin, speed = beginnings(pieces) if at is None else at
-    low, high = _limits(names)
-    values = np.clip(values, low, high)
-    now, slopes, own = _slopes(pieces, names, values, begin, speed, fixed=fixed)
-    cost = _cost(pieces, now[None])[0]
-    damping = 1.0
-    for _ in range(rounds):
-        left = np.where(pieces.held, pieces.position - now, 0.0)
-        steps, own_steps = _steps(slopes, own, left, damping, values, low, high, fixed)
-        tried = np.clip(values + steps, low, high)
-        begins, speeds = begin + own_steps[:, 0], speed + own_steps[:, 1]
-        found = moved(pieces, names, tried, begins, speeds)
-        costs = _cost(pieces, found)
-        best = int(np.nanargmin(np.where(np.isfinite(costs), costs, np.inf)))
-        if not costs[best] < cost:
-            if damping > 1e4:
-                break
-            damping *= 100.0
-            continue
-        gained = (cost - costs[best]) / cost if cost > 0.0 else 0.0
-        values, begin, speed, cost = tried[best], begins[best], speeds[best], costs[best]
-        damping = max(0.1 * damping, 1e-3) if best < 2 else damping * (1.0 if best == 2 else 10.0)
-        now, slopes, own = _slopes(pieces, names, values, begin, speed, fixed=fixed)
-        if gained < _SETTLED:
-            break
-    return Shot(names, values, begin, speed, now, _projected(slopes, own), pieces)
+    limits = _limits(names)
+    values = np.clip([start[name] for name in names], *limits)
+    own = np.stack(beginnings(pieces) if at is None else at)
+
+    def linearised(values: FloatArray, own: FloatArray) -> Linear:
+        return _linear(pieces, names, values, own, names[: 0 if fixed else None])
+
+    if fixed:
+        own = fit_own(lambda own: linearised(values, own), own, rounds)
+    else:
+        values, own = fit_pieces(
+            linearised, values, own, bounds=limits, rounds=rounds, enough=_SETTLED
+        )
+    found = linearised(values, own)
+    slopes = found.weights * found.without_own(found.shared)
+    return Shot(names, values, own[0], own[1], pieces.position + found.left, slopes, pieces)
 
 
 def fit_anywhere(
@@ -188,9 +161,9 @@ def fit_anywhere(
     names = tuple(start)
     values = np.array([start[name] for name in names])
     random = np.random.default_rng(1)
-    spread = np.array([_SPREADS.get(name, 0.5) for name in names])
+    spread = np.array([TERMS[name].spread for name in names])
     drawn = values * np.exp(spread * random.standard_normal((_TRIES, values.size)))
-    away = np.array([0.3 * _SCALES[name] if v == 0.0 else 0.0 for name, v in start.items()])
+    away = np.array([0.3 * TERMS[name].size if v == 0.0 else 0.0 for name, v in start.items()])
     drawn += away * np.abs(random.standard_normal(drawn.shape))
     drawn[0] = values
     drawn = np.clip(drawn, *_limits(names))
@@ -210,8 +183,8 @@ def fit_anywhere(
 
 
 def _limits(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    low = [(-np.inf if name in _UNBOUNDED else _LEAST.get(name, 0.0)) for name in names]
-    return np.array(low), np.array([_MOST.get(name, np.inf) for name in names])
+    low, high = zip(*((TERMS[name].least, TERMS[name].most) for name in names), strict=True)
+    return np.array(low), np.array(high)
 
 
 def _cost(pieces: Pieces, found: FloatArray) -> FloatArray:
@@ -221,77 +194,27 @@ def _cost(pieces: Pieces, found: FloatArray) -> FloatArray:
     return squares
 
 
-def _slopes(
+def _linear(
     pieces: Pieces,
     names: tuple[str, ...],
     values: FloatArray,
-    begin: FloatArray,
-    speed: FloatArray,
-    *,
-    fixed: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the positions, and their derivatives with respect to parameters and beginnings."""
-    count = 0 if fixed else len(names)
-    small = _STEP * np.array([max(abs(v), _SCALES[n]) for n, v in zip(names, values, strict=True)])
-    high = _limits(names)[1]
-    small = np.where(values + small > high, -small, small)[:count]
-    variants = np.tile(values, (count + 3, 1))
-    variants[1 : count + 1] += np.diag(np.concatenate([small, np.zeros(len(names) - count)]))[
-        :count
-    ]
-    begins, speeds = (np.tile(each, (count + 3, 1)) for each in (begin, speed))
-    own_small = np.array([1e-5, 1e-3])
-    begins[count + 1] += own_small[0]
-    speeds[count + 2] += own_small[1]
-    found = moved(pieces, names, variants, begins, speeds)
-    held = pieces.held
-    slopes = np.where(held, (found[1 : count + 1] - found[0]) / small[:, None, None], 0.0)
-    own = np.where(held, (found[count + 1 :] - found[0]) / own_small[:, None, None], 0.0)
-    return found[0], slopes, own
-
-
-def _projected(slopes: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the slopes without the part that the beginnings can make."""
-    out = np.empty_like(slopes)
-    for at in range(own.shape[1]):
-        base = np.linalg.qr(own[:, at].T)[0]
-        out[:, at] = slopes[:, at] - slopes[:, at] @ base @ base.T
-    return out
-
-
-def _steps(
-    slopes: FloatArray,
     own: FloatArray,
-    left: FloatArray,
-    damping: float,
-    values: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    fixed: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Return steps of parameters (dampings, names), and of beginnings (dampings, 2, pieces)."""
-    count, pieces = slopes.shape[0], left.shape[0]
-    steps = np.zeros((_DAMPINGS.size, values.size))
-    own_steps = np.zeros((_DAMPINGS.size, 2, pieces))
-    own_square = np.einsum("ipr,jpr->pij", own, own)
-    own_right = np.einsum("ipr,pr->pi", own, left)
-    cross = np.einsum("ipr,jpr->pij", own, slopes)
-    square = np.einsum("ipr,jpr->ij", slopes, slopes)
-    right = np.einsum("ipr,pr->i", slopes, left)
-    free = np.ones(count, dtype=bool)
-    if not fixed:
-        free = ~(((values <= low) & (right < 0.0)) | ((values >= high) & (right > 0.0)))
-        free &= np.diag(square) > 0.0
-    for at, share in enumerate(_DAMPINGS * damping):
-        blocks = own_square + share * np.einsum("pij,ij->pij", own_square, np.eye(2))
-        blocks = blocks + 1e-12 * np.eye(2)
-        inner = np.linalg.solve(blocks, np.concatenate([cross, own_right[..., None]], axis=2))
-        if not fixed and free.any():
-            whole = square + share * np.diag(np.diag(square))
-            whole = whole - np.einsum("pji,pjk->ik", cross, inner[..., :-1])
-            gradient = right - np.einsum("pji,pj->i", cross, inner[..., -1])
-            chosen = np.ix_(free, free)
-            steps[at, free] = np.linalg.lstsq(whole[chosen], gradient[free], rcond=1e-12)[0]
-        made = inner[..., -1] - np.einsum("pij,j->pi", inner[..., :-1], steps[at, :count])
-        own_steps[at] = made.T
-    return steps, own_steps
+    changed: tuple[str, ...],
+) -> Linear:
+    """Return residuals, with derivatives by the first of the parameters and the beginnings."""
+    count = len(changed)
+    small = _STEP * np.array(
+        [max(abs(v), TERMS[n].size) for n, v in zip(names, values, strict=True)]
+    )
+    small = np.where(values + small > _limits(names)[1], -small, small)[:count]
+    variants = np.tile(values, (count + 3, 1))
+    variants[range(1, count + 1), range(count)] += small
+    begins, speeds = (np.tile(each, (count + 3, 1)) for each in own)
+    begins[count + 1] += _OWN_STEPS[0]
+    speeds[count + 2] += _OWN_STEPS[1]
+    left = np.where(
+        pieces.held, moved(pieces, names, variants, begins, speeds) - pieces.position, 0.0
+    )
+    slopes = (left[1:] - left[0]) / np.array([*small, *_OWN_STEPS])[:, None, None]
+    weights = pieces.held.astype(float)
+    return Linear(left[0], slopes[:count], slopes[count:], weights, np.zeros(count))

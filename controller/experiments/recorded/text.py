@@ -8,7 +8,7 @@ from typing import Any
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import text as identified
 from haptic_wall.controller.experiments.recorded.estimate import Recorded
-from haptic_wall.controller.experiments.recorded.friction import MEANING, MODELS
+from haptic_wall.controller.experiments.recorded.friction import MEANING, TERMS
 
 UNITS = {
     **identified.UNITS,
@@ -68,9 +68,8 @@ def text(found: Recorded, plot: str | None) -> str:
             lines.append(f"{word:<17} {each} {unit}".rstrip())
     if found.friction_model is not None:
         lines.append(f"{'friction':<17} {found.friction_model}: {MEANING[found.friction_model]}")
-    units = {term.name: term.unit for model in MODELS.values() for term in model}
     for name, each in found.friction.items():
-        lines.append(f"  {name.replace('_', ' '):<15} {each} {units[name]}".rstrip())
+        lines.append(f"  {name.replace('_', ' '):<15} {each} {TERMS[name].unit}".rstrip())
     if found.residual is not None:
         parts = f"{len(found.stretches)} part{'s' * (len(found.stretches) > 1)}"
         lines.append(

@@ -1,9 +1,11 @@
 """The motions of an identification let go of a shaft that something takes far beyond its reach."""
 
+import math
 from dataclasses import replace
 
 import pytest
 
+from haptic_wall.controller.experiments.identify.cruise import Band, Cruise, cruises
 from haptic_wall.controller.experiments.identify.excitation import (
     COASTING_S,
     Bounds,
@@ -11,6 +13,8 @@ from haptic_wall.controller.experiments.identify.excitation import (
     motions,
 )
 from haptic_wall.controller.laws.program import Program
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)
 GUESS = Guess(inertia=0.012, damping=0.012, coulomb=0.09, delay=2e-3)
@@ -49,3 +53,52 @@ def test_a_dead_band_makes_a_throw_stronger_and_its_coast_no_longer() -> None:
     assert len(throws) == 4
     for torque, more in throws:
         assert abs(more) == pytest.approx(abs(torque) + 0.1)
+
+
+@pytest.mark.parametrize("hanging", [-math.pi / 2, 1.9, 2.8])
+def test_a_weight_leaves_the_motions_as_large_as_planned(hanging: float) -> None:
+    """It is 0.8 of the friction, and drives a coasting shaft that much further."""
+    weight = 0.8 * GUESS.coulomb
+    known = replace(GUESS, sine=weight * math.cos(hanging), cosine=-weight * math.sin(hanging))
+    assert furthest(known, weight, hanging) < 0.36
+    if abs(math.cos(hanging)) < 0.5:  # it does not hang near the start or above it
+        assert furthest(GUESS, weight, hanging) > BOUNDS.reach
+
+
+def furthest(guess: Guess, weight: float, hanging: float) -> float:
+    """Play the motions of about 0.3 rad to each side on a servo with a weight."""
+    servo = Mechanism(
+        TrueServo(
+            inertia=GUESS.inertia,
+            damping=GUESS.damping,
+            coulomb=GUESS.coulomb,
+            gravity=weight,
+            gravity_angle=hanging,
+        ),
+        0,
+    )
+    playing = Program(motions(guess, BOUNDS, 0.3), BOUNDS.period, BOUNDS.torque)
+    before = far = 0.0
+    for tick in range(60_000):
+        servo.advance(tick * 1_000_000)
+        position = servo.position
+        servo.command(
+            playing.torque(position, (position - before) / BOUNDS.period), tick * 1_000_000
+        )
+        before, far = position, max(far, abs(position))
+        if playing.done:
+            return far
+    raise AssertionError("the program does not end")
+
+
+def test_a_cruise_holds_the_weight() -> None:
+    """It would stop the shaft on one way, and drive it on the other."""
+    cruise = Cruise(speed=1.5, half=0.3, seconds=0.4, bias=0.1, inertia=0.012, most=2.0)
+    bands = [Band(6.0, 12.0, 0.05)]
+    without, held = (
+        cruises(cruise, bands, replace(GUESS, cosine=weight), BOUNDS) for weight in (0.0, 0.07)
+    )
+    more = [other.bias - one.bias for one, other in zip(without, held, strict=True)]
+    springs = [phase.stiffness > 0.0 for phase in held]  # they hold it by themselves
+    assert more == pytest.approx([0.0 if spring else 0.07 for spring in springs])
+    assert springs.count(False) == 6

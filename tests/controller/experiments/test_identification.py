@@ -10,8 +10,9 @@ import yaml
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify import identification, one_way
+from haptic_wall.controller.experiments.identify import bench, identification, one_way
 from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
+from haptic_wall.controller.experiments.identify.excitation import Guess
 from haptic_wall.controller.experiments.identify.fitting import fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
@@ -352,8 +353,8 @@ def test_a_motion_that_is_not_explained_is_repeated(
     """As one that a hand has touched; the second one is what counts."""
     found = []
 
-    def explained(bench: Any, motion: Any, rough: bool) -> Any:
-        found.append(whole(bench, motion, rough))
+    def explained(moved: Any, motion: Any, rough: bool) -> Any:
+        found.append(whole(moved, motion, rough))
         return replace(found[-1], residual=0.01) if len(found) == 2 else found[-1]
 
     whole = Bench._explained
@@ -391,3 +392,17 @@ def test_the_configuration_holds_the_truth_and_little_else(
         not_none(loaded.model.torque_gain).value == not_none(loaded.model.torque_gain).high == 1.0
     )
     assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0
+
+
+def test_a_weight_that_drives_the_shaft_away_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = Effects(gravity=0.01, hanging=math.pi / 2).on(config_of())
+    monkeypatch.setattr(bench, "_furthest", lambda _played: 1.0)
+    bed = Testbed(config, tmp_path, lambda _text: None, option="--logs")
+    inertia, damping, coulomb, _ = truth(config)
+    guess = Guess(inertia, damping, coulomb, 0.005)
+    with pytest.raises(UnidentifiableError, match=r"up to 0\.0[01]\d* N·m: take it off"):
+        Bench(bed, bounds_of(config, 0.6), lambda _text: None).fitted(
+            "motions", guess, 0.15, rough=True
+        )

@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptic_wall.controller.experiments.identify.fitting import NAMES
 from haptic_wall.controller.experiments.identify.motion_model import (
     Motion,
-    Parameters,
     motion_of,
     pieces_of,
     simulated,
@@ -40,9 +40,10 @@ def moved(
     return Motion(*(np.array(a) for a in (sampled, position, sent, torques))), np.array(speed)
 
 
-def model(true: TrueServo) -> Parameters:
-    values = (true.inertia, true.damping, true.coulomb, true.delay, true.backlash)
-    return Parameters(*(np.array([[v]]) for v in values))
+def model(true: TrueServo, *more: float) -> dict[str, FloatArray]:
+    """The values of a servo, and those of variants in which all of them are larger by a factor."""
+    values = {name: getattr(true, name) for name in NAMES}
+    return {name: np.array([[v], *([v * by] for by in more)]) for name, v in values.items()}
 
 
 def shown(motion: Motion, true: TrueServo, begin: int, end: int, speed: FloatArray) -> FloatArray:
@@ -72,12 +73,12 @@ def test_it_moves_as_a_real_servo_does() -> None:
     torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
     motion, speed = moved(true, torques)
     one = np.ones((1, 1))
-    real = replace(
-        model(replace(true, damping=0.0033)),
-        gear=0.1 * one,
-        uneven=0.0004 * one,
-        dead_band=0.004 * one,
-    )
+    real = {
+        **model(replace(true, damping=0.0033)),
+        "gear": 0.1 * one,
+        "uneven": 0.0004 * one,
+        "dead_band": 0.004 * one,
+    }
     pieces = pieces_of(motion, [(123, 480)])
     found = simulated(pieces, real, np.array([[speed[123]]]))[0, 0]
     assert found == pytest.approx(motion.position[123:480] - motion.position[123], abs=2e-5)
@@ -118,8 +119,7 @@ def test_variants_and_pieces_stand_side_by_side() -> None:
     true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.002, torque_limit=1.0)
     motion, speed = moved(true, 0.06 * np.sin(np.arange(800) * 0.02))
     pieces = pieces_of(motion, [(100, 400), (400, 500)])
-    two = Parameters(*(np.array([[v], [1.1 * v]]) for v in (0.0018, 0.0037, 0.013, 0.002, 0.0)))
-    found = simulated(pieces, two, np.array([speed[[100, 400]], speed[[100, 400]]]))
+    found = simulated(pieces, model(true, 1.1), np.array([speed[[100, 400]], speed[[100, 400]]]))
     assert found.shape == (2, 2, 300)
     assert found[0, 1, :100] == pytest.approx(
         motion.position[400:500] - motion.position[400], abs=1e-9
