@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import json
+import math
 import os
 import signal
 import subprocess
@@ -16,9 +17,12 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.cli.map_files import json_parts, report_of
+from haptic_wall.controller.cli.options import as_json
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
@@ -365,3 +369,17 @@ def test_a_large_map_is_planned_and_refused_where_there_is_no_room(
     status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
     assert status == 0
     assert left.tasks == 0, "all tasks of this small map were its sample"
+
+
+def test_parts_of_the_report_are_its_json_whatever_its_texts(tmp_path: Path) -> None:
+    setting = maps.MapSettings.of(load_config("simulated", ()).config)
+    steps, kicks = np.array([0, 2]), np.array([0.01, 0.1])
+    found = maps._theory(setting, np.array([0.0, 0.1]), steps, kicks)
+    found.stiffness[0] = [[12.0, 0.0], [math.inf, math.nan]]
+    report = {**report_of(found, 'x\n  "points": []\x7f'), "files": [tmp_path]}
+    text = "".join(json_parts(found, report))
+    points = json.loads(text)["points"]
+    assert text == as_json({**report, "points": points})
+    assert [point["outcome"] for point in points[:4]] == [
+        "grows above", "always grows", "never grows", "not computed"
+    ]  # fmt: skip

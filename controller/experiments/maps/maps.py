@@ -35,6 +35,9 @@ TOLERANCE = 1e-3
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
 
+_LIMITS = 1000
+"""Settings whose theoretical limits are computed together: they take some 80 kB each meanwhile"""
+
 Progress = Callable[[int, int], None]
 """Called with the number of finished points, and the total."""
 
@@ -389,10 +392,11 @@ def _theory(
     setting: MapSettings, damping: FloatArray, steps: IntArray, kick: FloatArray
 ) -> CriticalMap:
     """Return the map with the theory's limits filled in."""
-    servo, period, samples = setting.servo, setting.period, setting.velocity_samples
     delay = setting.delay(steps)
     column = delay[:, None]
-    loop = (servo.inertia, servo.damping, damping, period, column, samples)
+    cuts = range(0, damping.size, max(1, _LIMITS // steps.size))
+    parts = [_limits(setting, part, column) for part in np.split(damping, cuts[1:])]
+    linear, exact, one_sided = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     return CriticalMap(
         setting=setting,
         virtual_damping=damping,
@@ -400,7 +404,17 @@ def _theory(
         delay=delay,
         kick=kick,
         stiffness=np.full((steps.size, damping.size, kick.size), np.nan),
-        linear=linear_limit(servo.damping, damping, period, column),
-        exact=critical_stiffness(*loop),
-        one_sided=one_sided_limit(*loop),
+        linear=linear,
+        exact=exact,
+        one_sided=one_sided,
     )
+
+
+def _limits(
+    setting: MapSettings, damping: FloatArray, delay: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the linear, the exact and the one-sided limit, delays × dampings [N·m/rad]."""
+    servo, period, samples = setting.servo, setting.period, setting.velocity_samples
+    loop = (servo.inertia, servo.damping, damping, period, delay, samples)
+    linear = linear_limit(servo.damping, damping, period, delay)
+    return linear, critical_stiffness(*loop), one_sided_limit(*loop)
