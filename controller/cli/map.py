@@ -95,6 +95,7 @@ def command(
 
     setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
+    _refuse_long(setting, max(chosen_steps))
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
@@ -169,19 +170,35 @@ def _computed(
     return found, False
 
 
+def _refuse_long(setting: MapSettings, steps: int) -> None:
+    """Refuse delays for which no limits of a servo with a load are known.
+
+    Raises:
+        UserError: They are too long.
+    """
+    import numpy as np
+
+    from haptic_wall.controller.theory.flexible import MOST_PERIODS
+
+    periods = float(setting.delay(np.array(steps))) / setting.period
+    if setting.servo.flexible and periods > MOST_PERIODS:
+        raise UserError(
+            f"found {periods:.4g} periods of delay",
+            field="--delay-steps",
+            wanted=f"with servo.load_inertia at most {MOST_PERIODS}, servo.delay included",
+        )
+
+
 def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
     import numpy as np
 
-    from haptic_wall.controller.theory import max_virtual_damping
+    from haptic_wall.controller.experiments.maps.limits import ceiling
 
-    servo = setting.servo
-    delay = setting.delay(np.array(max(steps)))
-    ceiling = max_virtual_damping(
-        servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
-    )
+    delay = float(setting.delay(np.array(max(steps))))
+    most = ceiling(setting.servo, setting.period, delay, setting.velocity_samples)
     # Denser at small values, where walls are used and the limits rise steeply.
     shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
-    return [float(f"{value:.4g}") for value in shares * float(ceiling)]
+    return [float(f"{value:.4g}") for value in shares * most]
 
 
 def _text(found: CriticalMap, files: list[Path]) -> str:

@@ -10,128 +10,22 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
 from haptic_wall.controller.experiments.maps import lanes
 from haptic_wall.controller.experiments.maps.compiled import Lanes, compiled
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.maps.walls import PARTS, Walls
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
-from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
-from haptic_wall.hw.plant.encoders import ManyEncoderErrors
-from haptic_wall.hw.plant.many_substeps import ManyEffects
+from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoops
+from haptic_wall.hw.plant.many_two_masses import HeldTwo, ManyTwoMasses
 
-BLOCK = 4096
-"""Walls simulated together: their arrays fit into the processor's second-level cache."""
-_DELAYS = 8
-"""Largest number of different delays in one block: each costs a copy per period."""
 _WORTH = 8
 """Least number of periods that are worth a compiled call: it copies all walls"""
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
-
-
-@dataclass(frozen=True, slots=True)
-class Walls:
-    """Many walls on many servos; flat arrays of one length.
-
-    The walls are at position 0; one-sided ones fill the positions above and push down.
-    """
-
-    inertia: FloatArray
-    """m > 0 [kg·m²]"""
-    damping: FloatArray
-    """Viscous friction b >= 0 [N·m·s/rad]"""
-    coulomb: FloatArray
-    """Coulomb friction c >= 0 [N·m]"""
-    counts_per_radian: FloatArray
-    """Counts per radian of the encoder; 0: the position is not quantised"""
-    backlash: FloatArray
-    """Between shaft and encoder, full width, >= 0 [rad]"""
-    torque_limit: FloatArray
-    """[N·m], > 0, may be infinite"""
-    torque_step: FloatArray
-    """Torques are rounded to multiples of it [N·m]; 0: none"""
-    stiffness: FloatArray
-    """K [N·m/rad]"""
-    virtual_damping: FloatArray
-    """B [N·m·s/rad]"""
-    period: FloatArray
-    """T [s]"""
-    whole: IntArray
-    """Whole periods of the delay"""
-    lag: FloatArray
-    """Remainder of the delay beyond them [s], from 0 to less than T"""
-    rest: FloatArray
-    """T - lag [s]"""
-    velocity_samples: IntArray
-    """N of the velocity difference"""
-    one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    """Whether the wall never pulls"""
-    current_loop: CurrentLoopParameters | None = None
-    """Current loop of the servos; None: their torque follows at once"""
-    effects: ManyEffects | None = None
-    """Effects beside inertia, viscous and Coulomb friction; None: none"""
-    encoder: ManyEncoderErrors | None = None
-    """Errors of their encoders besides counting; None: none"""
-
-    @property
-    def size(self) -> int:
-        """Return the number of walls."""
-        return self.inertia.size
-
-    def take(self, index: IntArray | slice) -> Walls:
-        """Return the walls at ``index``."""
-        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        parts = [values.pop(name) for name in ("current_loop", "effects", "encoder")]
-        loop, effects, encoder = (part if part is None else part.take(index) for part in parts)
-        return Walls(
-            **{name: array[index] for name, array in values.items()},
-            current_loop=loop,
-            effects=effects,
-            encoder=encoder,
-        )
-
-    def with_stiffness(self, stiffness: FloatArray) -> Walls:
-        """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
-        copies = stiffness.size // max(self.size, 1)
-        many = self.take(np.repeat(np.arange(self.size), copies))
-        values = {field.name: getattr(many, field.name) for field in fields(self)}
-        return Walls(**{**values, "stiffness": stiffness.ravel()})
-
-
-def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Split a delay [s] into whole periods, the remainder, and the rest of that period [s]."""
-    periods = delay / period
-    whole = np.floor(periods + _SNAP)
-    lag = np.where(periods - whole > _SNAP, delay - whole * period, 0.0)
-    return whole.astype(np.int64), lag, period - lag
-
-
-def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
-    """Yield indices of walls that can be simulated together: alike in what controls the simulation.
-
-    Walls of one block may have a few different whole periods of delay.
-    """
-    kind = walls.whole // _DELAYS
-    kind = kind * (int(walls.velocity_samples.max(initial=0)) + 1) + walls.velocity_samples
-    for trait in (
-        walls.one_sided,
-        walls.lag > 0.0,
-        walls.coulomb > 0.0,
-        walls.counts_per_radian > 0.0,
-        walls.backlash > 0.0,
-        np.isfinite(walls.torque_limit),
-        walls.torque_step > 0.0,
-    ):
-        kind = 2 * kind + trait
-    order = np.lexsort((walls.whole, kind))
-    cuts = np.flatnonzero(np.diff(kind[order])) + 1
-    for alike in np.split(order, cuts):
-        for start in range(0, alike.size, size):
-            yield alike[start : start + size]
+Over = Held | HeldTwo
 
 
 class Loops:
@@ -163,9 +57,7 @@ class Loops:
     ) -> None:
         n = walls.size
         velocity = np.zeros(n) if velocity is None else velocity
-        self.bodies = Bodies(
-            walls.inertia, walls.damping, walls.coulomb, position, velocity, walls.effects
-        )
+        self.bodies = _bodies(walls, position, velocity)
         self.k = 0
         self.hand: FloatArray | None = None
         self._walls = walls
@@ -184,7 +76,7 @@ class Loops:
         lagging = bool(walls.lag[0] > 0.0)
         loop = walls.current_loop
         self._current = None if loop is None else CurrentLoops(loop, velocity)
-        self._late: Held | None = self._over(walls.lag) if lagging else None
+        self._late = self._over(walls.lag) if lagging else None
         self._held = self._over(walls.rest)
         self._half = 0.5 * walls.backlash
         self._followed = position.copy()
@@ -196,6 +88,7 @@ class Loops:
         self._errors = walls.encoder
         self._period_ns = np.rint(walls.period * 1e9).astype(np.int64)
         self._separate = self._rounded or self._play or self._errors is not None
+        self._separate |= walls.transmission is not None
         if not self._separate:
             self._measured[0] = position
             self.bodies.position = self._measured[0]
@@ -204,7 +97,7 @@ class Loops:
     def _in_lanes(self) -> Lanes | None:
         """Return the compiled loop of these walls; None: they have what it lacks, or no Numba."""
         walls = self._walls
-        if (walls.effects, walls.current_loop, walls.encoder) != (None, None, None):
+        if any(getattr(walls, name) is not None for name in PARTS):
             return None
         run = compiled()
         if run is None:
@@ -373,7 +266,7 @@ class Loops:
         self._move(self._delayed(0), self._held, self._walls.rest, out)
         self.k = k + 1
 
-    def _over(self, duration: FloatArray) -> Held:
+    def _over(self, duration: FloatArray) -> Over:
         """Return the responses over this time; with current loops over a step of it."""
         return self.bodies.held(duration if self._current is None else duration / _steps(duration))
 
@@ -416,20 +309,26 @@ class Loops:
             np.multiply(torque, walls.torque_step, torque)
 
     def _move(
-        self, torque: FloatArray, over: Held, duration: FloatArray, out: FloatArray | None
+        self, torque: FloatArray, over: Over, duration: FloatArray, out: FloatArray | None
     ) -> None:
         """Move for ``duration`` [s] under commanded torques."""
         if self._current is None:
             self._step(torque, over, out)
             return
         for _ in range(_steps(duration)):
-            acting = self._current.held(torque, self.bodies.velocity, over.duration)
+            acting = self._current.held(torque, self.bodies.motor_velocity, over.duration)
             self._step(acting, over, out)
             out = None
 
-    def _step(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
+    def _step(self, torque: FloatArray, over: Over, out: FloatArray | None) -> None:
         bodies, followed = self.bodies, self._followed
         outside = 0.0 if self.hand is None else self.hand
+        if isinstance(bodies, ManyTwoMasses):
+            assert isinstance(over, HeldTwo)
+            bodies.step(torque, over, outside)
+            self._followed = bodies.position
+            return
+        assert isinstance(over, Held)
         if not self._play:
             bodies.step(torque, over, out, outside)
             if self._separate:
@@ -442,6 +341,20 @@ class Loops:
         np.maximum(followed, self._estimate, out=followed)
         np.add(bodies.position, self._half, self._estimate)
         np.minimum(followed, self._estimate, out=followed)
+
+
+def _bodies(walls: Walls, position: FloatArray, velocity: FloatArray) -> Bodies | ManyTwoMasses:
+    """Return the servos of walls.
+
+    Raises:
+        ValueError: A value is out of range, or they have a load and what it leaves out.
+    """
+    parts = (walls.inertia, walls.damping, walls.coulomb)
+    if walls.transmission is None:
+        return Bodies(*parts, position, velocity, walls.effects)
+    if walls.effects is not None or walls.backlash.any():
+        raise ValueError("servos with a transmission have backlash or effects; give none of them")
+    return ManyTwoMasses(*parts, walls.transmission, position, velocity)
 
 
 def _steps(duration: FloatArray) -> int:

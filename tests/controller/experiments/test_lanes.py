@@ -12,9 +12,10 @@ import pytest
 from haptic_wall.controller.experiments.maps import lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.compiled import Run, compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.maps.turning import growth
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 
 PERIOD = 1e-3

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Wall
