@@ -28,8 +28,10 @@ ROUNDING = 1e-11
 """Its bound without friction [rad]"""
 STATED_RATIO = 2e-3
 """The energy is looked at once a period: vibration and friction lose some of it meanwhile"""
-LOADED = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
-LOADED = (*LOADED, "servo.transmission_damping=0.03", "servo.torque_step=0")
+LOADED = (
+    *("servo.load_inertia=0.003", "servo.transmission_stiffness=200"),
+    *("servo.transmission_damping=0.03", "servo.torque_step=0"),
+)
 
 
 def drawn(seed: int, count: int, *, rough: bool) -> list[tuple[TrueServo, float, float]]:
