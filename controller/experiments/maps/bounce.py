@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks
@@ -108,10 +108,10 @@ class _Contact:
         if memory is None:
             self._loops.run(periods, self.at_sample, self.at_switch)
             return
-        self._loops.run_watched(periods, lanes.CONTACTS, memory)
-        self.leaving = memory[lanes.LEAVING]
-        np.not_equal(memory[lanes.ENTERED], 0.0, self.entered)
-        np.copyto(self._outside_for, memory[lanes.OUTSIDE], casting="unsafe")
+        self._loops.run_watched(periods, lane_rows.CONTACTS, memory)
+        self.leaving = memory[lane_rows.LEAVING]
+        np.not_equal(memory[lane_rows.ENTERED], 0.0, self.entered)
+        np.copyto(self._outside_for, memory[lane_rows.OUTSIDE], casting="unsafe")
 
     def at_sample(self) -> None:
         """Record the state at the end of a period."""

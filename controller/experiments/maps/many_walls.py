@@ -3,7 +3,7 @@
 Each wall is simulated to the last bit as the program would run it alone on the simulated clock with
 the simulated servo (without guard, safety and operator): the same operations in the same order, on
 blocks of walls that fit into the processor's cache. Where Numba is installed, blocks without
-current loops, further effects and encoder errors run compiled (``compiled``), with equal results.
+further effects and encoder errors run compiled (``compiled``), with equal results.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.compiled import Lanes, compiled
-from haptic_wall.controller.experiments.maps.walls import PARTS, Walls
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
 from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoops
-from haptic_wall.hw.plant.many_two_masses import HeldTwo, ManyTwoMasses
+from haptic_wall.hw.plant.many_two_masses import HeldTwo, ManyTwoMasses, Transmissions
 
 _WORTH = 8
 """Least number of periods that are worth a compiled call: it copies all walls"""
@@ -97,40 +97,69 @@ class Loops:
     def _in_lanes(self) -> Lanes | None:
         """Return the compiled loop of these walls; None: they have what it lacks, or no Numba."""
         walls = self._walls
-        if any(getattr(walls, name) is not None for name in PARTS):
+        if walls.effects is not None or walls.encoder is not None:
             return None
         run = compiled()
         if run is None:
             return None
-        fixed = np.zeros((lanes.FIXED, walls.size))
-        fixed[lanes.INERTIA] = walls.inertia
-        fixed[lanes.DECAY] = walls.damping / walls.inertia
-        fixed[lanes.COULOMB] = walls.coulomb
-        fixed[lanes.FRICTION] = walls.coulomb / walls.inertia
-        fixed[lanes.COUNTS] = walls.counts_per_radian
-        fixed[lanes.HALF] = self._half
-        fixed[lanes.LIMIT] = walls.torque_limit
-        fixed[lanes.STEP] = walls.torque_step
-        fixed[lanes.SOFTNESS] = self._minus_stiffness
-        fixed[lanes.VIRTUAL] = walls.virtual_damping
-        fixed[lanes.PERIOD] = walls.period
-        fixed[lanes.HELD : lanes.HELD + 4] = self._held
-        if self._late is not None:
-            fixed[lanes.LATE : lanes.LATE + 4] = self._late
-        fixed[lanes.FULL] = walls.torque_limit - walls.torque_step
-        fixed[lanes.GONE] = walls.whole + 2
+        fixed = np.zeros((lane_rows.FIXED, walls.size))
+        fixed[lane_rows.INERTIA] = walls.inertia
+        fixed[lane_rows.DECAY] = walls.damping / walls.inertia
+        fixed[lane_rows.COULOMB] = walls.coulomb
+        fixed[lane_rows.FRICTION] = walls.coulomb / walls.inertia
+        fixed[lane_rows.COUNTS] = walls.counts_per_radian
+        fixed[lane_rows.HALF] = self._half
+        fixed[lane_rows.LIMIT] = walls.torque_limit
+        fixed[lane_rows.STEP] = walls.torque_step
+        fixed[lane_rows.SOFTNESS] = self._minus_stiffness
+        fixed[lane_rows.VIRTUAL] = walls.virtual_damping
+        fixed[lane_rows.PERIOD] = walls.period
+        fixed[lane_rows.FULL] = walls.torque_limit - walls.torque_step
+        fixed[lane_rows.GONE] = walls.whole + 2
         traits = {
-            lanes.ONE_SIDED: self._one_sided,
-            lanes.IS_LIMITED: self._limited,
-            lanes.STEPPED: self._stepped,
-            lanes.ROUNDED: self._rounded,
-            lanes.PLAY: self._play,
-            lanes.FRICTIONAL: bool((walls.coulomb > 0.0).any()),
-            lanes.LAGS: self._late is not None,
-            lanes.SAMPLES: self._samples,
+            lane_rows.ONE_SIDED: self._one_sided,
+            lane_rows.IS_LIMITED: self._limited,
+            lane_rows.STEPPED: self._stepped,
+            lane_rows.ROUNDED: self._rounded,
+            lane_rows.PLAY: self._play,
+            lane_rows.FRICTIONAL: bool((walls.coulomb > 0.0).any()),
+            lane_rows.LAGS: self._late is not None,
+            lane_rows.SAMPLES: self._samples,
         }
+        loads = drives = None
+        if walls.transmission is not None:
+            loads = self._loads(walls.transmission)
+        if self._current is not None:
+            drives = np.zeros((lane_rows.DRIVES, walls.size))
+            drives[: lane_rows.SHARES] = self._current.parameters
+        for part, (over, whole) in enumerate(((self._late, walls.lag), (self._held, walls.rest))):
+            if isinstance(over, Held):
+                row = (lane_rows.LATE, lane_rows.HELD)[part]
+                fixed[row : row + 4] = over
+            elif over is not None:
+                assert loads is not None
+                row = lane_rows.RESPONSES + part * lane_rows.RESPONSE
+                loads[row : row + 16] = over.slide.reshape(16, -1)
+                loads[row + 16 : row + 20] = over.stick.reshape(4, -1)
+                loads[row + 20] = over.duration / over.parts
+                traits[lane_rows.PARTS_LATE + part] = over.parts
+            if self._current is not None and over is not None:
+                assert drives is not None
+                traits[lane_rows.STEPS_LATE + part] = _steps(whole)
+                row = lane_rows.SHARES + 2 * part
+                drives[row : row + 2] = self._current.shares(over.duration)
         delays = [(whole, part.start, part.stop) for whole, part in self._delays]
-        return Lanes(run, traits, np.array(delays, dtype=np.int64), fixed)
+        return Lanes(run, traits, np.array(delays, dtype=np.int64), fixed, loads, drives)
+
+    def _loads(self, transmission: Transmissions) -> FloatArray:
+        """Return what does not change of servos with a load; the responses are still missing."""
+        loads = np.zeros((lane_rows.LOADS, self._walls.size))
+        loads[lane_rows.LOAD] = transmission.load_inertia
+        loads[lane_rows.SPRING] = transmission.stiffness
+        loads[lane_rows.LOSS] = transmission.damping
+        loads[lane_rows.VISCOUS] = self._walls.damping
+        loads[lane_rows.ON_MOTOR] = transmission.on_motor
+        return loads
 
     def run(
         self,
@@ -145,7 +174,8 @@ class Loops:
             watch: Called after each.
             at_switch: Called where the torque changes within a period, if it does.
         """
-        if self.lanes is not None and watch is None and at_switch is None and periods >= _WORTH:
+        alone = watch is None and at_switch is None and not self._pushed
+        if self.lanes is not None and alone and periods >= _WORTH:
             self._run_in_lanes(periods)
             return
         for _ in range(periods):
@@ -160,7 +190,7 @@ class Loops:
 
         Args:
             periods: Number of periods.
-            observer: ``lanes.TURNINGS`` or ``lanes.CONTACTS``.
+            observer: ``lane_rows.TURNINGS`` or ``lane_rows.CONTACTS``.
             seen: Its memory, from ``Lanes.seen``.
             turned: Gets the turning points, shape (5, room); see ``lanes.run``.
 
@@ -176,7 +206,7 @@ class Loops:
             The positions at the ends of the periods [rad], same shape.
         """
         course = np.empty(hands.shape)
-        if self.lanes is not None:
+        if self.lanes is not None and self._current is None:
             self._run_in_lanes(len(hands), hands=hands, course=course)
             return course
         for given, position in zip(hands, course, strict=True):
@@ -189,7 +219,7 @@ class Loops:
         self,
         periods: int,
         *,
-        observer: int = lanes.NOBODY,
+        observer: int = lane_rows.NOBODY,
         seen: FloatArray | None = None,
         turned: FloatArray | None = None,
         hands: FloatArray | None = None,
@@ -213,6 +243,8 @@ class Loops:
             seen=seen,
             turned=turned,
             course=course,
+            masses=bodies.state if isinstance(bodies, ManyTwoMasses) else None,
+            currents=None if self._current is None else self._current.state,
         )
         self.k += periods
         if not self._separate:  # the next measured position
@@ -224,6 +256,11 @@ class Loops:
         elif self._separate:
             self._followed = bodies.position
         return count
+
+    @property
+    def _pushed(self) -> bool:
+        """Whether an operator pushes behind current loops, which run in arrays then."""
+        return self.hand is not None and self._current is not None
 
     @property
     def walls(self) -> Walls:

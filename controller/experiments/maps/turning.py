@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks
@@ -206,14 +206,14 @@ class Turnings:
             return
         memory = self._memory
         turned = np.empty((5, memory.shape[1] * periods))  # room for all; hardly any is touched
-        count = self._loops.run_watched(periods, lanes.TURNINGS, memory, turned)
+        count = self._loops.run_watched(periods, lane_rows.TURNINGS, memory, turned)
         if count:
             index, when, before, after, position = turned[:, :count]
             self._seen.append((index.astype(np.intp), before, after, position))
             self._when.append(when)
         if self._limited is not None:
-            np.not_equal(memory[lanes.LIMITED], 0.0, self._limited)
-            memory[lanes.LIMITED] = 0.0
+            np.not_equal(memory[lane_rows.LIMITED], 0.0, self._limited)
+            memory[lane_rows.LIMITED] = 0.0
 
     def watch(self) -> None:
         """Process the period that has just passed."""

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps import lanes, many_walls
+from haptic_wall.controller.experiments.maps import lane_rest, lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.compiled import Run, compiled
+from haptic_wall.controller.experiments.maps.compiled import Run, compiled, fingerprint
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.maps.turning import growth
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 
 PERIOD = 1e-3
 SOME = 7
@@ -106,6 +109,43 @@ def test_random_walls_move_as_the_arrays_do(
         for one, other in zip(states(found), states(expected), strict=True):
             np.testing.assert_array_equal(one, other)
     assert np.ptp(found.bodies.position) > 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_servos_with_a_current_loop_move_as_in_the_arrays(
+    run: Run, arrays: pytest.MonkeyPatch, seed: int
+) -> None:
+    few = run is lanes.run
+    walls = drawn(seed, 3 if few else 150)
+    random, one = np.random.default_rng(seed), np.ones(walls.size)
+    back_emf, dead, lagging = (bool(seed & bit) for bit in (1, 2, 4))
+    stall = 40.0 * walls.inertia
+    parameters = CurrentLoopParameters(
+        bandwidth=random.uniform(50.0, 300.0, walls.size) * (lagging or not back_emf),
+        dead_band=0.2 * walls.inertia * dead,
+        back_emf=stall / 5.0 * back_emf,
+        stall_torque=stall,
+        droop=0.1 * one,
+    )
+    walls = replace(walls, current_loop=parameters)
+    start, velocity = random.normal(0.0, 0.1, (2, walls.size))
+    expected = Loops(walls, start, velocity)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, start, velocity)
+    assert found.lanes is not None
+    for part in (1, 8 if few else 200, 3):
+        expected.run(part)
+        found.run(part)
+        for one, other in zip(states(found), states(expected), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    before = fingerprint()
+    changed = tmp_path / "lane_rest.py"
+    changed.write_text(Path(str(lane_rest.__file__)).read_text() + "# more")
+    monkeypatch.setattr(lane_rest, "__file__", str(changed))
+    assert fingerprint() != before
 
 
 def test_the_draws_have_every_trait_and_its_absence() -> None:

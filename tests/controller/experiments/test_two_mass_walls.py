@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
+from haptic_wall.controller.experiments.maps import lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.maps import MapSettings, critical_map
+from haptic_wall.controller.experiments.maps.turning import growth
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import flexible_boundary
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import returned as chain_returned
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.many_two_masses import ManyTwoMasses, Transmissions
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
@@ -26,6 +31,8 @@ STATED = 1e-7
 [rad]: an array looks for events at other instants"""
 ROUNDING = 1e-11
 """Its bound without friction [rad]"""
+COMPILED = 1e-9
+"""The compiled loop solves for its events one by one [rad, rad/s, 1]"""
 STATED_RATIO = 2e-3
 """The energy is looked at once a period: vibration and friction lose some of it meanwhile"""
 LOADED = (
@@ -76,6 +83,11 @@ def drawn(seed: int, count: int, *, rough: bool) -> list[tuple[TrueServo, float,
         )
         found.append((servo, random.uniform(0.2, 0.9) * limit, 0.5 * servo.damping))
     return found
+
+
+def states(loops: Loops) -> list[FloatArray]:
+    assert isinstance(loops.bodies, ManyTwoMasses)
+    return [loops.bodies.state, loops.bodies.position, loops.bodies.velocity, loops.measured]
 
 
 def as_walls(given: list[tuple[TrueServo, float, float]], *, one_sided: bool = False) -> Walls:
@@ -144,6 +156,52 @@ def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough:
     assert np.ptp(found, axis=0).min() > 1e-3
     if rough:
         assert rests > 0, "no motor ever came to rest"
+
+
+@pytest.mark.parametrize("drive", [False, True], ids=["", "current-loop"])
+@pytest.mark.parametrize("seed", range(8))
+def test_compiled_walls_move_as_the_arrays_do(
+    monkeypatch: pytest.MonkeyPatch, seed: int, drive: bool, thorough: bool
+) -> None:
+    pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
+    given = drawn(seed, 200 if thorough else 20, rough=bool(seed % 3))
+    walls = as_walls(given)
+    if drive:
+        one = np.ones(walls.size)
+        stall = 50.0 * walls.inertia
+        loops = CurrentLoopParameters(
+            150.0 * one, 0.1 * walls.inertia, stall / 5.0, stall, 0.1 * one
+        )
+        walls = replace(walls, current_loop=loops)
+    starts = np.array([servo.position for servo, _, _ in given])
+    for index in blocks(walls):
+        some = walls.take(index)
+        expected, found = (Loops(some, starts[index], compile_=way) for way in (False, True))
+        assert found.lanes is not None
+        for part in (1, 200, 8):  # one period runs in arrays: each takes over from the other
+            expected.run(part)
+            found.run(part)
+            for one, other in zip(states(found), states(expected), strict=True):
+                np.testing.assert_allclose(one, other, rtol=0.0, atol=COMPILED)
+    asked = returned if seed % 2 else partial(growth, cycles=3.0)
+    walls = replace(walls, one_sided=np.full(walls.size, bool(seed % 2))).take(slice(0, 4))
+    kick = np.full(walls.size, 0.05)
+    answer = asked(walls, kick)
+    monkeypatch.setattr(many_walls, "compiled", lambda: None)
+    np.testing.assert_allclose(answer, asked(walls, kick), rtol=0.0, atol=COMPILED)
+
+
+def test_the_source_of_the_compiled_loop_does_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = drawn(3, 3, rough=True)
+    walls, starts = as_walls(given), np.array([servo.position for servo, _, _ in given])
+    monkeypatch.setattr(many_walls, "compiled", lambda: lanes.run)
+    for index in blocks(walls):
+        some = walls.take(index)
+        expected, found = (Loops(some, starts[index], compile_=way) for way in (False, True))
+        expected.run(40)
+        found.run(40)
+        for one, other in zip(states(found), states(expected), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=COMPILED)
 
 
 def test_the_simulated_limit_without_friction_is_the_exact_one() -> None:
