@@ -160,9 +160,7 @@ def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough:
 
 @pytest.mark.parametrize("drive", [False, True], ids=["", "current-loop"])
 @pytest.mark.parametrize("seed", range(8))
-def test_compiled_walls_move_as_the_arrays_do(
-    monkeypatch: pytest.MonkeyPatch, seed: int, drive: bool, thorough: bool
-) -> None:
+def test_compiled_walls_move_as_the_arrays_do(seed: int, drive: bool, thorough: bool) -> None:
     pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
     given = drawn(seed, 200 if thorough else 20, rough=bool(seed % 3))
     walls = as_walls(given)
@@ -183,9 +181,16 @@ def test_compiled_walls_move_as_the_arrays_do(
             found.run(part)
             for one, other in zip(states(found), states(expected), strict=True):
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=COMPILED)
-    asked = returned if seed % 2 else partial(growth, cycles=3.0)
-    walls = replace(walls, one_sided=np.full(walls.size, bool(seed % 2))).take(slice(0, 4))
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_growths_and_returned_speeds_are_those_of_the_arrays(
+    monkeypatch: pytest.MonkeyPatch, one_sided: bool, thorough: bool
+) -> None:
+    pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
+    walls = as_walls(drawn(5, 20 if thorough else 3, rough=True), one_sided=one_sided)
     kick = np.full(walls.size, 0.05)
+    asked = returned if one_sided else partial(growth, cycles=3.0)
     answer = asked(walls, kick)
     monkeypatch.setattr(many_walls, "compiled", lambda: None)
     np.testing.assert_allclose(answer, asked(walls, kick), rtol=0.0, atol=COMPILED)
