@@ -95,6 +95,7 @@ class Lanes:
         fixed: What does not change, shape (FIXED, n).
         loads: The same of servos with a load, shape (LOADS, n); None: they are rigid.
         drives: The same of servos with a current loop, shape (DRIVES, n); None: they have none.
+        table: Positions and elongations of a law, shape (2, rows); None: walls.
     """
 
     def __init__(
@@ -105,6 +106,7 @@ class Lanes:
         fixed: FloatArray,
         loads: FloatArray | None,
         drives: FloatArray | None,
+        table: FloatArray | None,
     ) -> None:
         self._run = run
         self._traits = np.zeros(lane_rows.TRAITS, dtype=np.int64)
@@ -114,6 +116,7 @@ class Lanes:
         self.fixed = fixed
         self._nothing = np.empty((0, 0))
         self._loads = self._nothing if loads is None else loads
+        self._table = self._nothing if table is None else table
         self._drives = self._nothing if drives is None else drives
 
     def seen(self, *first: FloatArray) -> FloatArray:
@@ -158,4 +161,5 @@ class Lanes:
             self._nothing if masses is None else masses,
             self._drives,
             self._nothing if currents is None else currents,
+            self._table,
         )

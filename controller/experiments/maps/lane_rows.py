@@ -76,7 +76,9 @@ STEPS_LATE: Final = 11
 """Steps of the current loops before the torque changes; 0: no current loops"""
 STEPS_HELD: Final = 12
 """The same, after it"""
-TRAITS: Final = 13
+IN_CONTACT: Final = 13
+"""The law acts in contact only, and never pulls"""
+TRAITS: Final = 14
 
 # Rows of ``loads``: two masses.
 LOAD: Final = 0

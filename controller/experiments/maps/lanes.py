@@ -186,6 +186,7 @@ def run(
     masses: FloatArray,
     drives_fixed: FloatArray,
     currents: FloatArray,
+    table: FloatArray,
 ) -> int:
     """Simulate all walls for some periods, in place.
 
@@ -208,6 +209,7 @@ def run(
         masses: Twist, speeds of motor and output, and position of the output, shape (4, n).
         drives_fixed: Of servos with a current loop, shape (DRIVES, n); else without rows.
         currents: Voltage and velocity at the last step, shape (2, n).
+        table: Positions and elongations of a law [rad], shape (2, rows); without rows: walls.
 
     Returns:
         The number of turning points.
@@ -231,7 +233,7 @@ def run(
         for now in range(k, k + periods):
             ago = min(now, traits[SAMPLES])
             sense(w, traits, measured, first, lanes, now, ago, k)
-            command(w, traits, ago)
+            command(w, traits, table, ago)
             row = now % torques.shape[0]
             for i in range(lanes):
                 torques[row, first + i] = w[TORQUE * LANES + i]

@@ -68,7 +68,7 @@ class Loops:
             for first, last in itertools.pairwise(cuts)
         ]
         self._acting = np.empty(n)
-        self._one_sided = bool(walls.one_sided[0])
+        self._one_sided = walls.law is None and bool(walls.one_sided[0])
         self._rounded = bool(walls.counts_per_radian[0] > 0.0)
         self._limited = bool(np.isfinite(walls.torque_limit[0]))
         self._stepped = bool(walls.torque_step[0] > 0.0)
@@ -149,7 +149,13 @@ class Loops:
                 row = lane_rows.SHARES + 2 * part
                 drives[row : row + 2] = self._current.shares(over.duration)
         delays = [(whole, part.start, part.stop) for whole, part in self._delays]
-        return Lanes(run, traits, np.array(delays, dtype=np.int64), fixed, loads, drives)
+        law = walls.law
+        table = None
+        if law is not None:
+            table = np.array([law.positions, law.elongations])
+            traits[lane_rows.IN_CONTACT] = not law.everywhere
+        whole = np.array(delays, dtype=np.int64)
+        return Lanes(run, traits, whole, fixed, loads, drives, table)
 
     def _loads(self, transmission: Transmissions) -> FloatArray:
         """Return what does not change of servos with a load; the responses are still missing."""
@@ -321,7 +327,9 @@ class Loops:
         """Store the wall's torque, limited and rounded, in ``torque``."""
         walls, estimate = self._walls, self._estimate
         back = min(self.k, self._samples)
-        np.multiply(self._minus_stiffness, measured, torque)
+        law = walls.law
+        away = measured if law is None else law.elongation(measured)
+        np.multiply(self._minus_stiffness, away, torque)
         if back:
             earlier = self._measured[(self.k - back) % self._measured.shape[0]]
             np.subtract(measured, earlier, estimate)
@@ -329,6 +337,8 @@ class Loops:
             np.divide(estimate, over, estimate)
             np.multiply(walls.virtual_damping, estimate, estimate)
             np.subtract(torque, estimate, torque)
+        if law is not None and not law.everywhere:
+            torque[(away == 0.0) | (away * torque >= 0.0)] = 0.0
         if self._one_sided:
             np.minimum(torque, 0.0, out=torque)
             np.less_equal(measured, 0.0, self._outside)

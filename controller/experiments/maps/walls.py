@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
@@ -67,6 +68,9 @@ class Walls:
     transmission: Transmissions | None = None
     """Loads behind a transmission, without backlash and ``effects``; None: the servos are rigid"""
 
+    law: Table | None = None
+    """In place of the wall, whose ``one_sided`` is then not used; None: the wall"""
+
     @property
     def size(self) -> int:
         """Return the number of walls."""
@@ -93,7 +97,7 @@ class Walls:
         return Walls(**{**values, "stiffness": stiffness.ravel()})
 
 
-PARTS = ("current_loop", "effects", "encoder", "transmission")
+PARTS = ("current_loop", "effects", "encoder", "transmission", "law")
 """Fields of ``Walls`` that are no arrays, and may be None"""
 
 
