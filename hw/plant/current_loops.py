@@ -93,4 +93,5 @@ class CurrentLoops:
         fraction, rest = self.shares(duration)
         gap = np.where(rest < 1.0, voltage - target, 0.0)
         np.copyto(voltage, target + gap * rest)
-        return target + gap * fraction - back_emf
+        result: Floats = target + gap * fraction - back_emf
+        return result

@@ -237,11 +237,12 @@ def run(
             row = now % torques.shape[0]
             for i in range(lanes):
                 torques[row, first + i] = w[TORQUE * LANES + i]
-            before = row - 1 if row else torques.shape[0] - 1
-            for part in range(0 if traits[LAGS] else 1, 2):
-                over, which = (held, row) if part else (late, before)
-                delayed(w, delays, torques, hands, first, lanes, which, now - k, least, most)
-                act(w, traits, over, loads, drives, terms, part)
+            if traits[LAGS]:
+                before = row - 1 if row else torques.shape[0] - 1
+                delayed(w, delays, torques, hands, first, lanes, before, now - k, least, most)
+                act(w, traits, late, loads, drives, terms, 0)
+            delayed(w, delays, torques, hands, first, lanes, row, now - k, least, most)
+            act(w, traits, held, loads, drives, terms, 1)
             if traits[OBSERVER] == CONTACTS:
                 stay(w)
             elif traits[OBSERVER] == TURNINGS:

@@ -154,8 +154,8 @@ class Loops:
         if law is not None:
             table = np.array([law.positions, law.elongations])
             traits[lane_rows.IN_CONTACT] = not law.everywhere
-        whole = np.array(delays, dtype=np.int64)
-        return Lanes(run, traits, whole, fixed, loads, drives, table)
+        each = np.array(delays, dtype=np.int64)
+        return Lanes(run, traits, each, fixed, loads, drives, table)
 
     def _loads(self, transmission: Transmissions) -> FloatArray:
         """Return what does not change of servos with a load; the responses are still missing."""
