@@ -68,14 +68,10 @@ LAGS: Final = 6
 SAMPLES: Final = 7
 """N of the velocity difference"""
 OBSERVER: Final = 8
-PARTS_LATE: Final = 9
-"""Substeps of two masses before the torque changes"""
-PARTS_HELD: Final = 10
-"""The same, after it"""
-STEPS_LATE: Final = 11
-"""Steps of the current loops before the torque changes; 0: no current loops"""
-STEPS_HELD: Final = 12
-"""The same, after it"""
+PARTS: Final = 9
+"""Substeps of two masses: before the torque changes, and after"""
+STEPS: Final = 11
+"""Steps of the current loops, the same; 0: no current loops"""
 IN_CONTACT: Final = 13
 """The law acts in contact only, and never pulls"""
 TRAITS: Final = 14

@@ -45,13 +45,13 @@ from haptic_wall.controller.experiments.maps.lane_rows import (
     LOADS,
     LOADS_ROWS,
     OBSERVER,
-    PARTS_LATE,
+    PARTS,
     PLAY,
     POSITION,
     ROWS,
     SAMPLES,
     SEEN,
-    STEPS_LATE,
+    STEPS,
     TORQUE,
     TURNINGS,
     VELOCITY,
@@ -88,11 +88,11 @@ def act(
     """Move all servos for a part of a period: 0 before the torque changes, 1 after it."""
     if drives.shape[0]:
         aim(w, drives)
-    for _ in range(max(1, traits[STEPS_LATE + part])):
+    for _ in range(max(1, traits[STEPS + part])):
         if drives.shape[0]:
             drive(w, drives, loads, part)
         if loads.shape[0]:
-            swing(w, loads, terms, part, traits[PARTS_LATE + part])
+            swing(w, loads, terms, part, traits[PARTS + part])
         else:
             move(w, traits, over)
     if traits[OBSERVER] != CONTACTS:

@@ -142,10 +142,10 @@ class Loops:
                 loads[row : row + 16] = over.slide.reshape(16, -1)
                 loads[row + 16 : row + 20] = over.stick.reshape(4, -1)
                 loads[row + 20] = over.duration / over.parts
-                traits[lane_rows.PARTS_LATE + part] = over.parts
+                traits[lane_rows.PARTS + part] = over.parts
             if self._current is not None and over is not None:
                 assert drives is not None
-                traits[lane_rows.STEPS_LATE + part] = _steps(whole)
+                traits[lane_rows.STEPS + part] = _steps(whole)
                 row = lane_rows.SHARES + 2 * part
                 drives[row : row + 2] = self._current.shares(over.duration)
         delays = [(whole, part.start, part.stop) for whole, part in self._delays]
