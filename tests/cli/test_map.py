@@ -28,7 +28,7 @@ from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.claim import claimed
-from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -109,6 +109,27 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(
     assert "1 ms" in out
     assert str(tmp_path / "new" / "map.png") in out
     assert "from servo" not in out
+
+
+def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    load = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
+    load = (*load, "servo.transmission_damping=0.03", "wall.side=both", "servo.coulomb=0")
+    sets = [part for each in (*load, "servo.counts_per_rev=0") for part in ("--set", each)]
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.05", "--delay-steps=1", *sets]
+    status, out, _ = run(capsys, *few, "--json")
+    assert status == 0
+    report = json.loads(out)
+    (point,) = report["points"]
+    exact = flexible_boundary(0.012, 0.0117, 0.003, 200.0, 0.03, 0.05, 1e-3, 1e-3).stiffness
+    assert point["exact"] == pytest.approx(float(exact), rel=0.02), (
+        "the servo's damping is about this"
+    )
+    assert point["simulated"] == pytest.approx(point["exact"], rel=2e-3)
+    assert report["servo"]["load_inertia"] == 0.003
+    assert (tmp_path / "map.png").read_bytes().startswith(PNG)
+    status, _, err = run(capsys, *few, "--delay-steps=31")
+    assert status == 2
+    assert "--delay-steps: found 31 periods of delay" in err
 
 
 @pytest.mark.parametrize(
