@@ -26,6 +26,8 @@ _DRAWING = 60e6
 """Memory of Matplotlib and of the theory's limits that are computed together [bytes]"""
 _POINT = 100.0
 """Memory of a point in arrays, tasks and picture [bytes]"""
+_LIMITS_S = 8e-4
+"""Approximate time of the theory's limits of one damping and delay, in this process [s]"""
 _SAMPLE = 3
 """Number of measured tasks: from the slowest to the quickest"""
 
@@ -77,6 +79,7 @@ def planned(question: MapQuestion, store: MapStore, processes: int) -> MapPlan:
     rest = sum(task.size for task in left) * len(question.kicks) - some
     share = question.points / max(some, 1)
     time_s = seconds / max(some, 1) * rest / processes
+    time_s += _LIMITS_S * len(question.dampings) * len(question.delay_steps)
     memory = _held() + _DRAWING + _POINT * question.points
     return MapPlan(question.points, time_s, memory, share * written.tell())
 

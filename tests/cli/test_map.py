@@ -112,9 +112,10 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(
 
 
 def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    load = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
-    load = (*load, "servo.transmission_damping=0.03", "wall.side=both", "servo.coulomb=0")
-    sets = [part for each in (*load, "servo.counts_per_rev=0") for part in ("--set", each)]
+    load = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
+    load += ["servo.transmission_damping=0.03", "wall.side=both"]
+    load += ["servo.coulomb=0", "servo.counts_per_rev=0"]
+    sets = [part for each in load for part in ("--set", each)]
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.05", "--delay-steps=1", *sets]
     status, out, _ = run(capsys, *few, "--json")
     assert status == 0
