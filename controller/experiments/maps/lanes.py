@@ -76,6 +76,13 @@ def move(w: FloatArray, traits: IntArray, over: FloatArray) -> None:
         follow(w)
 
 
+def act_plainly(w: FloatArray, traits: IntArray, over: FloatArray) -> None:
+    """Move servos without either for a part of a period; ``act`` costs them some per cent."""
+    move(w, traits, over)
+    if traits[OBSERVER] == CONTACTS:
+        look(w, over)
+
+
 def act(
     w: FloatArray,
     traits: IntArray,
@@ -85,7 +92,10 @@ def act(
     terms: FloatArray,
     part: int,
 ) -> None:
-    """Move all servos for a part of a period: 0 before the torque changes, 1 after it."""
+    """Move servos with a load or a current loop for a part of a period.
+
+    The part is 0 before the torque changes, and 1 after it.
+    """
     if drives.shape[0]:
         aim(w, drives)
     for _ in range(max(1, traits[STEPS + part])):
@@ -159,6 +169,12 @@ def store(
         body[2, first + i] = w[following * LANES + i]
 
 
+def trace(w: FloatArray, course: FloatArray, row: int, first: int, lanes: int) -> None:
+    """Record the positions, where that is wanted."""
+    for i in range(lanes if course.shape[0] else 0):
+        course[row, first + i] = w[POSITION * LANES + i]
+
+
 def among(delays: IntArray, first: int, last: int) -> tuple[int, int]:
     """Return the first delay, and the one behind the last, of these walls."""
     least, most = 0, delays.shape[0]
@@ -218,6 +234,7 @@ def run(
     loads = np.zeros(LOADS_ROWS * LANES if loads_fixed.shape[0] else 0)
     drives = np.zeros(DRIVES_ROWS * LANES if drives_fixed.shape[0] else 0)
     terms = np.zeros((5, TERMS))
+    plain = loads.shape[0] + drives.shape[0] == 0
     walls = fixed.shape[1]
     count = 0
     for first in range(0, walls, LANES):
@@ -240,15 +257,20 @@ def run(
             if traits[LAGS]:
                 before = row - 1 if row else torques.shape[0] - 1
                 delayed(w, delays, torques, hands, first, lanes, before, now - k, least, most)
-                act(w, traits, late, loads, drives, terms, 0)
+                if plain:
+                    act_plainly(w, traits, late)
+                else:
+                    act(w, traits, late, loads, drives, terms, 0)
             delayed(w, delays, torques, hands, first, lanes, row, now - k, least, most)
-            act(w, traits, held, loads, drives, terms, 1)
+            if plain:
+                act_plainly(w, traits, held)
+            else:
+                act(w, traits, held, loads, drives, terms, 1)
             if traits[OBSERVER] == CONTACTS:
                 stay(w)
             elif traits[OBSERVER] == TURNINGS:
                 count = turn(w, first, lanes, now + 1, traits[IS_LIMITED] != 0, turned, count)
-            for i in range(lanes if course.shape[0] else 0):
-                course[now - k, first + i] = w[POSITION * LANES + i]
+            trace(w, course, now - k, first, lanes)
         store(w, traits, seen, body, first, lanes)
         back(loads, masses, LOADS, first, lanes)
         back(drives, currents, DRIVES, first, lanes)
