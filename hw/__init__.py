@@ -1,1 +1,1 @@
-"""Moves the servo; knows no wall."""
+"""Drives or simulates a servo; knows no wall."""

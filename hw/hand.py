@@ -1,4 +1,4 @@
-"""A person's hand on a simulated servo: a place in shared memory, written 30 times a second.
+"""Passes a person's hand position to a simulated servo by shared memory, 30 times a second.
 
 The spring between the hand and the shaft is part of the simulated motion, and only the hand's
 position comes from outside: a spring closed over that connection would be unstable. Between two

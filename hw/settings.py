@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Final, Literal
+from itertools import pairwise
+from typing import Any, Final, Literal, NamedTuple
 
 EMULATED: Final = "emulated"
 """The port value that selects the program's own emulated bus"""
@@ -16,11 +19,58 @@ EncoderSide = Literal["output", "motor"]
 
 MOST_LOAD_FRICTION: Final = 0.9
 """Largest ``TrueServo.load_friction``: from 1 on no torque would ever move the servo"""
+MOST_LINKS: Final = 8
+"""Longest ``TrueServo.chain``"""
 LEAST_STRIBECK_EXPONENT: Final = 0.5
 MOST_STRIBECK_EXPONENT: Final = 10.0
 """Range of ``TrueServo.stribeck_exponent``: published fits have 0.76 to 8.7"""
 MOST_TORQUE_RIPPLE: Final = 0.9
 """Largest ``TrueServo.torque_ripple``: from 1 on the motor would turn round"""
+
+
+class Link(NamedTuple):
+    """A mass, and the joint that holds it to the mass before it."""
+
+    inertia: float
+    """[kg·m²], > 0"""
+    stiffness: float
+    """Of the joint [N·m/rad], > 0"""
+    damping: float
+    """Of the joint [N·m·s/rad], >= 0"""
+
+
+class Vibration(NamedTuple):
+    """One vibration of a chain of masses whose ends are free."""
+
+    rate: float
+    """Without damping [rad/s]"""
+    ratio: float
+    """Damping ratio by the joints alone, to first order"""
+
+
+def vibrations(inertia: float, links: Sequence[Link]) -> list[Vibration]:
+    """Return the vibrations of a chain, the slowest first: one for each joint.
+
+    Args:
+        inertia: Inertia of the first mass [kg·m²].
+        links: The masses behind it, at least one.
+    """
+    if len(links) == 1:
+        rate = math.sqrt(links[0].stiffness * (1.0 / inertia + 1.0 / links[0].inertia))
+        return [Vibration(rate, 0.5 * rate * links[0].damping / links[0].stiffness)]
+    import numpy as np  # not at the top: of an emulated bus it is half the start
+
+    # In q = sqrt(k) twist the chain is q'' = -S (q + (c/k) q'), with a symmetric S.
+    ease = [1.0 / inertia, *(1.0 / link.inertia for link in links)]
+    root = np.sqrt([link.stiffness for link in links])
+    whole = np.diag([a + b for a, b in pairwise(ease)])
+    beside = np.arange(len(links) - 1)
+    whole[beside, beside + 1] = whole[beside + 1, beside] = np.negative(ease[1:-1])
+    squares, shapes = np.linalg.eigh(whole * root * root[:, None])
+    rates = np.sqrt(np.maximum(squares, 0.0))
+    fades = np.array([link.damping / link.stiffness for link in links])
+    ratios = 0.5 * rates * (shapes**2 * fades[:, None]).sum(axis=0)
+    return list(map(Vibration, rates.tolist(), ratios.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +102,9 @@ class TrueServo:
     """[N·m/rad], > 0 with a ``load_inertia``, else 0"""
     transmission_damping: float = 0.0
     """[N·m·s/rad], >= 0"""
+    chain: tuple[Link, ...] = ()
+    """Further masses behind the output, each on the one before; operator and weight are then at
+    the last one"""
     encoder: EncoderSide = "output"
     """Side of the transmission that the encoder measures"""
     static_friction: float = 0.0
@@ -139,7 +192,13 @@ class TrueServo:
     @property
     def flexible(self) -> bool:
         """Whether a transmission lies between motor and output."""
-        return any((self.load_inertia, self.transmission_stiffness, self.transmission_damping))
+        return any(self.links[0]) or bool(self.chain)
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Return the output and the masses behind it."""
+        output = Link(self.load_inertia, self.transmission_stiffness, self.transmission_damping)
+        return output, *self.chain
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,6 +234,6 @@ RARE: tuple[Recipe, ...] = (false_blocks, sparse)
 
 
 def crafted(random: Random) -> tuple[str, Log]:
-    """A log with right checksums that nobody's run wrote; which recipe, and it."""
+    """Return the name of a recipe, and a log with right checksums that no run wrote."""
     recipe = random.choice(RARE if random.random() < 0.05 else RECIPES)
     return recipe.__name__, recipe(random)

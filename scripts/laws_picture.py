@@ -42,11 +42,7 @@ STIFFNESS = 8.0
 
 
 def drawn(path: Path) -> None:
-    """Draw the picture.
-
-    Args:
-        path: Where it is written.
-    """
+    """Draw the picture."""
     way = np.linspace(-REACH, REACH, 1601)
     with picture(path, PAGE, 7.2) as figure:
         axes = figure.subplots(5, 2, sharex=True).ravel()

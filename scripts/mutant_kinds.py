@@ -214,13 +214,7 @@ class _DropNot(ast.NodeTransformer):
 
 
 def mutants_of(role: str, path: str, source: str) -> list[Mutant]:
-    """All mutants of a module.
-
-    Args:
-        role: Role of the module.
-        path: From the folder of the project.
-        source: Text of the module.
-    """
+    """All mutants of a module."""
     tree = ast.parse(source)
     numbers = statement_numbers(tree)
     lines = source.splitlines()
@@ -290,12 +284,7 @@ def _nested(block: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
 
 
 def watched(path: str, source: str) -> str:
-    """The module, telling ``builtins.mutant_hits`` (a set's add) which statements run.
-
-    Args:
-        path: From the folder of the project.
-        source: Text of the module.
-    """
+    """The module, telling ``builtins.mutant_hits`` (a set's add) which statements run."""
     tree = ast.parse(source)
     numbers = statement_numbers(tree)
     for block in list(_function_blocks(tree)):
@@ -331,11 +320,7 @@ def modules_of(root: Path, role: str) -> list[Path]:
 
 
 def all_mutants(root: Path) -> list[Mutant]:
-    """The mutants of all roles in a tree; where two have the same id, the later ones get a number.
-
-    Args:
-        root: The folder of the project.
-    """
+    """The mutants of all roles in a tree; of those with the same id the later ones get a number."""
     found: list[Mutant] = []
     seen: Counter[str] = Counter()
     for role in ROLES:

@@ -399,7 +399,6 @@ def _options() -> argparse.Namespace:
     add("--seed", type=int, default=1, metavar="S", help="says which")
     add("--role", nargs="+", choices=ROLES, default=list(ROLES), help="where they are put")
     add("--like", type=Path, metavar="FILE", help="try those that were noticed in this result")
-    add("--again", action="store_true", help="try once more those that survived")
     add("--out", type=Path, default=OUT, metavar="FILE", help="where results are, and are added")
     add(
         "--budget",
@@ -408,9 +407,7 @@ def _options() -> argparse.Namespace:
         metavar="S",
         help="processor time of the tests of one mutant, without it [s]",
     )
-    add("--minutes", type=float, metavar="M", help="begin none later than that")
     add("--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N")
-    add("--nice", type=int, default=15, metavar="N", help="how far below others' priority")
     add(
         "--compare",
         nargs=2,
@@ -445,23 +442,18 @@ def main() -> None:
         lost = list(compared(*(load(path).values() for path in options.compare)))
         print("\n".join([*lost, f"{len(lost)} noticed before are not noticed after"]))
         sys.exit(1 if lost else 0)
-    os.nice(options.nice)
-    until = time.monotonic() + 60.0 * (options.minutes or 1e9)
+    os.nice(15)
     wanted = _wanted(options)
     results = load(options.out)
     left = [
-        one
-        for one in wanted
-        if one.id not in results
-        or results[one.id]["before"] != one.before
-        or (options.again and results[one.id]["outcome"] not in NOTICED)
+        one for one in wanted if one.id not in results or results[one.id]["before"] != one.before
     ]
     _say(f"{len(wanted)} mutants, {len(left)} of them not tried yet")
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         workers = Workers(options.workers, ROOT, Path(folder))
         try:
             if left:
-                _try(left, results, workers, options, until)
+                _try(left, results, workers, options)
         finally:
             workers.close()
     own = [results[one.id] for one in wanted if one.id in results]
@@ -480,7 +472,6 @@ def _try(
     results: dict[str, Result],
     workers: Workers,
     options: argparse.Namespace,
-    until: float,
 ) -> None:
     """Try mutants; each result is written as soon as it is there."""
     roles = sorted({one.role for one in left})
@@ -491,8 +482,6 @@ def _try(
     def job_for(mutant: Mutant) -> Callable[[Path, Callable[..., Result]], None]:
         def job(tree: Path, run: Callable[..., Result]) -> None:
             nonlocal count
-            if time.monotonic() > until:
-                return
             one = tried(mutant, ROOT, tree, chosen(mutant, found, options.budget), run)
             with lock:
                 count += 1

@@ -20,13 +20,7 @@ _TEXTS = ("", "[", "[" * 100_000, "null", '{"step": 1e999}', "\0", "{}", "x" * 1
 
 
 def edited(random: Random, base: Path, folder: Path) -> str:
-    """Copy the folder of a finished commissioning, and change something in it; return the changes.
-
-    Args:
-        random: Draws the changes.
-        base: The finished one.
-        folder: Where the changed one is made.
-    """
+    """Copy the folder of a finished commissioning, and edit the copy; return the changes."""
     shutil.copytree(base, folder)
     (folder.parent / "secret").write_bytes(SECRET)
     done = []

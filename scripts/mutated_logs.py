@@ -1,4 +1,4 @@
-"""Logs that were damaged, and logs that nobody's run wrote though their checksums are right.
+"""Damaged logs, and logs with right checksums that no run wrote.
 
 Every row of a log that is made here is unlike all others in what a CSV shows of it, so that rows
 which are read can be told from rows which were never written.

@@ -187,7 +187,7 @@ def csv(random: Random, path: Path) -> tuple[str, Table | None]:
         return _special(random, path), None
     cells, table = _recordings(random)
     names = ["time_s", "position_rad", "torque_nm"]
-    if draw < 0.3:  # as anybody's, and all in order
+    if draw < 0.3:  # as of a user, and all in order
         _write(path, names, cells, random)
         return "recordings", table
     if draw < 0.6:

@@ -1,7 +1,7 @@
-"""One file that was damaged, crafted or edited, handed to the commands that read it; what became.
+"""Hands one damaged, crafted or edited file to the commands that read it, and notes the result.
 
-The commands run in this process, so that thousands can be tried. Limits of time and memory are for
-whoever makes a process for it.
+The commands run in this process, so that thousands can be tried. Limits of time and memory are set
+by the process that calls this.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ COMMISSION = ("commission", "simulated", "--set", "loop.clock=simulated", "--out
 LONGEST_S = 5.0
 """Of processor time, or waiting, for one command"""
 _LONGEST_WAIT_S = 300.0
-"""Of anybody's time: on a busy machine what takes seconds may wait for minutes"""
+"""Of elapsed time: on a busy machine a command of seconds may wait for minutes"""
 
 
 class TooLongError(BaseException):

@@ -59,11 +59,7 @@ def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: in
 
 
 def parts(executor: Executor) -> Iterator[tuple[str, dict[str, _Array]]]:
-    """Yield the table part by part: a message, and the arrays to store.
-
-    Args:
-        executor: Computes the limits.
-    """
+    """Yield the table part by part: a message, and the arrays to store."""
     for n, name in product(SAMPLES, GRIDS):
         nodes, good = _filled(name, n, executor)
         said = f"N = {n}, {name}: {nodes.size} nodes, {np.count_nonzero(good)} cells usable"

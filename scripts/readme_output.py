@@ -11,8 +11,8 @@ A part begins with one of these comments and ends with ``<!-- end -->``:
     table: NAME                  computed by the program; see TABLES
     figures: SECTION | ROWS      rows of a table of docs/evidence/measured.md
 
-LABELS, where given, name the lines to show; log and picture are shown only of measured runs, as
-their names hold the date.
+Without COMMAND it is that of the part's ``sh`` block. LABELS, where given, name the lines to show;
+log and picture are shown only of measured runs, as their names hold the date.
 """
 
 import argparse
@@ -36,8 +36,7 @@ from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.settings.fields import fields
-from haptic_wall.controller.settings.load import load_config, preset_names, preset_summary
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
@@ -67,6 +66,8 @@ def renewed(page: Path, measure: bool) -> str:
     def part(found: re.Match[str]) -> str:
         begin, kind, what, old, end = found.groups()
         subject, _, chosen = (text.strip() for text in what.partition("|"))
+        if not subject and (block := re.search(r"```sh\n(.*)\n", old)):
+            subject = block[1]
         if kind == "table":
             body = table(*TABLES[subject]())
         elif kind == "figures":
@@ -201,20 +202,12 @@ def situation(config: Config) -> Situation:
     )
 
 
-def decided(
-    preset: str, ages: list[float], belief: dict[str, Any] | None = None, **asked: float
-) -> list[Decision]:
+def decided(preset: str, ages: list[float], **asked: float) -> list[Decision]:
     """Decisions of the guard on a preset's wall, for sample ages [s], with changes."""
     config = load_config(preset).config
-    known = situation(config)
-    known = replace(known, belief=replace(known.belief, **(belief or {})))
     changes: dict[str, Any] = dict(asked)
-    return decide(replace(config.request(), **changes), config.guard_settings(), known, ages)
-
-
-def presets() -> tuple[list[str], list[list[object]]]:
-    """The presets that come with the program."""
-    return ["preset", "what for"], [[f"`{n}`", preset_summary(n)] for n in preset_names()]
+    request = replace(config.request(), **changes)
+    return decide(request, config.guard_settings(), situation(config), ages)
 
 
 def stiffness() -> tuple[list[str], list[list[object]]]:
@@ -250,23 +243,6 @@ def dampings() -> tuple[list[str], list[list[object]]]:
         rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
-
-
-def beliefs() -> tuple[list[str], list[list[object]]]:
-    """Table of what each bound of the real servo's belief costs."""
-    belief = load_config("xm430-w350").config.belief()
-    exactly = {
-        name: Bounded.exactly(getattr(belief, name).value)
-        for name in ("inertia", "damping", "delay", "torque_gain")
-    }
-    cases: list[tuple[str, dict[str, Any]]] = [("as the preset believes", {})]
-    cases += [(f"`model.{name}` known exactly", {name: exactly[name]}) for name in exactly]
-    cases += [("all of them known exactly", exactly)]
-    rows: list[list[object]] = []
-    for name, known in cases:
-        d = decided("xm430-w350", [2e-4], known, stiffness=1e6)[0]
-        rows.append([name, 1e3 * d.delay, d.stiffness])
-    return ["belief", "delay t_d [ms]", "K commanded"], rows
 
 
 def rebounds() -> tuple[list[str], list[list[object]]]:
@@ -359,46 +335,14 @@ def published() -> tuple[list[str], list[list[object]]]:
     return ["servo", *head], rows
 
 
-def safety() -> tuple[list[str], list[list[object]]]:
-    """Table of the presets' settings that end a run."""
-    names = ("simulated", "emulated-xm430", "xm430-w350")
-    loaded = [load_config(name).config for name in names]
-    rows: list[list[object]] = []
-    for path, field in fields().items():
-        section, key = path.split(".")
-        if (
-            section == "safety" and key not in ("engage", "engage_torque")
-        ) or path == "servo.watchdog_s":
-            used = [c.servo.kind in field.used_by for c in loaded]
-            values = [getattr(getattr(c, section), key) for c in loaded]
-            cells = [v if use else None for v, use in zip(values, used, strict=True)]
-            rows.append([f"`{path}`", field.unit or ("–" if field.choices else "1"), *cells])
-    return ["field", "unit", *(f"`{name}`" for name in names)], rows
-
-
-def checks() -> tuple[list[str], list[list[object]]]:
-    """The start-up checks on an emulated servo as it comes from the factory, but for its baud."""
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    servo = open_servo(config.servo_settings(), SimulatedClock())
-    try:
-        found = servo.start()
-    finally:
-        servo.close()
-    return ["check", "wanted", "found"], [[c.name, c.wanted, c.found] for c in found]
-
-
 TABLES = {
-    "presets": presets,
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,
-    "beliefs": beliefs,
     "rebounds": rebounds,
     "one_sided_shares": one_sided_shares,
     "filtered_guard": filtered_guard,
     "published": published,
-    "safety": safety,
-    "checks": checks,
 }
 
 

@@ -12,16 +12,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.recorded.choice import predicted
 from haptic_wall.controller.experiments.recorded.record import pieces_of
-from haptic_wall.controller.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    PAGE,
-    grid,
-    legend_above,
-    picture,
-)
+from haptic_wall.controller.report import style
 from scripts.recorded_motions import DROPS, drop
 from scripts.studies.recordings import swings
 
@@ -29,30 +20,30 @@ PICTURE = Path(__file__).resolve().parent.parent / "docs" / "evidence" / "record
 
 
 def drawn(path: Path) -> None:
-    """Draw the picture.
-
-    Args:
-        path: Where it is written.
-    """
+    """Draw the picture."""
     alone = {name: swings((name,), "M1") for name in DROPS}
     both = swings(DROPS, "M2")
-    with picture(path, PAGE, 4.2) as figure:
+    with style.picture(path, style.PAGE, 4.2) as figure:
         axes = figure.subplots(2, 2, sharex="col", height_ratios=[1.6, 1.0])
         for column, (name, other) in enumerate(zip(DROPS, reversed(DROPS), strict=True)):
             above, below = axes[:, column]
             pieces, _ = pieces_of(drop(name))
             time, held = pieces.time[0], pieces.held[0]
             measured = pieces.position[0]
-            above.plot(time, measured, color=INK, linewidth=0.9, label="measured")
+            above.plot(time, measured, color=style.INK, linewidth=0.9, label="measured")
             ahead = alone[other]
             for label, found, colour in (
-                ("M1, fitted to it", alone[name].fitted[0], BLUE),
+                ("M1, fitted to it", alone[name].fitted[0], style.BLUE),
                 (
                     "M1, predicted by the other",
                     predicted(pieces, ahead.names, ahead.values)[0],
-                    ORANGE,
+                    style.ORANGE,
                 ),
-                ("M2 of both, from 0.2 s", predicted(pieces, both.names, both.values)[0], GREEN),
+                (
+                    "M2 of both, from 0.2 s",
+                    predicted(pieces, both.names, both.values)[0],
+                    style.GREEN,
+                ),
             ):
                 above.plot(time[held], found[held], color=colour, linewidth=0.8, linestyle="--",
                            label=label)  # fmt: skip
@@ -61,11 +52,11 @@ def drawn(path: Path) -> None:
                 below.plot(time[held], left[held], color=colour, linewidth=0.7,
                            label=f"{rms:.1f} mrad rms")  # fmt: skip
             above.set_title(name.replace("_", " "), fontsize=8.5, loc="right", y=1.16)
-            legend_above(below, columns=3)
+            style.legend_above(below, columns=3)
             below.set_xlabel("time [s]")
-            legend_above(above, columns=2)
+            style.legend_above(above, columns=2)
             for ax in (above, below):
-                grid(ax)
+                style.grid(ax)
         axes[0, 0].set_ylabel("position [rad]")
         axes[1, 0].set_ylabel("residual [mrad]")
 

@@ -47,6 +47,8 @@ _DEAF = ("safety.max_silence_s=0.015", "safety.max_loss=0.05", "servo.watchdog_s
 """The limits of hardware on lost readings"""
 _TAP = "servo.hand=tap"
 _LEAN = "servo.hand=lean"
+_LINK: tuple[str, ...] = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
+_LINK += ("servo.transmission_damping=0.03", "wall.stiffness=1e6")
 _LOSSY = ("safety.max_loss=1", "safety.max_silence_s=0.1")
 
 CASES: dict[str, Case] = {
@@ -210,6 +212,12 @@ CASES: dict[str, Case] = {
     "backlash-believed": _simulated(
         2.0, _TAP, "servo.backlash=0.005", "model.backlash=0.005", "wall.stiffness=1e6"
     ),
+    "link": _simulated(2.0, _TAP, *_LINK),
+    "link-backlash": _simulated(2.0, _TAP, *_LINK, "servo.backlash=0.004", "servo.encoder=motor"),
+    "link-effects": _simulated(
+        1.7, _LEAN, *_LINK, "servo.static_friction=0.12", "servo.gravity=0.1", "servo.cogging=0.02"
+    ),
+    "chain": _simulated(2.0, _TAP, *_LINK, "servo.chain=[[0.002, 300, 0.03], [0.0005, 80, 0.01]]"),
     "bus-real": Case("emulated-xm430", 1.5, (_TAP,)),
     "bus-real-guard": Case("emulated-xm430", 1.5, (_LEAN, "wall.stiffness=1e6", "wall.side=below")),
 }

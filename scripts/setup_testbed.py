@@ -167,7 +167,7 @@ def _removing(path: Path) -> Change:
 
 
 def reread_rules() -> None:
-    """Apply the rules to what is plugged in; where nobody minds devices they wait for a start."""
+    """Apply the rules to plugged-in devices; without udev they count from its next start."""
     if shutil.which("udevadm") is None or not Path("/run/udev/control").exists():
         print("  udev does not run here: its rules count from its next start on")
         return
@@ -182,7 +182,7 @@ def _ours(path: Path) -> list[str]:
     """The lines of a file that this script has written; none where there is none.
 
     Raises:
-        Refused: It is somebody else's.
+        Refused: Another program wrote it.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -196,7 +196,7 @@ def _ours(path: Path) -> list[str]:
 
 
 def _user(name: str | None) -> str:
-    """For whom: the one who called sudo, unless another is named."""
+    """Return the user: the named one, the caller of sudo, or the present one."""
     name = name or os.environ.get("SUDO_USER") or getpass.getuser()
     try:
         pwd.getpwnam(name)
@@ -208,7 +208,9 @@ def _user(name: str | None) -> str:
 
 def _agreed() -> bool:
     if not sys.stdin.isatty():
-        raise Refused("nobody is there to be asked: look with --dry-run, then call it with --yes")
+        raise Refused(
+            "standard input is no terminal to ask at: look with --dry-run, then call it with --yes"
+        )
     return input("make these changes? [y/N] ").strip().lower() in ("y", "yes")
 
 

@@ -233,7 +233,7 @@ def _say(text: str) -> None:
 
 
 def usual(study: Study, *, quick: bool = False, **others: object) -> Given:
-    """The options of a study that nobody gave, but for some."""
+    """The default options of a study, but for some."""
     values = {
         each.name: each.quick if quick and each.quick is not None else each.usual
         for each in study.options

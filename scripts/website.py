@@ -49,11 +49,7 @@ class Entry:
 
 
 def navigation(root: Path = ROOT) -> dict[str, list[Entry]]:
-    """Return the pages of each section of docs/README.md; a folder stands for its pages.
-
-    Args:
-        root: The project's folder.
-    """
+    """Return the pages of each section of docs/README.md; a folder stands for its pages."""
     found: dict[str, list[Entry]] = {}
     for part in re.split(r"^## ", (root / INDEX).read_text(encoding="utf-8"), flags=re.M)[1:]:
         rows = _ROW.findall(part)

@@ -15,6 +15,13 @@ from haptic_wall.hw.dynamixel.tables import MODELS, Model
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+CHILDREN = {
+    "loop": "processes.loop_process",
+    "recorder": "processes.recorder",
+    "dial": "processes.dial",
+    "page": "live.process",
+}
+"""Modules that the children of a run are, by name"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +29,13 @@ class Bus:
     """An emulated bus in a process of its own."""
 
     process: subprocess.Popen[str]
-    """Lines on its standard input change faults"""
     port: str
+
+    def inject(self, *faults: str) -> None:
+        """Change its faults."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n".join([*faults, ""]))
+        self.process.stdin.flush()
 
 
 def with_sets(settings: tuple[str, ...]) -> list[str]:
@@ -55,14 +67,15 @@ def hardware_of(config: Config) -> tuple[Model, float]:
     return MODELS[config.servo.model], config.servo.torque_limit
 
 
-def child_of(pid: int, module: str) -> int | None:
-    """The process that runs a module of the program among the children of a run, or None."""
+def children_of(pid: int) -> dict[str, int]:
+    """The children of a run that are there, each by a name of ``CHILDREN``."""
+    found: dict[str, int] = {}
     with contextlib.suppress(OSError):
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with contextlib.suppress(OSError):
-                if module in Path(f"/proc/{child}/cmdline").read_text():
-                    return int(child)
-    return None
+                words = Path(f"/proc/{child}/cmdline").read_text()
+                found |= {name: int(child) for name, module in CHILDREN.items() if module in words}
+    return found
 
 
 def wall_run(folder: Path, *options: str, may_oscillate: bool = False) -> dict[str, Any]:

@@ -1,16 +1,18 @@
-"""Measures how many wall periods are simulated a second: in arrays, compiled, alone, by peers."""
+"""Measures how many wall periods are simulated a second: arrays, compiled, one by one, by peers."""
 
 from __future__ import annotations
 
+import importlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.bench import arithmetic, two_cores
+from haptic_wall.controller.bench import two_cores
 from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
@@ -21,6 +23,56 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.settings import ServoSettings, TrueServo
+
+SIZE = 128
+"""Numbers that are worked on together, in registers or the first-level cache"""
+_TIMES = 100_000
+OPERATIONS = SIZE * _TIMES
+"""Operations of one call"""
+
+
+def multiply_adds(x: FloatArray, times: int) -> float:
+    """Multiply and add to each number of ``x``, shape (SIZE,), ``times`` times."""
+    for _ in range(times):
+        for i in range(SIZE):
+            x[i] = x[i] * 0.999 + 0.001
+    return float(x[0])
+
+
+def divisions(x: FloatArray, times: int) -> float:
+    """Divide each number of ``x``, shape (SIZE,), ``times`` times."""
+    for _ in range(times):
+        for i in range(SIZE):
+            x[i] = 1.5 / x[i]  # to and fro between two numbers
+    return float(x[0])
+
+
+def arithmetic(times: int = 1) -> dict[str, Callable[[], object]]:
+    """Return the measured functions by name, each of ``OPERATIONS``; none without Numba.
+
+    Each call of this function gives them numbers of their own, and they hold no lock of the
+    interpreter, so that two threads can run them side by side.
+
+    Args:
+        times: How often each does its ``OPERATIONS`` in one call.
+    """
+    made: dict[str, Callable[[], object]] = {}
+    for name, part in _compiled().items():
+        # The middle of a larger array: no other thread writes to its cache lines.
+        numbers = np.full(3 * SIZE, 1.2)[SIZE : 2 * SIZE]
+        made[name] = partial(part, numbers, times * _TIMES)
+    return made
+
+
+@lru_cache(maxsize=1)
+def _compiled() -> dict[str, Callable[[FloatArray, int], float]]:
+    try:
+        numba: Any = importlib.import_module("numba")
+    except ImportError:
+        return {}
+    compiled = numba.njit(fastmath={"contract"}, error_model="numpy", nogil=True)
+    return {part.__name__.replace("_", "-"): compiled(part) for part in (multiply_adds, divisions)}
+
 
 _ROUNDS = 5
 _PERIODS, _PERIODS_ALONE = 1000, 5000
@@ -45,7 +97,7 @@ def _compiled_rows(
     one = times[f"{what}, compiled"]
     adds, parts = _OPERATIONS[what]
     least = [
-        (adds * add + parts * part) / arithmetic.OPERATIONS * each
+        (adds * add + parts * part) / OPERATIONS * each
         for add, part in zip(times["multiply-adds"], times["divisions"], strict=True)
     ]
     in_arrays, in_lanes = (together(walls, _PERIODS, compile_=way) for way in (False, True))
@@ -80,8 +132,8 @@ def _two_core_rows(drawn: Mapping[str, list[ArrayWall]]) -> list[Measurement]:
         what: two_cores.simulation(*_as_arrays(walls)[:2], _PERIODS)
         for what, walls in drawn.items()
     }
-    for name in arithmetic.work():
-        parts = tuple(arithmetic.work(_ARITHMETIC_TIMES)[name] for _ in range(2))
+    for name in arithmetic():
+        parts = tuple(arithmetic(_ARITHMETIC_TIMES)[name] for _ in range(2))
         works[name] = partial(_same, (parts[0], parts[1]))
     rows = []
     for what, (in_turn, at_once) in two_cores.in_turn_and_at_once(works).items():
@@ -115,7 +167,7 @@ class ArrayWall:
 def measure() -> Section:
     """Measure two-sided walls as an array and one alone, and the servo alone beside peers."""
     drawn = {what: random_walls(rough, BLOCK) for what, rough in _KINDS.items()}
-    work: dict[str, Callable[[], object]] = dict(arithmetic.work())
+    work: dict[str, Callable[[], object]] = dict(arithmetic())
     fast = compiled() is not None
     for what, walls in drawn.items():
         arrays = _as_arrays(walls)[:2]

@@ -36,9 +36,6 @@ def binned(histogram: Histogram) -> dict[str, Any]:
     Bins have equal ratios where no sample is below zero, equal widths otherwise. Series without
     samples are left out.
 
-    Args:
-        histogram: The samples.
-
     Returns:
         ``name``, ``unit``, ``scale`` (``log`` or ``linear``), ``edges`` of the bins, and ``series``
         with ``counts``, ``p50``, ``p99``, ``p99_9``, ``max`` and ``samples`` by name.

@@ -123,11 +123,11 @@ def _request(
     skipped = size - struct.calcsize(f"<{block.layout}")
     if len(ids) == 1:
         alone = ExpectedReply(ids[0], size)
-        layout = struct.Struct(f"<{block.layout}{skipped}x")
+        layout = struct.Struct(f"<x{block.layout}{skipped}x")
 
         def of_one(data: bytes) -> tuple[int, ...] | None:
-            frame = alone.match(data)
-            return None if frame is None or frame.error else layout.unpack(frame.params)
+            body = alone.match(data)
+            return None if body is None or body[0] else layout.unpack(body)
 
         return encode(ids[0], Instruction.READ, params), of_one
     joint = ExpectedFastReply(ids, size)

@@ -29,23 +29,13 @@ def installed() -> str | None:
 
 
 def options(core: int, ticks: int) -> list[str]:
-    """Return the options for one SCHED_FIFO thread on one core, woken every millisecond.
-
-    Args:
-        core: Core of the thread.
-        ticks: Number of wake-ups.
-    """
+    """Return the options for one SCHED_FIFO thread on one core, woken every millisecond."""
     placed = ["-a", str(core), "-t", "1", "-p", str(PRIORITY), "-m"]
     return [*placed, "-i", "1000", "-d", "0", "-q", "-l", str(ticks), "-h", str(_RANGE_US)]
 
 
 def lateness_us(path: str, core: int, ticks: int) -> IntArray:
     """Run it; return the lateness of each wake-up [µs, rounded down], rising.
-
-    Args:
-        path: Path of the program.
-        core: Core of its thread.
-        ticks: Number of wake-ups.
 
     Raises:
         PlatformError: It failed, mostly for lack of real-time rights.
@@ -92,11 +82,7 @@ def parsed(text: str) -> IntArray:
 
 
 def version(path: str) -> str | None:
-    """Return the version that the tool reports.
-
-    Args:
-        path: Path of the program.
-    """
+    """Return the version that the tool reports."""
     try:
         said = subprocess.run(
             [path, "--help"], capture_output=True, text=True, check=False, timeout=_PATIENCE_S

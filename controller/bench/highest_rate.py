@@ -25,10 +25,6 @@ _SHOWS_NOT: Final = (
 class RateSearch:
     """Bisects, on a logarithmic scale, the range of the highest rate.
 
-    Args:
-        low_hz: Lower end of the range.
-        high_hz: Upper end of the range.
-
     Attributes:
         held_hz: The highest rate that was held; None: none was.
         rate_hz: The next rate to try.
@@ -95,11 +91,6 @@ def holds(loop: Loop, path: str, rate_hz: float) -> bool:
 
     A loop that does not start does not keep up: requests of the loop before, at too high a rate,
     may still be in the bus.
-
-    Args:
-        loop: The loop.
-        path: Path of the bus.
-        rate_hz: The rate.
     """
     for _ in range(_TRIES):
         with suppress(ServoError):

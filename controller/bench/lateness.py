@@ -6,7 +6,6 @@ them alike. The comparison with cyclictest uses measurements of the same round.
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,9 +21,9 @@ import numpy as np
 from haptic_wall.controller.bench import cyclictest
 from haptic_wall.controller.bench.bins import percentile
 from haptic_wall.controller.bench.lateness_client import PERIOD_NS, Orders
+from haptic_wall.controller.bench.loops import told_by
 from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -33,7 +32,6 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
 
 _ROUNDS, _TICKS = 8, 1000
-_START_S: Final = 20.0
 _WARM_UP_S: Final = 0.1
 _WARM_UP_TICKS: Final = round(1e9 * _WARM_UP_S / PERIOD_NS)
 """Not counted, for each loop but cyclictest, which has no warm-up"""
@@ -186,15 +184,8 @@ def _child(client: str, core: int) -> Turn:
     orders = Orders(client, core, cyclictest.PRIORITY, ticks, os.getpid())
     module = "haptic_wall.controller.bench.lateness_client"
     with _elsewhere(core):
-        child = Child(f"the loop '{client}'", [module], asdict(orders), cores={core})
-        try:
-            child.wait(_START_S + 2e-9 * PERIOD_NS * ticks)
-            lines = child.lines()
-        finally:
-            child.dismiss(_START_S)
-    if not lines:
-        raise PlatformError(f"{child.name} told nothing: it {child.exit_text()}")
-    told = json.loads(lines[0])
+        seconds = 2e-9 * PERIOD_NS * ticks
+        told = told_by(f"the loop '{client}'", [module], asdict(orders), seconds, {core})
     late = 1e-3 * np.array(told["lateness_ns"][_WARM_UP_TICKS:], dtype=np.float64)
     elapsed_ns = told["elapsed_ns"]
     busy = told["busy_ns"] / elapsed_ns

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes import emulator
@@ -91,21 +91,8 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
     Raises:
         PlatformError: It did not end by itself.
     """
-    arguments = [
-        "haptic_wall.controller.bench.bare_loop",
-        path,
-        str(seconds),
-        "--rate",
-        str(rate_hz),
-    ]
-    loop = Child("the bare loop", arguments, None, cores=os.sched_getaffinity(0))
-    try:
-        told = first_line(loop, seconds + START_S)
-    finally:
-        loop.dismiss(START_S)
-    if told is None:
-        raise PlatformError(f"{loop.name} told nothing: it {loop.exit_text()}")
-    figures = json.loads(told)
+    words = ["haptic_wall.controller.bench.bare_loop", path, str(seconds), "--rate", str(rate_hz)]
+    figures = told_by("the bare loop", words, None, seconds, os.sched_getaffinity(0))
     return Ran(
         figures["ticks"],
         figures["missed_ticks"],
@@ -113,6 +100,29 @@ def bare(path: str, seconds: float, rate_hz: float) -> Ran:
         figures["late"],
         {name: figures[f"{name}_us"] for name in _TIMES},
     )
+
+
+def told_by(
+    name: str,
+    words: Sequence[str],
+    orders: dict[str, Any] | None,
+    seconds: float,
+    cores: set[int],
+) -> dict[str, Any]:
+    """Run a loop (its module and arguments) for so long [s]; return the figures that it tells.
+
+    Raises:
+        PlatformError: It told nothing.
+    """
+    loop = Child(name, list(words), orders, cores=cores)
+    try:
+        told = first_line(loop, seconds + START_S)
+    finally:
+        loop.dismiss(START_S)
+    if told is None:
+        raise PlatformError(f"{name} told nothing: it {loop.exit_text()}")
+    figures: dict[str, Any] = json.loads(told)
+    return figures
 
 
 def ours(path: str, seconds: float, rate_hz: float) -> Ran:
@@ -138,11 +148,7 @@ LOOPS: Final[dict[str, Loop]] = {"bare loop": bare, "haptic-wall": ours}
 
 
 def of_run(ended: Ended) -> Ran:
-    """Return the result of a run of the whole program.
-
-    Args:
-        ended: The run.
-    """
+    """Return the result of a run of the whole program."""
     statistics = ended.statistics
     times = (statistics.lateness, statistics.bus, statistics.work)
     reports = [each.as_report(50, 99) for each in times]

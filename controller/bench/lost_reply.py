@@ -74,12 +74,7 @@ def measure() -> Section:
 
 
 def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
-    """Return the durations of each client's failed reads [ns], in short turns.
-
-    Args:
-        clients: Clients by name.
-        rounds: Number of turns of each.
-    """
+    """Return the durations of each client's failed reads [ns], in short turns."""
     waits: dict[str, list[int]] = {name: [] for name in clients}
     for counted in range(1, rounds + 1):
         for name, read in clients.items():
@@ -93,11 +88,7 @@ def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
 
 
 def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
-    """Return the times from each read request with a dropped reply to the next torque frame [s].
-
-    Args:
-        rows: The record of a bus.
-    """
+    """Return the times from each read request with a dropped reply to the next torque frame [s]."""
     asked_s, dropped, taken = 0.0, False, []
     for row in rows:
         if row.event == "fault":

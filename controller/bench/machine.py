@@ -58,11 +58,7 @@ class ProcessorTime(NamedTuple):
 
 
 def processor_time(stat: Path = _STAT) -> ProcessorTime | None:
-    """Return the processor time counted by the kernel so far; None: this system does not report it.
-
-    Args:
-        stat: The kernel's file.
-    """
+    """Return the processor time counted by the kernel so far; None: it is not reported."""
     try:
         words = stat.read_text(encoding="ascii").partition("\n")[0].split()
     except OSError:

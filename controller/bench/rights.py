@@ -1,4 +1,4 @@
-"""Finds the real-time settings that this machine grants, in a process that ends with them."""
+"""Finds the real-time settings that this machine grants; a child process requests them."""
 
 from __future__ import annotations
 

@@ -1,22 +1,14 @@
-"""Measures the controller's work in a tick, stage by stage, in a loop that sleeps as a real one."""
+"""Measures the controller's work in a tick, stage by stage, in a loop that sleeps between ticks."""
 
 from __future__ import annotations
 
-import json
 import os
 from typing import Any, Final
 
-from haptic_wall.controller.bench.loops import (
-    AT_REST,
-    FORGIVING,
-    START_S,
-    emulated_bus,
-    wall_run,
-)
+from haptic_wall.controller.bench.loops import AT_REST, FORGIVING, emulated_bus, told_by, wall_run
 from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds
 from haptic_wall.controller.bench.stage_times import STAGES
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.settings.load import load_config
 
@@ -75,18 +67,12 @@ def _timed_run(preset: str, *sets: str) -> dict[str, Any]:
         "core": core,
         "seconds": _SECONDS,
     }
-    loop = Child(
-        "the timed loop", ["haptic_wall.controller.bench.timed_loop"], orders, cores={core}
-    )
-    try:
-        told = first_line(loop, _SECONDS + START_S)
-    finally:
-        loop.dismiss(START_S)
-    figures = {"refused": f"it {loop.exit_text()}"} if told is None else json.loads(told)
+    words = ["haptic_wall.controller.bench.timed_loop"]
+    figures = told_by("the timed loop", words, orders, _SECONDS, {core})
     if figures.get("stop_reason") != "duration":
         reason = figures.get("refused") or figures["stop_reason"]
-        raise PlatformError(f"{loop.name} on {preset} did not run to its end: {reason}")
-    return dict(figures)
+        raise PlatformError(f"the timed loop on {preset} did not run to its end: {reason}")
+    return figures
 
 
 def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Measurement]:

@@ -85,12 +85,7 @@ def measure() -> Section:
 
 
 def once_a_while(ways: Mapping[str, Write], turns: int) -> dict[str, float]:
-    """Return the median time of each way once a millisecond [µs], in turns.
-
-    Args:
-        ways: Ways by name.
-        turns: Number of turns of each.
-    """
+    """Return the median time of each way once a millisecond [µs], in turns."""
     taken: dict[str, list[int]] = {name: [] for name in ways}
     for _ in range(turns):
         for name, write in ways.items():

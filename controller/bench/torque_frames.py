@@ -64,11 +64,7 @@ def measure() -> Section:
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
-    """Return the times of goal currents sent by sync write [s]; shape (n,).
-
-    Args:
-        rows: The record of a bus.
-    """
+    """Return the times of goal currents sent by sync write [s]; shape (n,)."""
     wanted = Instruction.SYNC_WRITE
     return np.array([r.time_s for r in rows if r.event == "rx" and r.instruction == wanted])
 

@@ -1,4 +1,4 @@
-"""``haptic-wall acceptance``: a first real servo, predicted, measured, and packed into one file."""
+"""``haptic-wall acceptance``: predicts and measures a real servo, and packs all into one file."""
 
 from __future__ import annotations
 
@@ -13,13 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from haptic_wall import __version__
-from haptic_wall.controller.cli.experiment import (
-    REACH,
-    Asked,
-    experiment,
-    folder_option,
-    moving,
-)
+from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import as_json, say, writing

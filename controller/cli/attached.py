@@ -1,4 +1,4 @@
-"""Runs a command for as long as its standard input is open: its starter may die in any way."""
+"""Runs a command that ends with its starter: SIGTERM as soon as its standard input closes."""
 
 from __future__ import annotations
 

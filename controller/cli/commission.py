@@ -10,19 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from haptic_wall.controller.cli.experiment import (
-    REACH,
-    Asked,
-    experiment,
-    folder_option,
-    moving,
-)
-from haptic_wall.controller.cli.options import (
-    as_json,
-    refuse_same_file,
-    say,
-    writing,
-)
+from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
+from haptic_wall.controller.cli.options import as_json, refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped

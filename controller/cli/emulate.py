@@ -111,7 +111,7 @@ _MS_NS = 1_000_000
 )
 @force_option
 @click.option("--die-with-parent", is_flag=True, hidden=True)
-@click.option("--owner", type=int, hidden=True)  # its parent, who alone reads the record
+@click.option("--owner", type=int, hidden=True)  # its parent, the only reader of the record
 @click.option("--hand-memory", type=int, hidden=True)  # inherited memory of a person's hand
 def command(
     servos: tuple[str, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -14,11 +15,13 @@ from haptic_wall.hw.emulated.faults import AMBIENT, SUPPLY
 from haptic_wall.hw.emulated.values import flag, number, one_of, suggestion, whole
 from haptic_wall.hw.settings import (
     LEAST_STRIBECK_EXPONENT,
+    MOST_LINKS,
     MOST_LOAD_FRICTION,
     MOST_STRIBECK_EXPONENT,
     MOST_TORQUE_RIPPLE,
     EncoderSide,
     HandName,
+    Link,
     TrueServo,
 )
 
@@ -30,6 +33,21 @@ DEFAULT_TRUTH = TrueServo(
     coulomb=0.09039,
     position=math.pi,
     hand_origin=math.pi,
+)
+
+
+def chain(text: str) -> tuple[Link, ...]:  # noqa: D103 - its docstring names the accepted values
+    found = tuple(Link(*map(float, row)) for row in json.loads(text))
+    if len(found) > MOST_LINKS or any(
+        not (0 < inertia <= 1e6 and 0 < stiffness <= 1e9 and 0 <= damping <= 1e6)
+        for inertia, stiffness, damping in found
+    ):
+        raise ValueError
+    return found
+
+
+chain.__doc__ = (
+    f"a list of [inertia, stiffness, damping], at most {MOST_LINKS}: above 0, the damping from 0"
 )
 
 TRUTH: Mapping[str, Callable[[str], Any]] = {
@@ -44,6 +62,7 @@ TRUTH: Mapping[str, Callable[[str], Any]] = {
     "load_inertia": number(0, 1e6),
     "transmission_stiffness": number(0, 1e9),
     "transmission_damping": number(0, 1e6),
+    "chain": chain,
     "encoder": one_of(*get_args(EncoderSide)),
     "current_bandwidth": number(0, 1e4),
     "current_period": number(0, 0.01),
@@ -121,7 +140,7 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
         parse = TRUTH[name]
         try:
             given[name] = parse(value.strip())
-        except (ValueError, KeyError):
+        except (ValueError, KeyError, TypeError):
             raise UserError(
                 f"found {value!r}", field="--set", given=path, wanted=parse.__doc__
             ) from None

@@ -152,11 +152,7 @@ def experiment(
 
 
 def folder_option(text: str) -> Callable[[Any], Any]:
-    """``--out DIR``.
-
-    Args:
-        text: Text of the help.
-    """
+    """``--out DIR``."""
     return click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=text)
 
 

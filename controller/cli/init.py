@@ -83,11 +83,7 @@ def command(file: Path, preset: str, force: bool) -> None:
 
 
 def commented(preset: str) -> str:
-    """Return a preset's text with all other fields as comments.
-
-    Args:
-        preset: Its name.
-    """
+    """Return a preset's text with all other fields as comments."""
     loaded = load_config(preset)
     kind = loaded.config.servo.kind
     others: dict[str, list[str]] = {name: [] for name in sections()}

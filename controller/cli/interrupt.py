@@ -48,9 +48,6 @@ def end_without_python(status: int) -> NoReturn:
 
     A library that a KeyboardInterrupt has passed through, such as matplotlib's fonts, may abort
     during that shutdown.
-
-    Args:
-        status: Of the exit.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # no reader; closed

@@ -154,11 +154,6 @@ def live_line(
 
     The terminal is left as it was found, however the block ends.
 
-    Args:
-        config: Configuration of the run.
-        telemetry: Its rows.
-        tell: Passes a message to a person.
-
     Yields:
         A variant of ``tell`` that does not overwrite the line.
     """

@@ -151,7 +151,7 @@ def _what_happened(summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
-    """Describe the changes of the running wall, the last one with who asked."""
+    """Describe the changes of the running wall, the last one with its user."""
     if not changes["count"]:
         return
     last = changes["last"][-1]

@@ -27,6 +27,7 @@ _COLUMNS = (
     *("simulated", "outcome", "exact", "linear", "one_sided"),
 )
 _NOT_MAPPED = (
+    "chain",
     *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
     *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
     *("position", "hand", "hand_origin", "hand_direction"),

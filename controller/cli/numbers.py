@@ -1,4 +1,4 @@
-"""Reads numbers from the command line: lists, and ranges of a belief.
+"""Reads numbers from the command line: lists, and ranges LOW:HIGH.
 
 They are callbacks of options that take text, so that a message names the option.
 """

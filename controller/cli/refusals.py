@@ -1,4 +1,4 @@
-"""Click's errors of this program, with the parts of their sentence."""
+"""Defines the errors of the command line as Click's, with found and wanted values as data."""
 
 from __future__ import annotations
 
@@ -8,12 +8,7 @@ from haptic_wall.hw.errors import Problem
 
 
 class WrongValueError(click.BadParameter):
-    """A parameter's value cannot be read.
-
-    Args:
-        problem: The found and the wanted value.
-        parameter: The parameter.
-    """
+    """A parameter's value cannot be read."""
 
     def __init__(self, problem: Problem, parameter: click.Parameter) -> None:
         super().__init__(str(problem), param=parameter)
@@ -21,12 +16,7 @@ class WrongValueError(click.BadParameter):
 
 
 class NoSuchCommandError(click.UsageError):
-    """There is no command of this name.
-
-    Args:
-        problem: The name, and a similar one.
-        context: Context of the group of commands.
-    """
+    """There is no command of this name."""
 
     def __init__(self, problem: Problem, context: click.Context) -> None:
         super().__init__(str(problem), context)

@@ -1,4 +1,4 @@
-"""``haptic-wall rendered``: stiffness, drag and contacts as rendered, against what is commanded."""
+"""``haptic-wall rendered``: compares rendered stiffness, drag and contacts with commanded ones."""
 
 from __future__ import annotations
 

@@ -19,10 +19,7 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
-from haptic_wall.controller.cli.options import (
-    say,
-    writing,
-)
+from haptic_wall.controller.cli.options import say, writing
 from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError

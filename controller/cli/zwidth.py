@@ -1,4 +1,4 @@
-"""``haptic-wall zwidth``: the range of stiffness and damping that a servo can render."""
+"""``haptic-wall zwidth``: computes and measures the stiffness and damping a servo can render."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The detector: judges whether the wall oscillates by itself, and answers it."""
+"""Detects oscillation that the wall itself sustains, and reduces the gains or ends the run."""

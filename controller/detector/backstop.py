@@ -1,16 +1,16 @@
-"""The backstop: finds a wall that moves the shaft by itself, on any servo, and reduces its gains.
+"""The backstop: detects self-sustained oscillation by a probe of the wall, and reduces its gains.
 
 A motion that does not decay may be fed by the wall, or made by a hand. The motion alone does not
 show which; a change of the wall does. So the wall is probed: at a turning point the elastic torque,
 the limit of that torque, and the damping are all reduced to a quarter. A motion that the wall makes
-then becomes
-slower: twice as slow for a linear spring. A hand's motion keeps its period. The result uses no
-belief about the servo.
+then becomes slower: twice as slow for a linear spring. A hand's motion keeps its period. The result
+uses no belief about the servo.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -138,6 +138,7 @@ class Backstop:
         "_settings",
         "_settled",
         "_since",
+        "_sizes",
         "_steadiness",
         "_step",
         "_stiffness",
@@ -191,6 +192,7 @@ class Backstop:
         self._probe = Probe(settings.threshold, tuning, contacts=settings.bounces)
         self._hands = self._stop = NEVER
         self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
+        self._sizes: deque[float] = deque(maxlen=self._tuning.loss_half_cycles + 2)
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
         self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
@@ -233,6 +235,11 @@ class Backstop:
             self._gaining = self._motion.gaining
             if self._gaining >= self._tuning.throws:
                 self._probe_what_throws()
+
+    @property
+    def asked(self) -> Sighting:
+        """Return the motion before the last probe or alarm."""
+        return self._probe.before
 
     def _missing(self, elongation: float) -> float:
         """Return the torque by which the whole spring's differs from the present one's [N·m].
@@ -299,6 +306,10 @@ class Backstop:
         self._gentle = self._gentle + 1 if gentle else 0
         if not settings.acts and size >= settings.threshold:
             self.steady = self.steady or self._streak >= settings.unprobed
+        self._sizes.append(motion.amplitude)
+        if not same_period(motion, self._evidence):
+            while len(self._sizes) > 4:
+                self._sizes.popleft()
         if not self._streak:
             self._since = self._time - motion.duration - motion.duration_2
         self._whole += 1
@@ -330,6 +341,7 @@ class Backstop:
         else:
             before = min(motion.amplitude_3, motion.amplitude_4)
             even = self._streak >= self._tuning.regular and before >= settings.threshold
+            even = even and not self._dies
             regular = even or saturates(motion, settings.torque_limit, self._evidence)
         if regular and motion.gain > self._tuning.least_gain:
             self._consider()
@@ -338,6 +350,16 @@ class Backstop:
             self._consider()
         else:
             self.alarm = False
+
+    @property
+    def _dies(self) -> bool:
+        """Whether a regular motion has become smaller by more than the encoder's rounding."""
+        sizes, tuning = self._sizes, self._tuning
+        first, last = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])
+        cycles = 0.5 * (len(sizes) - 2)
+        return first - last > max(
+            tuning.loss_counts * self._settings.position_step, tuning.loss * cycles * last
+        )
 
     def _goes_on_beyond_hands(self) -> bool:
         """Whether a motion beyond hands persists, regular or not: that of two modes is not."""

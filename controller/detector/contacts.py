@@ -1,4 +1,4 @@
-"""Divides the motion at a one-sided wall into contacts, without any belief about the servo."""
+"""Divides the motion at a one-sided wall into contacts, without a model of the servo."""
 
 from __future__ import annotations
 

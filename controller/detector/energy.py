@@ -1,4 +1,4 @@
-"""Judges from energy whether the wall feeds a motion; tolerates an error of the belief of 20 %.
+"""Judges from energy whether the wall feeds a motion; tolerates parameter errors of 20 %.
 
 The energy that a wall gives depends only on the wall and the motion, not on the source of the
 motion: a spring returns the energy that it took, a damper takes energy, and delay adds energy. So a

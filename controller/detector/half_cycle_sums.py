@@ -122,6 +122,11 @@ class HalfCycleSums:
         self._tau = time_constant
         self._gain = 1.0 - math.exp(-self._period / time_constant) if time_constant > 0 else 1.0
 
+    @property
+    def smear(self) -> float:
+        """Return the time over which the filter spreads a step of the torque [s]."""
+        return 2.0 * self._tau
+
     def update(self, position: float, torque: float, periods: int) -> bool:
         """Take a sample; return whether a turning point was confirmed, which ends a half-cycle.
 

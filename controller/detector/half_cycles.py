@@ -1,4 +1,4 @@
-"""Divides a motion into half-cycles at its turning points, without any belief about the servo."""
+"""Divides a motion into half-cycles at its turning points, without a model of the servo."""
 
 from __future__ import annotations
 

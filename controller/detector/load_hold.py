@@ -1,4 +1,4 @@
-"""Softens the spring only about its load, and only as far as the motion goes.
+"""Computes the torque that keeps a load in its place while the spring is softened.
 
 The load is the wall's mean torque between two instants of rest: over a whole cycle, or while no
 turning point comes. Whatever the wall does in between, its torque has carried the load then,

@@ -83,6 +83,7 @@ class Detector:
         self._motion: HalfCycleSums | None = None
         self._before: HalfCycle | None = None
         self._mixed = self._blind = self._fresh = False
+        self._changed_at = -math.inf  # time of the motion [s]
         self._streaks = Streaks(tuning.streaks)
         self._sizes: deque[float] = deque(maxlen=tuning.belief.sustained)
         self._times: deque[float] = deque(maxlen=tuning.belief.sustained)
@@ -100,6 +101,8 @@ class Detector:
             return
         self.balance.stiffness = value
         self._mixed = True  # the spring's energy is not what it was at the turning point
+        if self._motion is not None:
+            self._changed_at = self._motion.time
         self._refilter()
 
     def _refilter(self) -> None:
@@ -116,6 +119,7 @@ class Detector:
     def restart(self) -> None:
         """Discard all observations."""
         self._motion = None
+        self._changed_at = -math.inf
         self._quiet()
 
     def _quiet(self) -> None:
@@ -159,7 +163,9 @@ class Detector:
                     way = half_cycle.path + abs(half_cycle.start - earlier[0])
                     if way > 2.0 * self._way:
                         self._check(self.balance.gives_out(motion.since, earlier, way, 0.0))
-            self._mixed = self._blind = False
+            # The last turning point may lie before a change that the torque follows later.
+            self._mixed = self._changed_at + self.balance.lag + motion.smear > motion.since[1]
+            self._blind = False
         elif motion.time > self._patience:
             self._quiet()
         elif self._gives and not (self.alarm or self.balance.side or self._torn):

@@ -1,4 +1,4 @@
-"""Applies the backstop to a wall of either kind: to its half-cycles, and to its contacts."""
+"""Runs the backstop on half-cycles and, at a one-sided wall, on contacts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
 from haptic_wall.controller.detector.contacts import Contacts
+from haptic_wall.controller.detector.evidence import Sighting
 from haptic_wall.controller.detector.half_cycles import HalfCycles, Repeated
 from haptic_wall.controller.detector.load_hold import LoadHold
 
@@ -270,6 +271,16 @@ class OwnMotion:
         """Return the contacts if they raised the alarm, else the half-cycles."""
         bounces = self._bounces
         return self._contacts if bounces is not None and bounces.alarm else self._half_cycles
+
+    @property
+    def asked(self) -> Sighting | None:
+        """Return the motion on the whole wall that has led to the reduction.
+
+        None: the wall is not reduced, or because of its contacts.
+        """
+        one, other = self._backstop, self._bounces
+        reduced = one.alarm and one.phase == Phase.REDUCED
+        return one.asked if reduced and not (other is not None and other.alarm) else None
 
     @property
     def frequency_hz(self) -> float:

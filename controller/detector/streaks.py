@@ -1,4 +1,4 @@
-"""Counts consecutive half-cycles that the torque explains with a constant remainder.
+"""Counts consecutive half-cycles that the torque explains up to a constant error of the model.
 
 A wrong belief is wrong by the same in every half-cycle, so that its unexplained remainder stays
 constant while the amplitude changes. A hand's remainder varies.

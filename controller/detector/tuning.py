@@ -585,6 +585,23 @@ class BackstopTuning:
         WALLS_HANDS,
         off=0,
     )
+    loss: float = tuned(
+        0.005,
+        "1",
+        "A regular motion dies, and is not probed, if it loses more than this fraction a cycle",
+        "chosen: a stable wall without friction loses some percent a cycle",
+        off=ANY,
+    )
+    loss_counts: float = tuned(
+        0.45,
+        "counts",
+        "and more than so many counts",
+        "quantisation: the mean of two amplitudes comes in quarters of a count, and is off by 0.18"
+        " (standard deviation), so that two of them seldom differ by half a count",
+    )
+    loss_half_cycles: int = tuned(
+        6, "1", "within at most so many half-cycles.", "chosen: half of the time for an answer"
+    )
     regular_told: int = tuned(
         12,
         "1",

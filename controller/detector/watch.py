@@ -1,4 +1,4 @@
-"""The oscillation watch: finds an oscillation of the running wall's own, and answers it.
+"""The oscillation watch: runs detector and backstop in each tick, and acts on their alarms.
 
 Two parts judge the motion. The detector uses the believed values, is fast, and may be wrong about a
 hand where their bounds are wide. The backstop uses no belief: it probes the wall. ``report`` only
@@ -202,7 +202,10 @@ class Watch:
             self._take_back()
         if own.alarm or own.steady:
             self.current = max(self.current, State.GROWING if own.alarm else State.SUSTAINED)
-            self._note(self.current, own.amplitude, own.frequency_hz)
+            amplitude, frequency_hz = own.amplitude, own.frequency_hz
+            if (asked := own.asked) is not None:
+                amplitude, frequency_hz = asked.amplitude, 1.0 / asked.cycle
+            self._note(self.current, amplitude, frequency_hz)
             if own.alarm and isnan(self.first_alarm_s):
                 self.first_alarm_s = (self._ticks - 1) * self._period
         if own.failed or (own.alarm and self._settings.answer == "trip"):

@@ -1,1 +1,1 @@
-"""Examines a testbed: checks with the found and wanted values, and the fix."""
+"""Examines a testbed: each check gives the found and the wanted value, and the fix."""

@@ -55,9 +55,6 @@ class Locator:
     def find(self, settings: DriverSettings) -> FoundServo | None:
         """Return where the servo replies: at the configured rate, else at another; None: nowhere.
 
-        Args:
-            settings: The servo, and its expected place.
-
         Raises:
             PortError: The port cannot be used any more.
             ServoLostError: The same.

@@ -1,4 +1,4 @@
-"""Processes that compute on a Dask cluster, and run the same program."""
+"""Runs computations on a Dask cluster; refuses workers with other versions of the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Computes a spring that holds any servo within the belief steadily.
+"""Computes a spring, with its damper, that is stable with any servo within the parameter bounds.
 
 Experiments use it to bring the shaft back and to move it. It must be stable at the longest delay
 and gentle on a coarse encoder; its exact stiffness matters little.

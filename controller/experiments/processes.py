@@ -1,4 +1,4 @@
-"""Processes of this machine that compute; they end with their parent, and when it gives up."""
+"""Runs computations in parallel processes of this machine, which end with their parent."""
 
 from __future__ import annotations
 

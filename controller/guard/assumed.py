@@ -1,4 +1,4 @@
-"""Describes the flexibility that is assumed of a servo whose vibration is unknown."""
+"""Says in words which flexibility is assumed of a servo whose vibration is unknown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decides for each bin of the gain schedule: sample ages at intervals between ticks.
+"""Computes the guard's decision for each bin of sample age and interval of the gain schedule.
 
 A rigid servo is least safe at the longest age and interval of a bin. A flexible one may be less
 safe at any other, so that its limits are the least over the whole bin.

@@ -1,4 +1,4 @@
-"""The stiffness limits of a servo over the virtual damping, from numbers: for other programs."""
+"""Computes a servo's stiffness limits over the virtual damping: a function for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds the speeds of entry at which a one-sided wall returns no device faster than it came."""
+"""Computes the entry speeds at which a one-sided wall adds no speed to any believed device."""
 
 from __future__ import annotations
 

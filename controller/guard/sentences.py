@@ -1,4 +1,4 @@
-"""Puts the guard's reasons into words."""
+"""Formats the reasons of a guard decision as sentences: binding limit, clamps and remedies."""
 
 from __future__ import annotations
 

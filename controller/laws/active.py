@@ -1,4 +1,4 @@
-"""Renders a user's law that depends on time: calls it every tick, its energy from a tank.
+"""Renders a user's law that depends on time, called in every tick; a tank limits its energy.
 
 Such a law may give energy without end. Here it gives what it took before: each tick the energy that
 its torque took from the shaft fills a tank, the energy that it gave empties it, and no torque is

@@ -1,4 +1,4 @@
-"""The shape of a one-sided wall, for sums; alone it is a ``Wall``."""
+"""Defines the shape of a one-sided wall, for sums of laws; a law of its own is a ``Wall``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The law of the virtual wall: a spring and a damper, one- or two-sided."""
+"""Renders the virtual wall, a one- or two-sided spring and damper; defines the interface `Law`."""
 
 from __future__ import annotations
 

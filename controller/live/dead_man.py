@@ -1,4 +1,4 @@
-"""The dead man that a page holds, by answers to the server's beats.
+"""Keeps the wall on while a page answers the server's beats: the dead man on the live page.
 
 Each beat has the time at which it was sent, and the page sends that time back while it is held. So
 an answer that was late, wherever it waited, holds for what is left of its time only.

@@ -57,8 +57,10 @@ LIFT_S: Final = 0.5
 """Shortest time for which it is lifted [s]"""
 RAISED_S: Final = 0.3
 """Time for which the full wall is waited for, once the weight is lifted [s]"""
-LONGEST_S: Final = 8.0
-"""Longest time for which it is lifted [s]"""
+LONGEST_S: Final = 30.0
+"""Longest time for which it is lifted [s]: a run that has just begun takes its first change late"""
+REFUSED: Final = 2
+"""Exit status of a change that is refused whenever it is asked for"""
 _GRIP: Final = 20.0
 """Stiffness of the hand that lifts it [N·m/rad]"""
 _HAND_S: Final = 0.05
@@ -239,16 +241,21 @@ class Stage:
             view.grasp(self, None)
 
     async def _change(self, sets: list[str] | None) -> None:
-        """Ask for the full wall again, if an alarm has made it softer, and then for a change."""
+        """Ask for the full wall again, if an alarm has made it softer, and then for a change.
+
+        A change that the run cannot take yet is asked for again; one that it refuses is not.
+        """
         if self._words is not None:
             self._words[Word.RAISE] += 1
         await asyncio.sleep(RAISED_S)
-        if sets is not None:
-            await ask(self._run, sets, _ignored)
-
-
-def _ignored(_told: dict[str, Any]) -> None:
-    """Ignore an answer: the pages see the wall itself."""
+        answers: list[dict[str, Any]] = []
+        while sets is not None:
+            await ask(self._run, sets, answers.append)
+            last = answers[-1] if answers else {}
+            if last.get("applied") or last.get("exit_status") == REFUSED:
+                return
+            answers.clear()
+            await asyncio.sleep(RAISED_S)
 
 
 def measured(telemetry: Telemetry, config: Config) -> dict[str, Any]:

@@ -5,6 +5,14 @@ bytes, then blocks of rows of one structured dtype, between them events, and las
 both JSON again.
 ``numpy.load`` on an open file reads them one after the other; each carries checksums, see
 ``blocks``.
+
+A killed recorder or a full disk costs at most a block, and a reader skips damaged blocks. Equal
+rows give equal bytes. Nothing is unpickled, so no log can run code. The file gets its name with its
+first rows, so a run that cannot start costs no old log.
+
+Other formats were rejected: CSV is slow and has no configuration; a killed writer ruins an HDF5,
+``.npz`` or Parquet file; MCAP needs its library. Checksums in each row would not find a lost block.
+A new field changes only the dtype; a new meaning of a field or of the framing raises ``version``.
 """
 
 from __future__ import annotations

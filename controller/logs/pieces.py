@@ -50,7 +50,7 @@ class End:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A change of the running wall that somebody asked for, made or not."""
+    """A requested change of the running wall, made or not."""
 
     change: dict[str, Any]
     """As in the report's ``changes``; ``row`` and ``changed`` are plausible"""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.blocks import Block, block_at, last_block, next_begin
 from haptic_wall.controller.logs.content import FORMAT, from_json, is_ours, judged, refused
-from haptic_wall.controller.logs.order import in_order
 from haptic_wall.controller.logs.pieces import (
     Damage,
     End,
@@ -25,6 +25,66 @@ from haptic_wall.controller.logs.pieces import (
 )
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.system.regular_file import opened
+
+_GROW = ("seq", "deadline_ns")
+_MOST_GAPS = 1000
+"""Largest number of remembered gaps; a row from a forgotten gap counts as a repeat."""
+
+
+def in_order(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """Yield the pieces in order; rows that come late or twice are replaced by a ``Misplaced``.
+
+    Args:
+        pieces: Their rows increase within each block.
+    """
+    order = _Order()
+    for piece in pieces:
+        if isinstance(piece, Head):
+            order = _Order()
+        if isinstance(piece, np.ndarray):
+            yield from order.sorted(piece)
+        else:
+            yield piece
+
+
+class _Order:
+    """Tracks the order of one log's rows."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, int] = {}
+        self._gaps: list[tuple[int, int]] = []
+
+    def sorted(self, rows: NDArray[np.void]) -> Iterator[NDArray[np.void] | Misplaced]:
+        """Yield the rows of a block that are misplaced, then those that are new."""
+        names = [name for name in _GROW if name in (rows.dtype.names or ())]
+        old = 0
+        if any(int(rows[name][0]) <= self._last.get(name, -1) for name in names):
+            new = np.ones(len(rows), np.bool_)
+            for name in names:
+                new &= rows[name] > self._last.get(name, -1)
+            old = int(np.argmax(new)) if new.any() else len(rows)
+            yield Misplaced(old, old - self._missing(rows[:old]))
+        if old < len(rows):
+            rows = rows[old:]
+            if "seq" in names:
+                self._note_gap(self._last.get("seq", -1) + 1, int(rows["seq"][0]))
+            self._last = {name: int(rows[name][-1]) for name in names}
+            yield rows
+
+    def _note_gap(self, start: int, end: int) -> None:
+        if end > start and len(self._gaps) < _MOST_GAPS:
+            self._gaps.append((start, end))
+
+    def _missing(self, rows: NDArray[np.void]) -> int:
+        """Return how many of these rows have not come yet."""
+        if "seq" not in (rows.dtype.names or ()):
+            return 0
+        seq = rows["seq"]
+        counts = (
+            np.searchsorted(seq, end) - np.searchsorted(seq, start) for start, end in self._gaps
+        )
+        return int(sum(counts))
+
 
 __all__ = ["FORMAT", "SUFFIX", "Damage", "End", "Event", "Head", "LogReader", "Misplaced", "Piece"]
 

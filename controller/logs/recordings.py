@@ -18,13 +18,7 @@ from haptic_wall.controller.laws.wall import SIGNS
 from haptic_wall.controller.logs.csv_recording import recordings_of_csv
 from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_text
 from haptic_wall.controller.logs.reader import LogReader, is_log
-from haptic_wall.controller.logs.recording import (
-    LEAST,
-    Knowledge,
-    Part,
-    Recording,
-    parted,
-)
+from haptic_wall.controller.logs.recording import LEAST, Knowledge, Part, Recording, parted
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.walls import Walls, changes_in, walls_of
 from haptic_wall.controller.logs.windows import WINDOW, Window, windows

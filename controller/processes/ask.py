@@ -16,12 +16,7 @@ COMPUTING_S: Final = 120.0
 
 
 class NotAppliedError(HapticWallError):
-    """A change was refused, or its moment did not come.
-
-    Args:
-        problem: Why.
-        exit_status: Exit status of the command.
-    """
+    """A change was refused, or its moment did not come."""
 
     def __init__(self, problem: Problem, exit_status: int) -> None:
         super().__init__(problem)

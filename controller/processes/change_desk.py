@@ -13,11 +13,7 @@ from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.processes.log_events import send_event
 from haptic_wall.controller.processes.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
-from haptic_wall.controller.runtime.changeover import (
-    MOST_J,
-    MOST_WITH_HAND_J,
-    Obstacle,
-)
+from haptic_wall.controller.runtime.changeover import MOST_J, MOST_WITH_HAND_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -26,7 +22,8 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.errors import ExplainedError
 
 START_S: Final = 1.0
-"""Longest wait for the servo's start [s]"""
+"""Least wait for the servo's start [s]"""
+_NOT_STARTED: Final = "the servo has not been started yet"
 LOOP_S: Final = 2.0
 """Longest wait for the loop to take a piece, and to say what became of a change [s]"""
 LEAST_S: Final = 0.3
@@ -45,6 +42,7 @@ class _Asked:
     until_s: float
     began_s: float
     number: int = 0
+    """0: the loop has not got it, as the servo has not been started yet"""
     withdrawn_s: float | None = None
     why: str = ""
     """Why it was withdrawn"""
@@ -107,14 +105,26 @@ class ChangeDesk:
             if not difference(self._config, new):
                 self._asked = None
                 return {"applied": True, "changed": {}, "waited_s": 0.0}
+        except ExplainedError as error:
+            return self._refused(peer, sets, error)
+        asked.until_s = began_s + max(wait_s, START_S)
+        return self._sent(asked, wait_s)
+
+    def _sent(self, asked: _Asked, wait_s: float) -> dict[str, Any] | None:
+        """Compute the change at hand and send it to the loop, once the servo is known.
+
+        Returns:
+            The answer, if there already is one.
+        """
+        try:
             changes = self._known()
             if changes is None:
-                return self._not_made("the servo has not been started yet")
-            change = changes.computed(new)
+                return None
+            change = changes.computed(asked.new)
             asked.number = change.number
             self._offers.send(change)
         except ExplainedError as error:
-            return self._refused(peer, sets, error)
+            return self._refused(asked.peer, asked.sets, error)
         except OSError:
             return self._not_made("the run is over, or its loop takes no changes")
         asked.began_s = time.monotonic()
@@ -126,6 +136,8 @@ class ChangeDesk:
         asked = self._asked
         if asked is None:
             return None
+        if not asked.number:
+            return self._look_for_start(asked)
         settled = self._offers.settled(asked.number)
         if settled is not None:
             return self._not_made(asked.why) if settled.row < 0 else self._made(asked, settled)
@@ -141,8 +153,21 @@ class ChangeDesk:
             return self._not_made(asked.why)  # the loop has ended
         return None
 
+    def _look_for_start(self, asked: _Asked) -> dict[str, Any] | None:
+        """Send the change at hand if the servo has been started; return an answer if it is over."""
+        if asked.withdrawn_s is not None:
+            return self._not_made(asked.why)
+        left_s = asked.until_s - time.monotonic()
+        told = self._sent(asked, max(0.0, left_s))
+        if told is not None or asked.number:
+            return told
+        ended = self._words[Word.STATE] > LoopState.RUNNING or self._words[Word.STOP]
+        return self._not_made(OVER if ended else _NOT_STARTED) if ended or left_s < 0.0 else None
+
     def obstacle(self) -> str:
         """Return why the change at hand waits, as words; empty: it does not."""
+        if self._asked is not None and not self._asked.number:
+            return _NOT_STARTED
         kind, size = self._offers.obstacle
         return obstacle_text(kind, size)
 
@@ -156,18 +181,19 @@ class ChangeDesk:
         """Give the change at hand up without waiting for the loop; return the answer."""
         asked = self._asked
         assert asked is not None
-        settled = self._offers.settled(asked.number)
+        settled = self._offers.settled(asked.number) if asked.number else None
         if settled is not None and settled.row >= 0:
             return self._made(asked, settled)
         return self._not_made(why)
 
     def _give_up(self, asked: _Asked) -> None:
         asked.withdrawn_s = time.monotonic()
-        self._offers.withdraw(asked.number)
+        if asked.number:
+            self._offers.withdraw(asked.number)
 
     def _known(self) -> Changes | None:
         if self._changes is None:
-            servo = self._offers.servo(START_S)
+            servo = self._offers.servo(0.0)
             if servo is not None:
                 self._changes = Changes(self._config, servo)
         return self._changes

@@ -3,6 +3,11 @@
 Each servo is a run as ``haptic-wall run`` makes it. The unguarded one has the same code and the
 same guard, but believes that the servo has so much friction that nothing is limited: without a
 guard, `guard.mode` at off, an oscillation ends a run.
+
+One process serves both runs: over a socket each supervisor sends it what the process of a live page
+inherits. Two live pages in one browser page would be two origins, which the server refuses. A proxy
+in front of them would unpack each row twice. Two loops in one process, or a simulation in
+JavaScript, would not show this program.
 """
 
 from __future__ import annotations

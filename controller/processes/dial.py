@@ -135,7 +135,7 @@ class Dial:
             self._desk = self._open_desk()
 
     def close(self) -> None:
-        """Tell those who wait that the run is over, and leave all clients."""
+        """Tell waiting clients that the run is over, and leave all clients."""
         if self._served is not None and self._desk is not None:
             self._end(self._desk.give_up(OVER))
         for client in list(self._waiting):

@@ -21,10 +21,6 @@ _END_S: Final = 2.0
 class DialMonitor:
     """Listens to the dial's process.
 
-    Args:
-        dial: Its process.
-        tell: Called with messages for a person.
-
     Attributes:
         changes: The last changes, as events.
         unlogged: Those that the log does not have yet.

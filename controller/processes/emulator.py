@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -43,6 +44,8 @@ def emulator_arguments(
     assert settings.true is not None
     for part in fields(settings.true):
         value = getattr(settings.true, part.name)
+        if isinstance(value, tuple):
+            value = json.dumps(value)
         if value is not None:
             arguments += ["--set", f"servo.{part.name}={value}"]
     if witness is not None:

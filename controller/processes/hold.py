@@ -1,4 +1,4 @@
-"""The dead man's sources: a key or pedal of an input device, a file that is touched, or the page.
+"""The sources of the dead man, a switch that must be held: key or pedal, touched file, or page.
 
 A source returns the instant until which the dead man counts as held, on the system's monotonic
 clock. The loop compares that instant with its own time in every tick. A silent source and a dead

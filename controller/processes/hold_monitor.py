@@ -21,10 +21,6 @@ class HoldMonitor:
     It does not restart a dead watcher: a run without its dead man has no torque, and a person
     should find out why.
 
-    Args:
-        watcher: Its process.
-        telemetry: The shared memory of the run.
-
     Attributes:
         trouble: Why the watcher ended by itself; empty: it has not.
     """

@@ -16,11 +16,6 @@ from haptic_wall.hw.clock import SimulatedClock
 def run_inline(plan: Plan, telemetry: Telemetry, tell: Tell = lambda _text: None) -> Ended:
     """Run a plan in this process, on the simulated clock.
 
-    Args:
-        plan: The run.
-        telemetry: Memory that holds the stop request.
-        tell: Called with messages for a person.
-
     Raises:
         ServoError: The servo could not be started.
     """

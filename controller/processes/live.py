@@ -53,12 +53,7 @@ class LiveMonitor:
         self._changes = 0
 
     def look(self, changes: list[dict[str, Any]], count: int) -> None:
-        """Read the process's messages, and pass on changes of the wall.
-
-        Args:
-            changes: The last changes.
-            count: Number of all changes.
-        """
+        """Read the process's messages, and pass on changes of the wall."""
         new = count - self._changes
         self._changes = count
         for change in changes[-new:] if new > 0 else []:
@@ -100,14 +95,7 @@ class LiveMonitor:
 
 
 def start_live(plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]) -> LiveMonitor | None:
-    """Start the page's process, or connect to it; return None if the plan has no page.
-
-    Args:
-        plan: Of the run.
-        telemetry: Shared memory of the run.
-        tell: Called with messages for a person.
-        cores: Cores on which the process runs.
-    """
+    """Start the page's process, or connect to it; return None if the plan has no page."""
     live = plan.live
     if live is None and plan.page is None:
         return None

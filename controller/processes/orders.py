@@ -1,4 +1,4 @@
-"""Carries the words between the supervisor and a child: JSON, an object in a line."""
+"""Exchanges messages between the supervisor and a child: one JSON object in a line."""
 
 from __future__ import annotations
 

@@ -42,11 +42,7 @@ page."""
 
 
 def rows_lacking(words: memoryview[int]) -> int:
-    """Return how many of the rows so far are not in the log.
-
-    Args:
-        words: The control words.
-    """
+    """Return how many of the rows so far are not in the log."""
     return words[Word.HEAD] - words[Word.TAIL] + words[Word.LACKING]
 
 
@@ -206,9 +202,6 @@ def may_stand_back(words: memoryview[int]) -> bool:
     A recorder that takes over the backlog of another must not starve: on a busy machine a process
     at lowest priority may not run for seconds. Raising the priority again needs rights that few
     users have.
-
-    Args:
-        words: The control words.
     """
     return not words[Word.FINISHED] and words[Word.HEAD] - words[Word.TAIL] <= BEHIND
 

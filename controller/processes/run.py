@@ -2,20 +2,59 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing
+from queue import SimpleQueue
 from types import FrameType
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.logs.file import append_end, identity
 from haptic_wall.controller.processes.inline import run_inline
-from haptic_wall.controller.processes.notifier import Notifier
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan, Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
 from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
+
+
+class Notifier:
+    """Takes messages without waiting, and passes them on in order.
+
+    Args:
+        tell: Passes a message on, and may block; an OSError (no reader) is ignored.
+    """
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._texts: SimpleQueue[str | None] = SimpleQueue()
+        # Started with the first message: by then the caller has left the loop's core, and the
+        # thread inherits that.
+        self._thread: threading.Thread | None = None
+
+    def __call__(self, text: str) -> None:
+        """Queue ``text``; never waits."""
+        self._texts.put(text)
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._say, daemon=True)
+            self._thread.start()
+
+    def __enter__(self) -> Notifier:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait until all messages are passed on."""
+        self._texts.put(None)
+        if self._thread is not None:
+            self._thread.join()
+
+    def _say(self) -> None:
+        while (text := self._texts.get()) is not None:
+            with contextlib.suppress(OSError):
+                self._tell(text)
+
 
 Shown = Callable[[Telemetry, Tell], AbstractContextManager[Tell]]
 """Displays a run while it goes on; returns the function to call with messages"""

@@ -14,14 +14,7 @@ from haptic_wall.hw.errors import Problem
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
-    """Return the report as JSON-ready values; None for unknown values.
-
-    Args:
-        config: The effective configuration.
-        ended: The outcome of the run.
-        log: Path of the log.
-        plot: Path of the picture.
-    """
+    """Return the report as JSON-ready values; None for unknown values."""
     result = ended.result or {}
     statistics = ended.statistics
     elapsed = result.get("elapsed_s") or ended.ticks / config.loop.rate_hz

@@ -85,7 +85,7 @@ def _name_of(path: Path) -> Iterator[str]:
 
 
 def listening(path: Path) -> socket.socket:
-    """Return a socket that listens at a path; nobody else may connect.
+    """Return a socket that listens at a path; no other user may connect.
 
     A socket that a killed run has left there is replaced.
 

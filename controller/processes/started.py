@@ -155,11 +155,7 @@ class RunningWall:
         self._said = self._process.stdout.read()
 
     def await_start(self, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Wait until the run takes changes, or has ended.
-
-        Args:
-            given_up: Whether to stop waiting.
-        """
+        """Wait until the run takes changes, or has ended."""
         end_s = time.monotonic() + START_S
         while self.running() and time.monotonic() < end_s and not given_up():
             with contextlib.suppress(OSError):

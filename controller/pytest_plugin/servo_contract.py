@@ -1,4 +1,4 @@
-"""Tests of what every servo promises behind the interface, whatever it is made of.
+"""Tests a servo backend against the contract of the ``Servo`` interface.
 
 A backend's own tests derive a class from ``ServoContract`` and say how one of its servos is made,
 simulated or emulated: the tests turn the shaft. Not imported by the plugin itself.

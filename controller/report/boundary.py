@@ -9,19 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptic_wall.controller.guard.boundary_curve import Curve, Question, curve
-from haptic_wall.controller.report.style import (
-    BLUE,
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-)
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -52,31 +40,33 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     lowest = 0.0 if question.is_exact else -float((plants.damping / plants.gain)[0])
     shares = _FEWER if question.load else _SHARES
     across = curve(question, lowest + (top - lowest) * shares)
-    with picture(path, PAGE, 4.6) as figure:
+    with style.picture(path, style.PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
         _plane(ax, across)
         _marks(ax, question, found)
         peak = found["peak"]["stiffness"]
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
         ax.set_ylim(0.0, 1.25 * peak)
-        ax.set_ylabel(STIFFNESS)
+        ax.set_ylabel(style.STIFFNESS)
         ax.set_title(_title(question, found), fontsize=8.5, loc="left")
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
         if not question.is_exact and -lowest < _SMALL * top:
             _origin(ax, question, lowest, found)
         stable = across.frequency > 0
-        below.plot(across.virtual_damping[stable], across.frequency[stable], color=INK)
+        below.plot(across.virtual_damping[stable], across.frequency[stable], color=style.INK)
         below.set_ylim(bottom=0.0)
         below.set_ylabel("oscillation at\nthe exact limit [Hz]")
-        below.set_xlabel(VIRTUAL_DAMPING)
+        below.set_xlabel(style.VIRTUAL_DAMPING)
         for each in (ax, below):
-            grid(each)
+            style.grid(each)
 
 
 def _plane(ax: Axes, across: Curve) -> None:
     """Draw the limits as curves, and shade the stable area."""
     damping, limits = across.virtual_damping, across.found
-    ax.fill_between(damping, 0.0, limits.exact, color=FAINT, linewidth=0, label="stable, two-sided")
+    ax.fill_between(
+        damping, 0.0, limits.exact, color=style.FAINT, linewidth=0, label="stable, two-sided"
+    )
     if limits.one_sided is not None:
         ax.fill_between(
             damping,
@@ -86,13 +76,13 @@ def _plane(ax: Axes, across: Curve) -> None:
             linewidth=0,
             label="stable, one-sided too",
         )
-    ax.plot(damping, limits.linear, "--", color=GREY, label="linear condition")
-    ax.plot(damping, limits.exact, color=BLUE, label="exact")
+    ax.plot(damping, limits.linear, "--", color=style.GREY, label="linear condition")
+    ax.plot(damping, limits.exact, color=style.BLUE, label="exact")
     if limits.one_sided is not None:
-        ax.plot(damping, limits.one_sided, color=GREEN, label="one-sided")
+        ax.plot(damping, limits.one_sided, color=style.GREEN, label="one-sided")
     if not np.isnan(across.passive).any():
         shown = _above_zero(across.passive)
-        ax.plot(damping[shown], across.passive[shown], color=ORANGE, label="passive")
+        ax.plot(damping[shown], across.passive[shown], color=style.ORANGE, label="passive")
     if limits.quantisation is not None:
         shown = _above_zero(limits.quantisation)
         label = "encoder (quantisation)"
@@ -112,7 +102,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
         peak["virtual_damping"],
         peak["stiffness"],
         "*",
-        color=BLUE,
+        color=style.BLUE,
         markersize=9,
         label=f"peak: {_digits(peak['stiffness'])} at {_digits(peak['virtual_damping'])}",
     )
@@ -121,7 +111,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
         points.virtual_damping,
         points.smallest(question.side),
         "o",
-        color=INK,
+        color=style.INK,
         markersize=3.5,
         clip_on=False,
         label=f"asked for ({'one' if question.side == 'one' else 'two'}-sided)",
@@ -138,7 +128,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     inset.set_ylim(0.0, 1.05 * float(np.max(close.found.exact)))
     inset.tick_params(labelsize=7)
     inset.set_title("near the origin", fontsize=7.5, pad=2)
-    grid(inset)
+    style.grid(inset)
 
 
 def _title(question: Question, found: Mapping[str, Any]) -> str:

@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from haptic_wall.controller.experiments.sweep.ceiling import CeilingResult
-from haptic_wall.controller.report.style import (
-    GREY,
-    PAGE,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-    shades,
-)
+from haptic_wall.controller.report import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,18 +27,18 @@ def plot_ceiling(results: Sequence[CeilingResult], name: str, path: Path) -> Non
     Raises:
         OSError: The file cannot be written.
     """
-    colours = shades(len(results))
-    with picture(path, 0.8 * PAGE, 3.4) as figure:
+    colours = style.shades(len(results))
+    with style.picture(path, 0.8 * style.PAGE, 3.4) as figure:
         ax = figure.subplots()
-        ax.axhline(0.0, color=GREY, linewidth=0.6)
+        ax.axhline(0.0, color=style.GREY, linewidth=0.6)
         for result, colour in zip(results, colours, strict=True):
             _one_delay(ax, result, colour)
         ax.set_xscale("log")
         ax.set_title(f"{name}: the ceiling of the virtual damping", fontsize=8.5, loc="left")
-        ax.set_xlabel(VIRTUAL_DAMPING)
+        ax.set_xlabel(style.VIRTUAL_DAMPING)
         ax.set_ylabel("growth of the vibration [1/s]")
         ax.legend(loc="upper left")
-        grid(ax)
+        style.grid(ax)
 
 
 def _one_delay(ax: Axes, result: CeilingResult, colour: str) -> None:

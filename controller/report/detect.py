@@ -19,11 +19,6 @@ _SHADES = {State.DECAYING: "#e3efe4", State.SUSTAINED: "#fbe3c8", State.GROWING:
 def plot_detection(parts: Sequence[Part], found: Sequence[DetectionRecord], path: Path) -> None:
     """Draw position and amplitude over the detector's state, and the frequency below.
 
-    Args:
-        parts: Parts of the recording.
-        found: For each of them.
-        path: Path of the PNG.
-
     Raises:
         OSError: The file cannot be written.
     """

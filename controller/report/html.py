@@ -27,9 +27,5 @@ def filled_in(package: str, **values: Any) -> str:  # noqa: ANN401 - whatever th
 
 
 def embedded(png: bytes) -> str:
-    """Return a picture as a data URL for a page.
-
-    Args:
-        png: The PNG file's content.
-    """
+    """Return a picture as a data URL for a page."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -14,17 +14,7 @@ from haptic_wall.controller.experiments.maps.limits import (
 )
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
-from haptic_wall.controller.report.style import (
-    GREY,
-    INK,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-    shades,
-    titled,
-)
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.friction import onset_amplitude
@@ -54,19 +44,19 @@ def plot_map(found: CriticalMap, name: str, path: Path) -> None:
         OSError: The file cannot be written.
     """
     delays = np.unique(np.linspace(0, found.delay.size - 1, _MOST_DELAYS).round().astype(int))
-    colours = dict(zip(delays.tolist(), shades(delays.size), strict=True))
+    colours = dict(zip(delays.tolist(), style.shades(delays.size), strict=True))
     over_kick = _many_kicks(found)
-    with picture(path, PAGE, 3.9 if over_kick else 3.6) as figure:
+    with style.picture(path, style.PAGE, 3.9 if over_kick else 3.6) as figure:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
         axes = figure.subplots(1, 2 if over_kick else 1, squeeze=False, sharey=True)[0]
         _over_damping(axes[0], found, colours)
         if over_kick:
             _over_kick(axes[1], found, colours)
         axes[0].set_yscale("log")
-        axes[0].set_ylabel(STIFFNESS)
+        axes[0].set_ylabel(style.STIFFNESS)
         axes[0].set_ylim(*_range(found))
         for ax in axes:
-            grid(ax)
+            style.grid(ax)
         figure.legend(
             handles=_legend(found, colours),
             loc="outside lower left" if over_kick else "outside right upper",
@@ -95,15 +85,15 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
         if setting.one_sided:
             limit = one_sided_limit_of(servo, *loop, tolerance=0.01)[0]
             _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
-        for k, style in _shown_kicks(found).items():
-            ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **style)
+        for k, look in _shown_kicks(found).items():
+            ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **look)
     if not _root_scale(found):
-        ax.set_xlabel(VIRTUAL_DAMPING)
+        ax.set_xlabel(style.VIRTUAL_DAMPING)
         return
     # Near zero, where walls are used, the limits rise steeply: this part gets more room.
     ax.set_xscale("function", functions=(_signed_root, _signed_square))
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(f"{VIRTUAL_DAMPING}, square-root scale")
+    ax.set_xlabel(f"{style.VIRTUAL_DAMPING}, square-root scale")
 
 
 def _root_scale(found: CriticalMap) -> bool:
@@ -111,12 +101,12 @@ def _root_scale(found: CriticalMap) -> bool:
     return np.unique(found.virtual_damping).size >= _MANY_DAMPINGS
 
 
-def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **style: Any) -> None:  # noqa: ANN401
+def _curve(ax: Axes, damping: FloatArray, stiffness: FloatArray, **look: Any) -> None:  # noqa: ANN401
     """Draw a limit over the damping; if there is only one damping, as a level line."""
     if damping.size > 1:
-        ax.plot(damping, _drawn(stiffness), **style)
+        ax.plot(damping, _drawn(stiffness), **look)
     elif stiffness[0] > 0.0:
-        ax.axhline(stiffness[0], **style)
+        ax.axhline(stiffness[0], **look)
 
 
 def _signed_root(value: FloatArray) -> FloatArray:
@@ -194,20 +184,22 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
         for i, colour in colours.items()
     ]
     handles += [
-        Line2D([], [], color=INK, label=f"simulated, kick {found.kick[k]:.3g} rad", **style)
-        for k, style in _shown_kicks(found).items()
+        Line2D([], [], color=style.INK, label=f"simulated, kick {found.kick[k]:.3g} rad", **look)
+        for k, look in _shown_kicks(found).items()
     ]
-    handles.append(Line2D([], [], color=INK, linewidth=0.9, label="exact, no friction"))
+    handles.append(Line2D([], [], color=style.INK, linewidth=0.9, label="exact, no friction"))
     if setting.one_sided:
         label = "one-sided, no friction"
-        handles.append(Line2D([], [], color=INK, linewidth=0.9, linestyle="--", label=label))
+        handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle="--", label=label))
     handles.append(
-        Line2D([], [], color=GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition")
+        Line2D(
+            [], [], color=style.GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition"
+        )
     )
     unknown = setting.one_sided or setting.servo.flexible
     if setting.servo.coulomb > 0.0 and not unknown and _many_kicks(found):
         label = "onset amplitude $A^*$ (theory)"
-        handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle="-.", label=label))
+        handles.append(Line2D([], [], color=style.INK, linewidth=0.8, linestyle="-.", label=label))
     return handles
 
 
@@ -229,7 +221,7 @@ def _title(found: CriticalMap, name: str) -> str:
     if servo.torque_limit < _LARGE:
         limits.append(f"torque limit {servo.torque_limit:.3g} N·m")
     unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
-    return f"{titled(name)}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
+    return f"{style.titled(name)}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
         "   ".join(parts) for parts in (device, limits)
     )
 

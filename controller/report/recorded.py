@@ -1,4 +1,4 @@
-"""Draws a recorded motion, the fit to it, and what is left."""
+"""Draws a recorded motion, the fit to it, and the residual."""
 
 from __future__ import annotations
 
@@ -8,17 +8,7 @@ import numpy as np
 
 from haptic_wall.controller.experiments.recorded.estimate import Recorded
 from haptic_wall.controller.experiments.recorded.text import UNITS
-from haptic_wall.controller.report.style import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE,
-    grid,
-    legend_above,
-    picture,
-    titled,
-)
+from haptic_wall.controller.report import style
 
 
 def plot_recorded(found: Recorded, name: str, path: Path) -> None:
@@ -34,27 +24,29 @@ def plot_recorded(found: Recorded, name: str, path: Path) -> None:
     """
     shot = found.shot
     assert shot is not None, "without a fit there is nothing to draw"
-    with picture(path, PAGE, 4.4) as figure:
+    with style.picture(path, style.PAGE, 4.4) as figure:
         figure.suptitle(_title(found, name), fontsize=8.5, ha="left", x=0.01)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
         for stretch in found.stretches:
-            above.plot(stretch.time, stretch.position, color=INK, linewidth=0.7)
+            above.plot(stretch.time, stretch.position, color=style.INK, linewidth=0.7)
         for time, fitted, left, held in zip(
             shot.pieces.time, shot.fitted, shot.left, shot.pieces.held, strict=True
         ):
-            above.plot(time[held], fitted[held], color=ORANGE, linewidth=1.0, linestyle="--")
-            below.plot(time[held], 1e3 * left[held], color=BLUE, linewidth=0.6)
+            above.plot(time[held], fitted[held], color=style.ORANGE, linewidth=1.0, linestyle="--")
+            below.plot(time[held], 1e3 * left[held], color=style.BLUE, linewidth=0.6)
         for sign in (-0.5, 0.5):
-            below.axhline(sign * 1e3 * found.step, color=GREY, linewidth=0.6, linestyle=":")
+            below.axhline(sign * 1e3 * found.step, color=style.GREY, linewidth=0.6, linestyle=":")
         above.set_ylabel("position [rad]")
         below.set_ylabel("residual [mrad]")
         below.set_xlabel("time [s]")
         for ax in (above, below):
-            grid(ax)
-        above.plot([], [], color=INK, linewidth=0.7, label="measured")
-        above.plot([], [], color=ORANGE, linewidth=1.0, linestyle="--", label="fitted, in pieces")
-        above.plot([], [], color=GREY, linewidth=0.6, linestyle=":", label="half a count")
-        legend_above(above, columns=3)
+            style.grid(ax)
+        above.plot([], [], color=style.INK, linewidth=0.7, label="measured")
+        above.plot(
+            [], [], color=style.ORANGE, linewidth=1.0, linestyle="--", label="fitted, in pieces"
+        )
+        above.plot([], [], color=style.GREY, linewidth=0.6, linestyle=":", label="half a count")
+        style.legend_above(above, columns=3)
 
 
 def _title(found: Recorded, name: str) -> str:
@@ -65,4 +57,6 @@ def _title(found: Recorded, name: str) -> str:
     ]
     left = 0.0 if found.residual is None else 1e3 * found.residual
     said = ", ".join(values) or "no scale"
-    return f"{titled(name)}: {found.friction_model},\n{said}; residual {np.round(left, 2)} mrad"
+    return (
+        f"{style.titled(name)}: {found.friction_model},\n{said}; residual {np.round(left, 2)} mrad"
+    )

@@ -11,17 +11,7 @@ from haptic_wall.controller.experiments.rendered.contact_transient import Contac
 from haptic_wall.controller.experiments.rendered.drag import Drag
 from haptic_wall.controller.experiments.rendered.rendering import Rendering
 from haptic_wall.controller.experiments.rendered.static_stiffness import StaticStiffness
-from haptic_wall.controller.report.style import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE,
-    grid,
-    legend_above,
-    picture,
-    titled,
-)
+from haptic_wall.controller.report import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,9 +33,9 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    with picture(path, PAGE, 3.2) as figure:
+    with style.picture(path, style.PAGE, 3.2) as figure:
         figure.suptitle(
-            f"{titled(name)}: commanded K = {found.stiffness:.4g} N·m/rad,"
+            f"{style.titled(name)}: commanded K = {found.stiffness:.4g} N·m/rad,"
             f" B = {found.damping:.3g} N·m·s/rad",
             fontsize=8.5,
             ha="left",
@@ -65,11 +55,11 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
 def _labels(ax: Axes, across: str, up: str) -> None:
     ax.set_xlabel(across)
     ax.set_ylabel(up)
-    grid(ax)
+    style.grid(ax)
 
 
 def _push(ax: Axes, static: StaticStiffness, commanded: float) -> None:
-    for up, colour in ((True, BLUE), (False, ORANGE)):
+    for up, colour in ((True, style.BLUE), (False, style.ORANGE)):
         way = np.flatnonzero(static.upward == up)
         way = way[:: max(1, way.size // _POINTS)]
         ax.plot(
@@ -81,24 +71,27 @@ def _push(ax: Axes, static: StaticStiffness, commanded: float) -> None:
             label="up" if up else "down",
         )
     ends = np.array([static.position.min(), static.position.max()])
-    ax.plot(ends, commanded * ends, color=INK, linewidth=0.8, label="commanded")
-    legend_above(ax, columns=2)
+    ax.plot(ends, commanded * ends, color=style.INK, linewidth=0.8, label="commanded")
+    style.legend_above(ax, columns=2)
 
 
 def _drag(ax: Axes, drag: Drag) -> None:
-    ax.plot(drag.speed, drag.torque, ".", color=BLUE, markersize=4, label="measured")
+    ax.plot(drag.speed, drag.torque, ".", color=style.BLUE, markersize=4, label="measured")
     fastest = float(np.max(np.abs(drag.speed)))
     for sign in (-1.0, 1.0):
         speed = sign * np.array([0.0, fastest])
         label = "Coulomb and viscous" if sign > 0 else None
         torque = sign * drag.coulomb + drag.viscous * speed
-        ax.plot(speed, torque, color=INK, linewidth=0.8, label=label)
-    legend_above(ax)
+        ax.plot(speed, torque, color=style.INK, linewidth=0.8, label=label)
+    style.legend_above(ax)
 
 
 def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, ...]) -> None:
     for place, (contacts, colour, width, label) in enumerate(
-        ((struck, BLUE, 0.8, "rendered"), (predicted, GREY, 0.8, "simulated with model.*"))
+        (
+            (struck, style.BLUE, 0.8, "rendered"),
+            (predicted, style.GREY, 0.8, "simulated with model.*"),
+        )
     ):
         for number, contact in enumerate(contacts):
             near = (contact.time > -_BEFORE) & (contact.time < _BEHIND)
@@ -110,8 +103,8 @@ def _contacts(ax: Axes, struck: tuple[Contact, ...], predicted: tuple[Contact, .
                 linestyle="--" if place else "-",
                 label=None if number else label,
             )
-    ax.axhline(0.0, color=INK, linewidth=0.6)
+    ax.axhline(0.0, color=style.INK, linewidth=0.6)
     if struck:
         deepest = max(contact.penetration for contact in struck)
         ax.set_ylim(-deepest, 1.15 * deepest)
-        legend_above(ax)
+        style.legend_above(ax)

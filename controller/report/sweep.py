@@ -1,4 +1,4 @@
-"""Draws a sweep: measured points on the limits, in the plane of stiffness and damping."""
+"""Draws a sweep: measured critical stiffness over virtual damping, with the predicted limits."""
 
 from __future__ import annotations
 
@@ -11,17 +11,7 @@ import numpy as np
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.guard.delay_parts import ms
-from haptic_wall.controller.report.style import (
-    GREY,
-    INK,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-    shades,
-    titled,
-)
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -45,9 +35,9 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
         OSError: The file cannot be written.
     """
     steps = sorted({point.delay_steps for point in points})
-    colours = dict(zip(steps, shades(len(steps)), strict=True))
+    colours = dict(zip(steps, style.shades(len(steps)), strict=True))
     low, high = _range(points)
-    with picture(path, 0.8 * PAGE, 3.7) as figure:
+    with style.picture(path, 0.8 * style.PAGE, 3.7) as figure:
         figure.suptitle(_title(device, name), fontsize=8.5, ha="left", x=0.01)
         ax = figure.subplots()
         top = 0.0
@@ -56,9 +46,9 @@ def plot_sweep(points: Sequence[PointResult], device: Device, name: str, path: P
             top = max(top, _one_delay(ax, own, device, colours[delay_steps], (low, high)))
         ax.set_xlim(low, high)
         ax.set_ylim(0.0, 1.12 * top if top > 0.0 else 1.0)
-        ax.set_xlabel(VIRTUAL_DAMPING)
-        ax.set_ylabel(STIFFNESS)
-        grid(ax)
+        ax.set_xlabel(style.VIRTUAL_DAMPING)
+        ax.set_ylabel(style.STIFFNESS)
+        style.grid(ax)
         figure.legend(handles=_legend(points, colours), loc="outside right upper")
 
 
@@ -89,8 +79,8 @@ def _one_delay(
     stiffness = _values([point.measured for point in found])
     error = _SIGMAS * _values([point.uncertainty for point in found])
     at = np.array([point.virtual_damping for point in found])
-    style: dict[str, Any] = {"color": colour, "linestyle": " ", "capsize": 2.5, "elinewidth": 0.8}
-    ax.errorbar(at, stiffness, error, marker="o", markersize=3.5, **style)
+    look: dict[str, Any] = {"color": colour, "linestyle": " ", "capsize": 2.5, "elinewidth": 0.8}
+    ax.errorbar(at, stiffness, error, marker="o", markersize=3.5, **look)
     if device.coulomb > 0.0:
         predicted = _values([point.predicted_with_friction for point in found])
         ax.plot(at, predicted, "_", color=colour, markersize=9, markeredgewidth=0.9)
@@ -115,21 +105,23 @@ def _legend(points: Sequence[PointResult], colours: dict[int, str]) -> list[Any]
         delay = np.mean([point.delay_s for point in points if point.delay_steps == steps])
         label = f"{ms(float(delay))} ({steps} inserted)"
         handles.append(Line2D([], [], color=colour, linewidth=2.5, label=label))
-    dot: dict[str, Any] = {"color": INK, "linestyle": " "}
+    dot: dict[str, Any] = {"color": style.INK, "linestyle": " "}
     handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
     if any(point.onset_rad is not None and point.onset_rad > 0.0 for point in points):
         label = "expected with friction\nfor that kick"
         handles.append(Line2D([], [], marker="_", ms=9, label=label, **dot))
     if any(point.measured is None for point in points):
         handles.append(Line2D([], [], marker="x", ms=5, label="no figure: see reason", **dot))
-    handles.append(Line2D([], [], color=INK, linewidth=1.0, label="exact, no friction"))
-    style = (0, (1, 2))
-    handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle=style, label="linear"))
+    handles.append(Line2D([], [], color=style.INK, linewidth=1.0, label="exact, no friction"))
+    dotted = (0, (1, 2))
+    handles.append(
+        Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=dotted, label="linear")
+    )
     return handles
 
 
 def _title(device: Device, name: str) -> str:
     return (
-        f"{titled(name)}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
+        f"{style.titled(name)}: critical stiffness\nbelieved: $m$ {device.inertia:.3g} kg·m²,"
         f" $b$ {device.damping:.3g} N·m·s/rad, Coulomb friction {device.coulomb:.3g} N·m"
     )

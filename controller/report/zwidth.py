@@ -10,18 +10,7 @@ import numpy as np
 from haptic_wall.controller.experiments.zwidth.impedance import Impedance
 from haptic_wall.controller.experiments.zwidth.measured import Found
 from haptic_wall.controller.experiments.zwidth.plane import Width
-from haptic_wall.controller.report.style import (
-    BLUE,
-    GREY,
-    INK,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-    shades,
-    titled,
-)
+from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -42,8 +31,8 @@ def plot_zwidth(found: Found, name: str, path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    with picture(path, PAGE, 4.2) as figure:
-        figure.suptitle(f"{titled(name)}: Z-width", fontsize=9, ha="left", x=0.01)
+    with style.picture(path, style.PAGE, 4.2) as figure:
+        figure.suptitle(f"{style.titled(name)}: Z-width", fontsize=9, ha="left", x=0.01)
         parts: Any = figure.subfigures(1, 2, width_ratios=(1.25, 1.0))
         left, right = parts
         plane = left.subplots()
@@ -57,7 +46,7 @@ def plot_zwidth(found: Found, name: str, path: Path) -> None:
 def _plane(ax: Axes, widths: list[Width], found: Found) -> None:
     top = 1e-9
     least = np.inf
-    for width, colour in zip(widths, shades(len(widths)), strict=True):
+    for width, colour in zip(widths, style.shades(len(widths)), strict=True):
         own = width.guard if np.isfinite(width.guard).any() else width.guard_two_sided
         ax.plot(width.virtual_damping, width.exact, color=colour, linewidth=0.9)
         ax.plot(width.virtual_damping, own, color=colour, linewidth=1.4, linestyle=(0, (3, 1.5)))
@@ -77,29 +66,33 @@ def _plane(ax: Axes, widths: list[Width], found: Found) -> None:
             capsize=2.0,
             elinewidth=0.8,
         )
-    ax.plot([found.config.wall.damping], [found.config.wall.stiffness], "*", color=INK, ms=7)
+    ax.plot([found.config.wall.damping], [found.config.wall.stiffness], "*", color=style.INK, ms=7)
     ax.set_xscale("symlog", linthresh=top, linscale=_LINEAR)
     ax.set_yscale("log")
     ax.set_xlim(left=0.0)
     if np.isfinite(least):
         ax.set_ylim(bottom=0.3 * min(least, max(found.config.wall.stiffness, 1e-9)))
-    ax.set_xlabel(VIRTUAL_DAMPING)
-    ax.set_ylabel(STIFFNESS)
-    grid(ax)
+    ax.set_xlabel(style.VIRTUAL_DAMPING)
+    ax.set_ylabel(style.STIFFNESS)
+    style.grid(ax)
 
 
 def _legend(widths: list[Width]) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    colours = shades(len(widths))
+    colours = style.shades(len(widths))
     handles = [
         Line2D([], [], color=colour, linewidth=2.5, label=width.velocity.label)
         for width, colour in zip(widths, colours, strict=True)
     ]
-    handles.append(Line2D([], [], color=INK, linewidth=0.9, label="exact, two-sided, no friction"))
+    handles.append(
+        Line2D([], [], color=style.INK, linewidth=0.9, label="exact, two-sided, no friction")
+    )
     dashed = (0, (3, 1.5))
-    handles.append(Line2D([], [], color=INK, linewidth=1.4, linestyle=dashed, label="the guard"))
-    dot: dict[str, Any] = {"color": INK, "linestyle": " "}
+    handles.append(
+        Line2D([], [], color=style.INK, linewidth=1.4, linestyle=dashed, label="the guard")
+    )
+    dot: dict[str, Any] = {"color": style.INK, "linestyle": " "}
     if any(point.measured is not None for width in widths for point in width.points):
         handles.append(Line2D([], [], marker="o", ms=3.5, label="measured, ±2 s.e.", **dot))
     handles.append(Line2D([], [], marker="*", ms=7, label="the wall of CONFIG", **dot))
@@ -115,11 +108,13 @@ def _impedance(stiffness: Axes, damping: Axes, found: Impedance) -> None:
         (stiffness, "stiffness", np.ones(at.size)),
         (damping, "damping", 2.0 * np.pi * at),
     ):
-        ax.plot(hertz, _of(found, f"commanded_{part}"), color=INK, linewidth=0.9, label="the law")
+        ax.plot(
+            hertz, _of(found, f"commanded_{part}"), color=style.INK, linewidth=0.9, label="the law"
+        )
         ax.plot(
             hertz,
             _of(found, f"acting_{part}"),
-            color=GREY,
+            color=style.GREY,
             linestyle=(0, (3, 1.5)),
             linewidth=0.9,
             label="with delay and hold",
@@ -132,7 +127,7 @@ def _impedance(stiffness: Axes, damping: Axes, found: Impedance) -> None:
                 at,
                 values,
                 bars,
-                color=BLUE,
+                color=style.BLUE,
                 marker="o",
                 ms=3,
                 linestyle=" ",
@@ -140,7 +135,7 @@ def _impedance(stiffness: Axes, damping: Axes, found: Impedance) -> None:
                 label=label,
             )
         ax.set_xscale("log")
-        grid(ax)
+        style.grid(ax)
     if not at.size:
         told = "measured: not excited" if found.rows else "not measured"
         # Beside the curve, which begins at the bottom left.

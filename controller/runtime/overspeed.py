@@ -1,4 +1,4 @@
-"""Finds a shaft that the wall drives faster than a servo should drive itself.
+"""Detects overspeed that the wall's torque causes, as opposed to a hand that moves the shaft.
 
 A servo alone reaches at most its no-load speed, and comes near it only where its torque follows the
 motion for long. Speed alone does not distinguish that from a hand: a hand that jerks the shaft out

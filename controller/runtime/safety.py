@@ -1,4 +1,4 @@
-"""Trips: ends a run at once with torque off, each trip under its own name."""
+"""Checks each reading against the safety limits; names and explains the trips, which end a run."""
 
 from __future__ import annotations
 
@@ -245,7 +245,8 @@ class Safety:
 
     def good(self, reading: Reading) -> Trip | None:
         """Judge a good reading: its position, and its distance from the last one."""
-        self._count(0)
+        if self._failed:  # else the window holds no failure that could leave it
+            self._count(0)
         self._in_row = 0
         _, position, _, sampled_ns, _, alert = reading
         if not math.isfinite(position):

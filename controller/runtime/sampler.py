@@ -8,7 +8,9 @@ from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
 from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 COLLECT_SHARE = 0.8
-"""Fraction of a period after which a missing reply is given up [1]"""
+"""Fraction of a period after which a missing reply is given up [1]. A pipelined tick that waits
+sends its next request later, until a phase of the adapter's timer comes in which the replies are in
+time. A loop that does not wait misses every reply at some phases."""
 LONGER_SHARE = 1.05
 """The same fraction after a pipelined reply was lost, until another one is lost [1]. An adapter
 flushes its buffer periodically. A request sent after giving up can then miss each tick by the time
@@ -111,8 +113,8 @@ class Sampler:
         if not self._pipelined:
             servo.request()
         reading = servo.collect(woke_ns + self._collect_ns)
-        self.outcome, position, _, sampled_ns, self.measured_torque, _ = reading
-        outcome = self.outcome
+        outcome, position, _, sampled_ns, self.measured_torque, _ = reading
+        self.outcome = outcome
         self.first = False
         if outcome is _WAITING:
             # Held until the next sample: a loop with a longer period, as in the theory. With dx = 0
@@ -156,7 +158,7 @@ class Sampler:
         Returns:
             The interval [ns]; 0: this reading failed, and the interval continues.
         """
-        if not self.known:
+        if self.outcome is not _OK and self.outcome is not _WAITING:
             return 0
         interval_ns = woke_ns - self._served_ns if self._served_ns else self._period_ns
         self._served_ns = woke_ns

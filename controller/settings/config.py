@@ -188,6 +188,7 @@ class Config(Sections):
         return TrueServo(
             **same
             | {
+                "chain": servo.links[1:],
                 "torque_limit": 4.1 if servo.torque_limit is None else servo.torque_limit,
                 "torque_constant": servo.torque_constant or 0.0,
                 "position": self.start_position,
@@ -227,8 +228,8 @@ class Config(Sections):
         if model.damping is None and servo.damping_back is not None:
             ends = sorted((servo.damping, servo.damping_back))
             damping = Bounded(servo.damping, *ends)
-        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.load_inertia)
-        load_inertia = _bounded(model.load_inertia, servo.load_inertia)
+        inertia = _bounded(model.inertia, (servo.inertia or 0.0) + servo.behind)
+        load_inertia = _bounded(model.load_inertia, servo.behind)
         flexible_hz = _bounded(model.flexible_hz, servo.flexible_hz)
         stiffness = Bounded.exactly(0.0)
         if model.flexible_hz is None and model.transmission_stiffness is not None:

@@ -1,4 +1,4 @@
-"""Defines an error of a field whose message is already written for people."""
+"""Makes a validator's error from a finished message, with found and wanted values."""
 
 from __future__ import annotations
 

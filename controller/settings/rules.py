@@ -360,10 +360,10 @@ def _some_torque_moves_it(config: Sections) -> Iterator[Problem]:
 _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")
 
 
-@_reads(*_KIND, *(f"servo.{name}" for name in _TRANSMISSION))
+@_reads(*_KIND, *(f"servo.{name}" for name in _TRANSMISSION), "servo.chain")
 def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
     given = [getattr(config.servo, name) for name in _TRANSMISSION]
-    if config.servo.kind == "hardware" or not any(given):
+    if config.servo.kind == "hardware" or not any((*given, config.servo.chain)):
         return
     for name, value in zip(_TRANSMISSION[:2], given, strict=False):
         if value == 0.0:
@@ -402,7 +402,7 @@ def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
     model, servo = config.model, config.servo
     if model.load_inertia is None:
         return
-    truth = (servo.inertia or 0.0) + servo.load_inertia
+    truth = (servo.inertia or 0.0) + servo.behind
     whole = truth if model.inertia is None else model.inertia.value
     if 0.0 < whole <= model.load_inertia.value:
         yield Problem(

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    Field,
     SerializerFunctionWrapHandler,
     TypeAdapter,
     model_serializer,
@@ -21,6 +22,7 @@ from haptic_wall.controller.settings.model import (
     Positive,
     Section,
     Whole,
+    pair,
     setting,
     whole,
 )
@@ -31,14 +33,18 @@ from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
     EMULATED,
     LEAST_STRIBECK_EXPONENT,
+    MOST_LINKS,
     MOST_LOAD_FRICTION,
     MOST_STRIBECK_EXPONENT,
     MOST_TORQUE_RIPPLE,
     EncoderSide,
     HandName,
     Kind,
+    Link,
     Schedule,
     ServoSettings,
+    Vibration,
+    vibrations,
 )
 
 Baud = Annotated[
@@ -53,6 +59,11 @@ def _listed(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
     if isinstance(found, str):
         return tuple(found.split())
     return tuple(found) if isinstance(found, list) else found
+
+
+def _links(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Convert a list of rows to tuples, as pydantic's strict mode requires."""
+    return tuple(map(pair, found)) if isinstance(found, list) else found
 
 
 def _port(found: str) -> str:
@@ -87,6 +98,10 @@ _ANY: tuple[Kind, ...] = ("simulated", "emulated", "hardware")
 _TRUTH: tuple[Kind, ...] = ("simulated", "emulated")
 _BUS: tuple[Kind, ...] = ("emulated", "hardware")
 _EMULATED: tuple[Kind, ...] = ("emulated",)
+
+
+LinkRow = tuple[Positive, Annotated[float, Field(gt=0, le=1e9)], NotNegative]
+"""Inertia, stiffness and damping of a link"""
 
 
 class Servo(Section):
@@ -137,6 +152,13 @@ class Servo(Section):
     )
     transmission_damping: NotNegative = setting(
         0.0, "True damping of that transmission", "N·m·s/rad", used_by=_TRUTH
+    )
+    chain: Annotated[tuple[LinkRow, ...], BeforeValidator(_links)] = setting(
+        (),
+        "True masses behind the output, each a list of its inertia [kg·m²], and of stiffness "
+        "[N·m/rad] and damping [N·m·s/rad] of its joint to the mass before",
+        max_length=MOST_LINKS,
+        used_by=_TRUTH,
     )
     encoder: EncoderSide = setting(
         "output", "The side of a flexible transmission that the encoder measures", used_by=_ANY
@@ -434,19 +456,33 @@ class Servo(Section):
 
     @property
     def flexible_hz(self) -> float:
-        """Return the true frequency at which the load vibrates, both ends free [Hz]; 0: rigid."""
-        if not self.inertia or not self.load_inertia:
-            return 0.0
-        ease = 1.0 / self.inertia + 1.0 / self.load_inertia
-        return math.sqrt(self.transmission_stiffness * ease) / math.tau
+        """Return the true frequency at which the load vibrates, both ends free [Hz]; 0: rigid.
+
+        It is that of the slowest vibration of a chain.
+        """
+        return self._vibration.rate / math.tau
 
     @property
     def flexible_damping_ratio(self) -> float:
         """Return the true damping ratio of that vibration."""
-        stiffness = self.transmission_stiffness
-        if not stiffness:
-            return 0.0
-        return 0.5 * self.transmission_damping * math.tau * self.flexible_hz / stiffness
+        return self._vibration.ratio
+
+    @property
+    def behind(self) -> float:
+        """Return the true inertia of everything behind the transmission [kg·m²]."""
+        return sum((inertia for inertia, _, _ in self.chain), self.load_inertia)
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Return the output and the masses behind it."""
+        output = Link(self.load_inertia, self.transmission_stiffness, self.transmission_damping)
+        return output, *(Link(*row) for row in self.chain)
+
+    @property
+    def _vibration(self) -> Vibration:
+        if not self.inertia or not self.load_inertia or not self.transmission_stiffness:
+            return Vibration(0.0, 0.0)
+        return vibrations(self.inertia, self.links)[0]
 
     def asked(self) -> ServoSettings:
         """Return this section as the backend's settings.

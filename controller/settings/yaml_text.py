@@ -43,8 +43,8 @@ class _Loader(yaml.SafeLoader):
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         """Expand ``<<``: a mapping's own key wins over a merged one, an earlier merge over a later.
 
-        The library's own expansion differs between its versions: PyYAML 6.0.4 takes the merged value
-        where a merged mapping overrules what it merges itself.
+        The library's own expansion differs between its versions: PyYAML 6.0.4 takes the merged
+        value where a merged mapping overrules what it merges itself.
         """
         own = [pair for pair in node.value if pair[0].tag != _MERGE]
         merged: dict[str, tuple[yaml.Node, yaml.Node]] = {}

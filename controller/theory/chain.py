@@ -24,9 +24,6 @@ from haptic_wall.controller.theory.checks import (
     positive,
 )
 
-_TERMS = 15
-"""Of the series of a matrix whose norm is below 1/2: the next one is below 1e-17"""
-
 
 @dataclass(frozen=True, slots=True)
 class Chain:
@@ -124,8 +121,12 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     # states, position, held torque
     whole = np.zeros((count, size + 2, size + 2))
     whole[:, :size, :size], whole[:, :size, -1], whole[:, size, :size] = a, b, c
-    full = moved(whole * period[:, None, None])
-    late = moved(whole * (period * (1.0 - fraction))[:, None, None]) if fraction.any() else full
+    whole *= period[:, None, None]
+    scale = _scale(chain, period)
+    scales = scale[:, :, None] / scale[:, None]
+    full = late = moved(whole * scales) / scales
+    if fraction.any():
+        late = moved(whole * ((1.0 - fraction)[:, None, None] * scales)) / scales
     new = late[:, :-1, -1]
     old = full[:, :-1, -1] - new
     poles = np.linalg.eigvals(a * period[:, None, None]).astype(np.complex128)
@@ -137,17 +138,50 @@ def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     return Sampled(np.expm1(poles), numerator, step, new, old)
 
 
+_BLOCK = 256
+"""Matrices whose products fit into the processor's cache"""
+
+
+def _scale(chain: Chain, period: FloatArray) -> FloatArray:
+    """Return factors of states, position and torque with which their rates are alike.
+
+    Twists count by the rate of their joint, and a torque by the speed that it makes in a period.
+    """
+    ease = 1.0 / chain.inertias
+    twists = np.sqrt(chain.stiffnesses * (ease[:, 1:] + ease[:, :-1]))
+    torque = (ease[:, 0] * period)[:, None]
+    lag = torque[:, : chain.bandwidth is not None]
+    found: FloatArray = np.concatenate(
+        [np.ones_like(ease), twists, lag, 1.0 / period[:, None], torque], axis=1
+    )
+    return found
+
+
 def moved(matrices: FloatArray) -> FloatArray:
     """Return exp(A) - I of many small matrices at once; shape (n, size, size).
 
-    Taylor's series of A / 2^s, s times squared. scipy's ``expm`` takes them one by one.
+    Taylor's series of A / 2^s to A^15, s times squared. scipy's ``expm`` takes them one by one.
+
+    Source: Paterson and Stockmeyer (1973), for few products.
     """
+    blocks = [matrices[i : i + _BLOCK] for i in range(0, len(matrices), _BLOCK)]
+    return np.concatenate([_moved(block) for block in blocks] or [matrices])
+
+
+def _moved(matrices: FloatArray) -> FloatArray:
     size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
     squarings = max(math.frexp(size)[1] + 1, 0)
     small = matrices * 0.5**squarings
-    found = small / _TERMS
-    for k in range(_TERMS - 1, 0, -1):
-        found = (small + small @ found) / k
+    square = small @ small
+    cube, fourth = square @ small, square @ square
+    found = np.zeros_like(small)
+    diagonal = np.arange(small.shape[1])
+    for k in range(12, -1, -4):
+        term = [1.0 / math.factorial(k + i) for i in range(4)]
+        found = found @ fourth if k < 12 else found
+        found += term[1] * small + term[2] * square + term[3] * cube
+        if k:
+            found[:, diagonal, diagonal] += term[0]
     for _ in range(squarings):
         found = 2.0 * found + found @ found
     result: FloatArray = found

@@ -15,22 +15,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_wall.controller.theory.chain import Sampled
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.real_roots import positive_roots
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _Rows = TypeVar("_Rows", FloatArray, ComplexArray)
 
-_REAL = 1e-3
-"""Largest ratio of imaginary to real part of a root that may be a real one before it is refined"""
+_STEP = 1e-7
+"""Relative step of the frequency that tells a slope"""
+_REAL = 1e-6
+"""Largest imaginary part of a real number, relative"""
 _ROUNDS = 8
-_CLOSE = 1e-9
-"""Relative distance of two roots that are one"""
+_FINE = 1e-7
+"""Relative correction of a frequency after which the next one, from the same slope, is exact"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,10 @@ class Loops:
     """N of the velocity difference"""
     velocity_filter: VelocityFilter | None = None
     """Filter of the velocity: a factor of D"""
+
+    def take(self, index: IntArray) -> Loops:
+        """Return the loops at ``index``."""
+        return replace(self, chains=self.chains.take(index), period=self.period[index])
 
     def inverse(self, w: FloatArray) -> ComplexArray:
         """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
@@ -103,24 +111,123 @@ class Crossings:
 
 def crossings(loops: Loops, virtual_damping: FloatArray) -> Crossings:
     """Return the crossings of stiffnesses above 0, at each loop's virtual damping [N·m·s/rad]."""
-    w = _frequencies(loops, virtual_damping)
-    w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
-    kept = np.isfinite(w)
-    at = np.where(kept, w, 1.0)
-    big_b = virtual_damping[:, None]
+    parts = _Polynomials.of(loops)
+    torque, wall = _times(parts.torque_odd, parts.filter_size), parts.wall_odd
+    more = parts.late - loops.samples
+    if more >= 0:
+        wall = _times(wall, _circle(more))
+    else:
+        torque = _times(torque, _circle(-more))
+    scale = (loops.samples * loops.period)[:, None]
+    whole = _sum(-scale * torque, -virtual_damping[:, None] * _times(wall, parts.size))
 
-    def of(frequency: FloatArray) -> ComplexArray:
-        found: ComplexArray = loops.inverse(frequency) - big_b * loops.difference(frequency)
+    def left(some: Loops, index: IntArray, w: FloatArray) -> ComplexArray:
+        inverse, difference = some.responses(w)
+        found: ComplexArray = inverse - virtual_damping[index, None] * difference
         return found
 
-    step = 1e-6 * np.minimum(at, 1.0)
-    rises = (of(at + step) - of(at - step)).imag > 0
-    stiffness = np.where(kept, of(at).real, np.inf)
-    stiffness = np.where(stiffness > 0, stiffness, np.inf)
-    count = np.where(at == np.pi, 1, 2) * np.where(rises, 1, -1)
-    count = np.where(np.isfinite(stiffness), count, 0)
-    order = np.argsort(stiffness, axis=1)
-    return Crossings(*(np.take_along_axis(x, order, axis=1) for x in (stiffness, at, count)))
+    return Crossings(*_ordered(loops, whole, left))
+
+
+def unstable_softest(loops: Loops, found: Crossings) -> IntArray:
+    """Return how many poles lie outside of the unit circle with a stiffness just above 0.
+
+    They are those of an infinite stiffness, less those that leave on the way to it. With an
+    infinite stiffness poles are at the zeros of the chain, and one for each held torque far away.
+    The count is right if ``found`` has every crossing.
+    """
+    far: IntArray = (
+        loops.whole + 1 + _right(_in_s(loops.chains.numerator)) - found.poles.sum(axis=1)
+    )
+    return far
+
+
+def _right(rising: FloatArray) -> IntArray:
+    """Return how many roots of polynomials have a positive real part.
+
+    Source: Routh's array; a row that vanishes is one of a root on the axis.
+    """
+    above, row = rising[:, ::-2], rising[:, -2::-2]
+    count = np.zeros(len(rising), dtype=np.int64)
+    while row.shape[1]:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = above[:, :1] / row[:, :1]
+        count += (above[:, 0] < 0) != (row[:, 0] < 0)
+        next_row = above[:, 1:].copy()
+        next_row[:, : row.shape[1] - 1] -= ratio * row[:, 1:]
+        above, row = row, next_row
+    return count
+
+
+_Left = Callable[[Loops, IntArray, FloatArray], ComplexArray]
+"""Of loops, their indices and frequencies: what is real at a crossing, and rises with its gain"""
+
+
+def _ordered(
+    loops: Loops, polynomials: FloatArray, left: _Left
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return gains above 0, frequencies and leaving poles of all crossings, in rising order.
+
+    Args:
+        loops: The loops.
+        polynomials: Their roots in tan²(w/2) are the crossings below pi; loops × rising powers.
+        left: The function.
+    """
+    count = len(polynomials)
+    roots = positive_roots(polynomials)
+    row, w, value, rises = _refined(loops, roots.row, 2.0 * np.arctan(np.sqrt(roots.at)), left)
+    every = np.arange(count)
+    end = np.full(count, np.pi)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        last = left(loops, every, end[:, None])[:, 0]
+        before = left(loops, every, (end - 1e-6)[:, None])[:, 0]
+    row, w = np.concatenate([row, every]), np.concatenate([w, end])
+    gain = np.concatenate([value, last.real])
+    poles = np.concatenate([np.where(rises, 2, -2), np.where(before.imag < 0, 1, -1)])
+    kept = np.isfinite(gain) & (gain > 0)
+    # at pi all is real, unless the difference is 0 there and only its rounding is left
+    kept[len(value) :] &= np.abs(last.imag) <= _REAL * np.abs(last.real)
+    row, w, gain, poles = row[kept], w[kept], gain[kept], poles[kept]
+    order = np.lexsort((gain, row))
+    row, w, gain, poles = row[order], w[order], gain[order], poles[order]
+    of_each = np.bincount(row, minlength=count)
+    column = np.arange(row.size) - np.repeat(np.cumsum(of_each) - of_each, of_each)
+    shape = count, max(int(of_each.max(initial=0)), 1)
+    gains, frequencies, leaving = np.full(shape, np.inf), np.ones(shape), np.zeros(shape, int)
+    gains[row, column], frequencies[row, column], leaving[row, column] = gain, w, poles
+    return gains, frequencies, leaving
+
+
+def _refined(
+    loops: Loops, row: IntArray, w: FloatArray, left: _Left
+) -> tuple[IntArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return the rows, frequencies, values and rises of crossings, by Newton's method.
+
+    Those that it does not find are left out.
+    """
+    start, at = w, w.copy()
+    value, rises = np.full(w.size, np.nan), np.zeros(w.size, dtype=np.bool_)
+    left_over = np.arange(w.size)
+    some = loops.take(row)
+    for _ in range(_ROUNDS):
+        now = at[left_over, None] * np.array([1.0, 1.0 + _STEP])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            here = left(some, row[left_over], now)
+            slope = (here[:, 1] - here[:, 0]) / (now[:, 1] - now[:, 0])
+            step = -here[:, 0].imag / slope.imag
+        step = np.nan_to_num(step, posinf=0.0, neginf=0.0)
+        step = np.clip(step, -0.05 * now[:, 0], 0.05 * now[:, 0])
+        at[left_over] = np.clip(now[:, 0] + step, 1e-12, np.pi)
+        done = np.abs(step) <= _FINE * now[:, 0]
+        index = left_over[done]
+        value[index] = (here[done, 0] + slope[done] * step[done]).real
+        rises[index] = slope[done].imag > 0
+        left_over = left_over[~done]
+        if left_over.size == 0:
+            break
+        some = some.take(np.flatnonzero(~done))
+    found = np.isfinite(value) & (np.abs(at - start) <= 0.2 * start)
+    return row[found], at[found], value[found], rises[found]
 
 
 def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> IntArray:
@@ -174,25 +281,6 @@ def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> C
     return np.linalg.eigvals(a).astype(np.complex128)
 
 
-def _frequencies(loops: Loops, virtual_damping: FloatArray) -> FloatArray:
-    """Return the frequencies of all crossings below pi; NaN where there are fewer than columns."""
-    parts = _Polynomials.of(loops)
-    torque, wall = _times(parts.torque_odd, parts.filter_size), parts.wall_odd
-    more = parts.late - loops.samples
-    if more >= 0:
-        wall = _times(wall, _circle(more))
-    else:
-        torque = _times(torque, _circle(-more))
-    scale = (loops.samples * loops.period)[:, None]
-    whole = _sum(-scale * torque, -virtual_damping[:, None] * _times(wall, parts.size))
-
-    def imaginary(w: FloatArray) -> FloatArray:
-        found = loops.inverse(w) - virtual_damping[:, None] * loops.difference(w)
-        return found.imag
-
-    return _refined(_positive_roots(whole), imaginary)
-
-
 def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
     """Return the virtual dampings above 0 at which poles cross the circle without any stiffness.
 
@@ -207,24 +295,14 @@ def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
     both = _times(parts.torque, _times(back[None], _power(1, n)[None]))
     if loops.velocity_filter is not None:  # its numerator is real
         both = _times(both, loops.velocity_filter.denominator[None])
-    w = _refined(_positive_roots(_even(both)), lambda w: _ratio(loops, w).imag)
-    w = np.concatenate([w, np.full((len(w), 1), np.pi)], axis=1)
-    kept = np.isfinite(w)
-    at = np.where(kept, w, 1.0)
-    step = 1e-6 * np.minimum(at, np.pi - 1e-3)
-    rises = (_ratio(loops, at + step) - _ratio(loops, at - step)).imag > 0
-    damping = np.where(kept, _ratio(loops, at).real, np.inf)
-    damping = np.where(damping > 0, damping, np.inf)
-    count = np.where(at == np.pi, 1, 2) * np.where(rises, 1, -1)
-    count = np.where(np.isfinite(damping), count, 0)
-    order = np.argsort(damping, axis=1)
-    return np.take_along_axis(damping, order, 1), np.take_along_axis(count, order, 1)
 
+    def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
+        inverse, difference = some.responses(w)
+        found: ComplexArray = inverse / difference
+        return found
 
-def _ratio(loops: Loops, w: FloatArray) -> ComplexArray:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found: ComplexArray = loops.inverse(w) / loops.difference(w)
-    return found
+    damping, _, leaving = _ordered(loops, _even(both), left)
+    return damping, leaving
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,9 +356,10 @@ class _Polynomials:
 def _in_s(rising: FloatArray) -> FloatArray:
     """Return p(delta) (1 - s)^n in powers of s, for delta = 2 s / (1 - s) and p of degree n."""
     n = rising.shape[1] - 1
-    found = np.zeros_like(rising)
+    powers = np.zeros((n + 1, n + 1))
     for k in range(n + 1):
-        found[:, k:] += rising[:, k, None] * 2.0**k * _power(-1, n - k)
+        powers[k, k:] = 2.0**k * _power(-1, n - k)
+    found: FloatArray = rising @ powers
     return found
 
 
@@ -308,8 +387,16 @@ def _odd(rising: FloatArray) -> FloatArray:
 
 def _times(a: _Rows, b: _Rows) -> _Rows:
     """Return the products of polynomials, row by row; one row stands for all."""
-    rows = max(len(a), len(b))
-    found = np.zeros((rows, a.shape[1] + b.shape[1] - 1), dtype=a.dtype)
+    if len(b) > 1:
+        a, b = b, a
+    size = a.shape[1] + b.shape[1] - 1
+    if len(b) == 1 < len(a):
+        shifted = np.zeros((a.shape[1], size), dtype=b.dtype)
+        for i in range(a.shape[1]):
+            shifted[i, i : i + b.shape[1]] = b[0]
+        product: _Rows = a @ shifted
+        return product
+    found = np.zeros((len(a), size), dtype=a.dtype)
     for i in range(a.shape[1]):
         found[:, i : i + b.shape[1]] += a[:, i, None] * b
     return found
@@ -322,38 +409,3 @@ def _sum(a: FloatArray, b: FloatArray) -> FloatArray:
     found[:, : a.shape[1]] += a
     found[:, : b.shape[1]] += b
     return found
-
-
-def _positive_roots(rising: FloatArray) -> FloatArray:
-    """Return w = 2 atan(sqrt(v)) of each root v that may be real and positive, else NaN."""
-    # the variable is scaled so that first and last coefficient are alike
-    degree = rising.shape[1] - 1
-    first, last = np.abs(rising[:, 0]), np.abs(rising[:, -1])
-    usable = (first > 0) & (last > 0)
-    scale = np.where(usable, (first / np.where(usable, last, 1.0)), 1.0) ** (1.0 / degree)
-    scaled = rising * scale[:, None] ** np.arange(degree + 1)
-    matrix = np.zeros((len(rising), degree, degree))
-    matrix[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
-    leading = np.where(scaled[:, -1] == 0, np.finfo(np.float64).tiny, scaled[:, -1])
-    matrix[:, :, -1] = -scaled[:, :-1] / leading[:, None]
-    root = np.linalg.eigvals(matrix).astype(np.complex128) * scale[:, None]
-    likely = (root.real > 0) & (np.abs(root.imag) <= _REAL * np.abs(root.real))
-    return np.where(likely, 2 * np.arctan(np.sqrt(np.abs(root.real))), np.nan)
-
-
-def _refined(w: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return roots refined by Newton's method on ``function``; NaN where it finds none."""
-    at = np.where(np.isfinite(w), w, 1.0)
-    step = np.zeros_like(at)
-    for _ in range(_ROUNDS):
-        h = 1e-5 * at
-        slope = (function(at + h) - function(at - h)) / (2 * h)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.nan_to_num(-function(at) / slope, posinf=0.0, neginf=0.0)
-        step = np.clip(step, -0.05 * at, 0.05 * at)
-        at = np.clip(at + step, 1e-12, np.pi)
-    found = np.isfinite(w) & (np.abs(step) <= 1e-6 * at) & (np.abs(at - w) <= 0.2 * w)
-    result = np.sort(np.where(found, at, np.nan), axis=1)
-    twice = np.zeros(result.shape, dtype=np.bool_)
-    twice[:, 1:] = np.diff(result, axis=1) <= _CLOSE * result[:, 1:]
-    return np.where(twice, np.nan, result)

@@ -6,7 +6,25 @@ For one-sample differences (``D = s (s/2 + j c)``, names as in ``loop``) the cur
 
 On the first branch ``beta`` rises from -delta at w = 0 to the ceiling at ``w_max``, where alpha is
 zero again: there the phase of F has turned by half a circle against that of D. One equation with
-one solution gives the ceiling, and another one gives each limit.
+one solution gives the ceiling, and another one gives each limit. That takes three evaluations of
+the curve for the ceiling and six for a limit; a scan takes two hundred. The number of Newton steps
+is fixed, because on arrays a test of convergence costs more.
+
+The first branch is the whole boundary for light damping. With F = s |F/s| exp(j (theta - chi)),
+s = 2 sin(w/2), theta = w (n + 1) - arg(b2 z + b1 + b0/z) and
+tan chi = (1 - eps) cos(w/2) / ((1 + eps) sin(w/2)):
+
+- There is one ceiling. alpha = 0 where theta - chi + w/2 = pi/2. This angle starts at -pi/2; theta
+  rises and chi falls, so it passes pi/2 once.
+- beta is monotone. beta = R sin(theta - chi) with R = |F| / (s cos(w/2)): from beta = 0 to the
+  ceiling both factors rise. Below, beta is
+  [(1 + eps) tan(w/2) sin theta - (1 - eps) cos theta] / |b2 z + b1 + b0/z|: the first part rises,
+  and the second hardly changes.
+- Nothing lies lower. Later |F| has grown with w² and |D| with w, so alpha >= |F| - beta |D| is
+  above the first peak; at z = -1 |F(pi)| >= 6.
+
+In 20,000 random settings up to delta = 0.5 the scan agrees to 1e-11; the first exception is at 2.7.
+Above delta (d + 1) = 10 the branch is too flat: errors reach 1e-3 at 50.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from haptic_wall.controller.theory.crossings import (
     crossings,
     damping_crossings,
     unstable_poles,
+    unstable_softest,
 )
 from haptic_wall.controller.theory.exact import CriticalPoint
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -176,8 +177,12 @@ def _first_interval(loops: Loops, virtual_damping: FloatArray) -> tuple[FloatArr
     found = crossings(loops, virtual_damping)
     first = found.stiffness[:, 0]
     bounded = np.isfinite(first)
-    inside = np.where(bounded, 0.5 * first, 1.0)
-    stable = unstable_poles(loops, inside, virtual_damping) == 0
+    stable = unstable_softest(loops, found) == 0
+    doubtful = np.flatnonzero(~stable)
+    if doubtful.size:
+        some, big_b = loops.take(doubtful), virtual_damping[doubtful]
+        inside = np.where(bounded, 0.5 * first, 1.0)[doubtful]
+        stable[doubtful] = unstable_poles(some, inside, big_b) == 0
     return np.where(stable, first, 0.0), np.where(stable & bounded, found.w[:, 0], 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Decides whether a wall is stable with every hand of a range of mass, damping and spring.
+"""Decides whether a wall is stable with all hands in a range of mass, damping and stiffness.
 
 Suppose that the loop is stable with one hand, and that no hand of a range puts a pole on the unit
 circle (module ``hand_boxes``): then it is stable with all hands of the range. Where this cannot be

@@ -1,4 +1,4 @@
-"""Computes the one-sided limit: below it a wall that never pulls returns no device faster.
+"""Computes the one-sided limit: the stiffness up to which a contact adds no speed to the device.
 
 A wall that only pushes loses its damping on the way out. It can therefore return a device faster
 than it came although the two-sided loop is stable: with a gentle steady push the device then

@@ -10,8 +10,14 @@ coordinates that make interpolation easy:
 - short delays, much virtual damping: few scallops, on a fine grid;
 - long delays: smooth.
 
-The stored values are lowered until the interpolation lies below the computed limit. Cells where
-that costs more than a few per cent are left out, and there the limit is computed.
+The stored values are lowered until the interpolation lies below the computed limit (in 18,000
+random settings it is at most 0.06 % above). Cells where that costs more than 4 % are left out, and
+there the limit is computed. With a little more inertia or delay the limit falls by up to 5.5 %
+(over 1 % in 9 of 3,000 plants): the guard's margin covers this. The lowest value of each
+neighbourhood would cost as much everywhere.
+
+A computed limit takes a millisecond of simulated contacts, and a decision needs hundreds: those of
+64 delays took 84 to 286 ms, with the table 1.2.
 ``scripts/study one_sided_table`` makes the table.
 """
 

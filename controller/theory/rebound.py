@@ -1,4 +1,4 @@
-"""Computes the entry speeds at which a one-sided wall returns no device faster than it came.
+"""Computes the range of entry speeds at which a one-sided wall adds no speed to the device.
 
 Below its limit such a wall takes energy in every contact, in proportion to the square of the speed.
 Two effects disturb this. Each encoder count causes an error of the torque; the work of this error

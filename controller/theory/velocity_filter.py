@@ -1,4 +1,4 @@
-"""Second-order filters of the velocity that damps: a low-pass or a notch, and their response.
+"""Second-order filters of the velocity that the damper uses: low-pass or notch, and response.
 
 They are bilinear transforms of ``1 / (1 + x/q + x²)`` and ``(1 + x²) / (1 + x/q + x²)``, prewarped
 at their frequency w0: with ``s = (z - 1)/(z + 1)``, x is ``s / tan(w0/2)``. On the unit circle s is

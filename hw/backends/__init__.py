@@ -1,1 +1,1 @@
-"""The servo backends that come with the program: a file each, as an outside one would be."""
+"""The servo backends that come with the program, one file each, written like outside ones."""

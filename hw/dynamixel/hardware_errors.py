@@ -31,33 +31,19 @@ _ASKED_BYTES: Final = 3
 
 
 def error_names(error: int) -> str:
-    """Return the names of the latched errors, for messages; empty if no known bit is set.
-
-    Args:
-        error: The register's value.
-    """
+    """Return the names of the latched errors, for messages; empty if no known bit is set."""
     return ", ".join(name for bit, (name, _) in _BITS.items() if error >> bit & 1)
 
 
 def what_to_do(error: int) -> str:
-    """Return advice on the latched errors, to be put after a colon.
-
-    Args:
-        error: The register's value.
-    """
+    """Return advice on the latched errors, to be put after a colon."""
     remedies = [remedy for bit, (_, remedy) in _BITS.items() if error >> bit & 1]
     remove = "; ".join(remedies) or "remove the cause"
     return f"{remove}; then reboot it or switch its power off and on, nothing else clears it"
 
 
 def latched(link: Link, clock: Clock, name: str) -> str:
-    """Read the latched errors of a servo; return names and advice, or an empty text.
-
-    Args:
-        link: The servo, with its torque off.
-        clock: Tells the time.
-        name: Name of the servo.
-    """
+    """Read the latched errors of a servo; return names and advice, or an empty text."""
     for patience in _PATIENCE_NS:
         try:
             block = link.read_block(_STATUS.address, _ASKED_BYTES, clock.now_ns() + patience)

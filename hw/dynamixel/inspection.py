@@ -27,12 +27,6 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> T
     """Check model and firmware; return the servo with the registers that this firmware has.
 
     It raises at once: without model and firmware no other register has a meaning.
-
-    Args:
-        table: The servo.
-        model: The configured model.
-        number: The servo's model number.
-        checklist: Receives the checks.
     """
     found = model_by_number(number)
     fault = remedy(

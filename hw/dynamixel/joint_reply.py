@@ -19,12 +19,12 @@ from haptic_wall.hw.dynamixel.codec import (
     crc16,
     decode_fast_status,
 )
-from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE
+from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE, SAMPLE_FIELDS
 
 _HEAD: Final = b"\xff\xff\xfd\x00\xfe"
 _HEAD_BYTES: Final = 8
 _PREAMBLE: Final = 7
-_SHARE: Final = "BxH4xh4xi"
+_SHARE: Final = f"Bx{SAMPLE_FIELDS}"
 """Used fields of a servo's part: error, tick, current and position"""
 
 
@@ -62,13 +62,7 @@ class Shares(NamedTuple):
 
 
 def shares(raw: bytes | bytearray, count: int, size: int) -> Shares:
-    """Return the valid parts of a joint reply in the received bytes.
-
-    Args:
-        raw: Bytes since the request.
-        count: Number of requested servos.
-        size: Requested bytes of each.
-    """
+    """Return the valid parts of a joint reply in the received bytes."""
     length = 1 + count * (size + 4)
     at = raw.find(_head(count, size))
     if at < 0:

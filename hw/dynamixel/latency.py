@@ -32,12 +32,7 @@ def timer_file(path: str, classes: Path = CLASSES) -> Path:
 
 
 def timer_ms(path: str, classes: Path = CLASSES) -> int | None:
-    """Return the latency timer now [ms]; None: the system knows none for this adapter.
-
-    Args:
-        path: The port's device.
-        classes: Where the system describes its ports.
-    """
+    """Return the latency timer now [ms]; None: the system knows none for this adapter."""
     try:
         return int(timer_file(path, classes).read_text())
     except (OSError, ValueError):

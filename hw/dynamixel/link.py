@@ -14,6 +14,10 @@ Three cheap checks do it:
    another reading means that the servo has restarted.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
+
+Two lengths would not do: a reply two periods late has the right one. The clock alone cannot tell
+periods of 1 ms. A late reply may arrive after the receive buffer was drained. The longer replies
+cost 1.25 µs a cycle at 4 Mbit/s.
 """
 
 from __future__ import annotations
@@ -23,21 +27,20 @@ from collections.abc import Sequence
 from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import (
-    BROADCAST,
-    ExpectedReply,
     Frame,
     Instruction,
     Parser,
+    SyncWrite,
     encode,
 )
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     QUARANTINE,
-    SAMPLE,
     SAMPLE_ADDRESS,
     SAMPLE_END,
     Sample,
+    SampleRequest,
     ServoClock,
 )
 from haptic_wall.hw.dynamixel.tables import Register
@@ -47,6 +50,8 @@ from haptic_wall.hw.servo import BusCounts, Outcome
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 _STATUS: Final = Instruction.STATUS
+_REFUSED: Final = 0x7F
+"""Bits of the error byte that say why a request was refused"""
 
 
 class Link:
@@ -69,23 +74,16 @@ class Link:
         self._id = servo_id
         self._baud = baud
         self._parser = Parser(joint=False)
-        self._requests = {
-            length: encode(servo_id, Instruction.READ, struct.pack("<HH", SAMPLE_ADDRESS, length))
-            for length in LENGTHS
-        }
-        self._expected = {length: ExpectedReply(servo_id, length) for length in LENGTHS}
-        self._tick_at = dict.fromkeys(LENGTHS, 0)
-        """Offset of the sample in a reply of each length"""
+        self._usual = [SampleRequest(servo_id, SAMPLE_ADDRESS, length) for length in LENGTHS]
+        self._requests = {each.length: each for each in self._usual}
+        self._goal = SyncWrite(_GOAL_CURRENT, (servo_id,))
         self._goals: dict[int, bytes] = {}
-        self._free_at = dict.fromkeys(LENGTHS, 0)
-        self._number = 0
-        """Of the next request"""
-        self._length = 0
-        """Of the request that waits for its answer; 0: none does"""
+        self._number = 0  # of the next request
+        self._asked: SampleRequest | None = None
+        """The request that waits for its answer; None: none does"""
         self._refusals = 0
         self._sent_ns = 0
-        self._begun = False
-        """Any byte has come since the last request"""
+        self._begun = False  # any byte has come since the last request
         self._undecided = False
         """A reply that had begun when it was given up may still be completed"""
         self.waited_ns = 0
@@ -94,13 +92,18 @@ class Link:
         """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
         one"""
         self._servo_clock = ServoClock()
-        self.block = b""
-        """All data of the last good reply"""
+        self._body = b"\0"
+        """Error byte and all data of the last good reply"""
 
     @property
     def waiting(self) -> bool:
         """Whether a request is outstanding."""
-        return self._length != 0
+        return self._asked is not None
+
+    @property
+    def block(self) -> bytes:
+        """Return all data of the last good reply."""
+        return self._body[1:]
 
     @property
     def restarted(self) -> bool:
@@ -128,10 +131,8 @@ class Link:
         length = end - address
         if address > SAMPLE_ADDRESS or end < SAMPLE_END or length in LENGTHS[:-1]:
             raise ValueError(f"a block from {address} to {end} cannot stand for the sample")
-        params = struct.pack("<HH", address, length)
-        self._requests[length] = encode(self._id, Instruction.READ, params)
-        self._expected[length] = ExpectedReply(self._id, length)
-        self._tick_at[length] = SAMPLE_ADDRESS - address
+        self._requests[length] = SampleRequest(self._id, address, length)
+        self._usual = [self._requests[each] for each in LENGTHS]
         return length
 
     def request(self, wide: int = 0) -> None:
@@ -144,7 +145,7 @@ class Link:
         Raises:
             ServoLostError: The port is gone.
         """
-        if self._length:
+        if self._asked is not None:
             self._give_up(Outcome.LOST)
         if stale := self._line.read():
             cut = self._parser.corrupt
@@ -154,15 +155,16 @@ class Link:
             if self._undecided:
                 self._decide(frames, self._parser.corrupt > cut)
         number = self._number
-        if not wide or self._free_at.get(wide, 0) > number:
-            wide = LENGTHS.start  # found in two steps on an undisturbed bus
-            while self._free_at[wide] > number:
-                wide += 1
+        asked = self._requests[wide] if wide else self._usual[0]
+        if asked.free_at > number:
+            for asked in self._usual:  # the second one, on an undisturbed bus
+                if asked.free_at <= number:
+                    break
         self._number = number + 1
-        self._length = wide
+        self._asked = asked
         self._begun = False
         self._sent_ns = self._now_ns()
-        self._line.write(self._requests[wide])
+        self._line.write(asked.frame)
 
     def collect(self, deadline_ns: int) -> Sample:
         """Return the answer to the last request, waiting until ``deadline_ns`` [ns] at most.
@@ -173,7 +175,8 @@ class Link:
             ServoLostError: The port is gone.
             RuntimeError: There was no request.
         """
-        if not self._length:
+        asked = self._asked
+        if asked is None:
             raise RuntimeError("collect() without a request(): call request() first")
         line, parser = self._line, self._parser
         broken = parser.corrupt + self._refusals
@@ -187,18 +190,17 @@ class Link:
                 break
             data = line.read()
             self._begun = True
-            expected = self._expected[self._length].match(data) if parser.idle else None
-            found: Sample | None = None
-            cut = parser.corrupt
-            frames = parser.feed(data) if expected is None else (expected,)
-            if self._undecided:
-                broken += self._decide(frames, parser.corrupt > cut)
-            for frame in frames:
-                sample = self._match(frame)
-                if sample is None:
-                    self._count_unmatched(frame)
-                elif found is None:
-                    found = sample
+            whole = parser.idle and not self._undecided
+            if whole and (body := asked.expected.match(data)) is not None:
+                found = self._accepted(asked, body)
+                if found is None:
+                    self._count_unmatched(Frame(self._id, _STATUS, body[0], body[1:]))
+            else:
+                cut = parser.corrupt
+                frames = parser.feed(data)
+                if self._undecided:
+                    broken += self._decide(frames, parser.corrupt > cut)
+                found = self._search(frames)
             if found is not None:
                 return found
             if began_ns >= deadline_ns:  # a bus without a servo may never be silent
@@ -216,8 +218,7 @@ class Link:
         """
         frame = self._goals.get(goal)
         if frame is None:  # built once per value; there are as many as current units
-            params = struct.pack("<HHBh", _GOAL_CURRENT, 2, self._id, goal)
-            frame = self._goals[goal] = encode(BROADCAST, Instruction.SYNC_WRITE, params)
+            frame = self._goals[goal] = self._goal.encode((goal,))
         self._line.write(frame)
 
     def write_register(self, register: Register, value: int, deadline_ns: int) -> bool:
@@ -259,8 +260,8 @@ class Link:
         A sample under way is discarded: it is no longer needed.
         """
         line, parser, now_ns = self._line, self._parser, self._now_ns
-        if self._length:
-            self._quarantine()
+        if self._asked is not None:
+            self._quarantine(self._asked)
         self._undecided = False
         parser.feed(line.read())
         line.write(encode(self._id, instruction, params))
@@ -273,22 +274,38 @@ class Link:
         return None
 
     def _is_good_reply(self, frame: Frame) -> bool:
-        return frame.id == self._id and frame.instruction == _STATUS and not frame.error & 0x7F
+        return frame.id == self._id and frame.instruction == _STATUS and not frame.error & _REFUSED
 
-    def _match(self, frame: Frame) -> Sample | None:
-        """Return the sample if ``frame`` answers the waiting request, else None."""
-        params = frame.params
-        length = self._length
-        if len(params) != length or not length or not self._is_good_reply(frame):
+    def _search(self, frames: Sequence[Frame]) -> Sample | None:
+        """Return the sample in the frame that answers the waiting request; count all others."""
+        found: Sample | None = None
+        for frame in frames:
+            asked, sample = self._asked, None
+            own = self._is_good_reply(frame)
+            if own and asked is not None and len(frame.params) == asked.length:
+                sample = self._accepted(asked, bytes((frame.error,)) + frame.params)
+            if sample is None:
+                self._count_unmatched(frame)
+            else:
+                found = sample
+        return found
+
+    def _accepted(self, asked: SampleRequest, body: bytes) -> Sample | None:
+        """Return the sample in a reply of the length of the waiting request, if it answers that.
+
+        Args:
+            asked: The request.
+            body: Error byte and data.
+        """
+        error, tick, current, position = asked.layout.unpack_from(body)
+        sent_ns = self._sent_ns
+        if error & _REFUSED or not self._servo_clock.accept(tick, sent_ns):
             return None
-        tick, _, current, _, position = SAMPLE.unpack_from(params, self._tick_at[length])
-        if not self._servo_clock.accept(tick, self._sent_ns):
-            return None
-        self.block = params
+        self._body = body
         self.counts.cycles += 1
-        self._free_at[length] = self._number + 1  # not for the next request: a copy may follow
-        self._length = 0
-        return Sample(_OK, position, current, frame.error != 0, self._sent_ns)
+        asked.free_at = self._number + 1  # not for the next request: a copy may follow
+        self._asked = None
+        return Sample(_OK, position, current, error != 0, sent_ns)
 
     def _give_up(self, outcome: Outcome) -> Sample:
         """Stop waiting for the last request, and keep its length out of use for a while.
@@ -296,14 +313,15 @@ class Link:
         The rest of a reply that has begun may be in the adapter: it is lost now, and late when it
         comes. When another frame begins instead, it was truncated, and counts as broken.
         """
-        counts = self.counts
+        counts, asked = self.counts, self._asked
         counts.cycles += 1
         self._undecided |= self._begun and not self._parser.idle and outcome is Outcome.LOST
         if outcome is Outcome.CORRUPT:
             counts.corrupt += 1
         else:
             counts.lost += 1
-        self._quarantine()
+        if asked is not None:
+            self._quarantine(asked)
         return Sample(outcome, 0, 0, False, self._sent_ns)
 
     def _decide(self, frames: Sequence[Frame], cut: bool) -> bool:
@@ -323,10 +341,10 @@ class Link:
             self.counts.corrupt += 1
         return cut
 
-    def _quarantine(self) -> None:
+    def _quarantine(self, asked: SampleRequest) -> None:
         """Stop waiting; the answer may still come, so its length is not used for a while."""
-        self._free_at[self._length] = self._number + QUARANTINE
-        self._length = 0
+        asked.free_at = self._number + QUARANTINE
+        self._asked = None
 
     def _count_unmatched(self, frame: Frame) -> None:
         """Count a sample that no request waits for, or a refusal (it does not name its request)."""

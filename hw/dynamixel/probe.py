@@ -1,4 +1,4 @@
-"""Verifies that a positive torque moves the position up, by a push of a few encoder counts.
+"""Pushes the shaft by a few encoder counts to find the sign of torque against position.
 
 With a reversed position and an unreversed current the wall would drive the servo *into* the wall.
 The sign is therefore measured, not taken from the manual.

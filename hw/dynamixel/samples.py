@@ -1,15 +1,18 @@
-"""Decodes a sample from a servo's reply, and validates it by the servo's own clock."""
+"""Requests and decodes a servo's samples; refuses a late one by the servo's millisecond clock."""
 
 from __future__ import annotations
 
 import struct
 from typing import Final, NamedTuple
 
+from haptic_wall.hw.dynamixel.codec import ExpectedReply, Instruction, encode
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")
 """From 120: tick, moving, moving status, PWM, current, velocity, position"""
+SAMPLE_FIELDS: Final = "H4xh4xi"
+"""Of these only tick, current and position"""
 SAMPLE_ADDRESS: Final = 120
 SAMPLE_END: Final = SAMPLE_ADDRESS + SAMPLE.size
 LENGTHS: Final = range(16, 28)
@@ -44,6 +47,32 @@ class Sample(NamedTuple):
     """A hardware error is latched."""
     sampled_ns: int
     """When the request was sent [ns]"""
+
+
+class SampleRequest:
+    """A request for the sample, perhaps in a wider block, and what is known of its reply.
+
+    Args:
+        servo_id: The servo.
+        address: First register of the block, at 120 at most.
+        length: Number of bytes; no other block has as many.
+
+    Attributes:
+        length: Number of bytes.
+        frame: The request on the wire.
+        expected: Recognises the reply.
+        layout: Error byte, tick, current and position in the reply's error byte and data.
+        free_at: Number of the first request that may have this length: a reply may still come.
+    """
+
+    __slots__ = ("expected", "frame", "free_at", "layout", "length")
+
+    def __init__(self, servo_id: int, address: int, length: int) -> None:
+        self.length = length
+        self.frame = encode(servo_id, Instruction.READ, struct.pack("<HH", address, length))
+        self.expected = ExpectedReply(servo_id, length)
+        self.layout = struct.Struct(f"<B{SAMPLE_ADDRESS - address}x{SAMPLE_FIELDS}")
+        self.free_at = 0
 
 
 class ServoClock:

@@ -15,6 +15,7 @@ from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
@@ -277,6 +278,15 @@ class DynamixelServo:
                 self.stop()
         finally:
             self._line.close()
+
+    def idle(self) -> None:
+        """Make the line's system calls without effect, to keep them quick; see ``HasIdleWork``.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        if isinstance(self._line, FdLine):
+            self._line.idle()
 
     def stand_in(self, clock: Clock) -> DynamixelServo:
         """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""

@@ -1,4 +1,4 @@
-"""Verifies the torque's sign by a small push during the start-up checks."""
+"""Executes the sign check at the start-up: runs ``probe``, repeats it, and records the result."""
 
 from __future__ import annotations
 

@@ -17,12 +17,7 @@ _READ_BYTES: Final = 14
 
 
 class StandInLine:
-    """A line in memory: answers each request for a sample at once.
-
-    Args:
-        servo_id: Id in the replies.
-        clock: Time of the servo's own clock.
-    """
+    """A line in memory: answers each request for a sample at once."""
 
     __slots__ = ("_answer", "_counts", "_id", "_step", "clock")
 

@@ -103,9 +103,6 @@ class WatchdogMonitor:
 
         After a suspension the servo's clock and its registers look like a supply failure, and the
         silence on this computer's clock is short.
-
-        Args:
-            error: The apparent cause.
         """
         seconds = self._suspension.seconds()
         if not seconds:

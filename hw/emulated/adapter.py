@@ -1,4 +1,4 @@
-"""The USB adapter between wire and host: its latency timer and its blocks.
+"""Simulates the USB adapter between wire and host: its latency timer and its blocks.
 
 Bytes gather in the adapter until a block is full or the timer expires. The timer measures the time
 since bytes were last sent to the host, and restarts whenever it expires, even with nothing to send.

@@ -15,8 +15,14 @@ from haptic_wall.hw.dynamixel.codec import (
     encode_status,
 )
 from haptic_wall.hw.emulated.collision import Sending, collide, pull_low
-from haptic_wall.hw.emulated.instructions import carry_out, carry_out_as_secondary
-from haptic_wall.hw.emulated.lists import READS, WRITES, Entry, entries
+from haptic_wall.hw.emulated.instructions import (
+    READS,
+    WRITES,
+    Entry,
+    carry_out,
+    carry_out_as_secondary,
+    entries,
+)
 from haptic_wall.hw.emulated.servo import EmulatedServo
 
 _FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
@@ -197,3 +203,20 @@ def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
         (sending,) = sendings
         return [Answer(sending.delay_ns, sending.frame, sending.wire)]
     return [Answer(*heard) for heard in collide(sendings)]
+
+
+SLOT_NS = 3_000_000
+"""Time for a missing id [ns]"""
+
+
+def in_slots(frame: Frame, answers: Sequence[Answer]) -> Sequence[Answer]:
+    """Delay the replies to ``frame`` by the slots before them if it is a broadcast ping."""
+    if frame.id != BROADCAST or frame.instruction != Instruction.PING:
+        return answers
+    slotted = []
+    expected = 0
+    for reply in answers:
+        missing = max(0, reply.frame.id - expected)
+        slotted.append(reply._replace(delay_ns=reply.delay_ns + missing * SLOT_NS))
+        expected = reply.frame.id + 1
+    return slotted

@@ -1,7 +1,8 @@
 """The emulated bus: takes and gives bytes at given times, as on one half-duplex wire.
 
 It has no clock: the caller gives the time, in nanoseconds that never decrease. Between two calls
-every event happens at its own instant.
+every event happens at its own instant. So a late server delays replies only, and a test in memory
+repeats a fault of the terminal to the byte.
 
 There is one wire. A byte takes ten bit times. An instruction takes effect when its last byte has
 arrived; a reply can be read when its last byte has, unless an adapter holds it back. Bytes sent
@@ -17,13 +18,12 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
-from haptic_wall.hw.emulated.answers import Answer, addressed, answer
+from haptic_wall.hw.emulated.answers import Answer, addressed, answer, in_slots
 from haptic_wall.hw.emulated.damage import id_of
 from haptic_wall.hw.emulated.fault_effects import SILENCING, apply_fault
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
 from haptic_wall.hw.emulated.injection import FaultEvent, Faults
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.emulated.slots import in_slots
 from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.emulated.witness_rows import WitnessRows

@@ -57,11 +57,7 @@ class Motion(NamedTuple):
 
 
 class Controllers:
-    """The controllers of one servo, in the units and directions of its registers.
-
-    Args:
-        table: Its registers.
-    """
+    """The controllers of one servo, in the units and directions of its registers."""
 
     __slots__ = ("_goal", "_integral", "_memory", "_plan", "_since_ns", "_table", "mode")
 

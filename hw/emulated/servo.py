@@ -201,7 +201,7 @@ class EmulatedServo:
         if self._hand is not None:
             self._feel(self._hand, now_ns)
         mechanism = self.drive.mechanism
-        behind = mechanism.two_masses and now_ns - mechanism.time_ns > _BEHIND_NS
+        behind = mechanism.flexible and now_ns - mechanism.time_ns > _BEHIND_NS
         if behind or now_ns >= self.drive.next_ns:
             self.drive.advance(now_ns)
 

@@ -1,4 +1,4 @@
-"""Moves many one-axis servos at once under held torques, exactly; the array form of ``body``.
+"""Simulates many one-axis servos at once under held torques, exactly; the array form of ``body``.
 
 The formulas and the order of their operations are those of ``haptic_wall.hw.plant.body.step``
 without an operator, so that each body moves exactly, to the last bit, as it would alone. Where a

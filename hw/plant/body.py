@@ -1,4 +1,4 @@
-"""Moves a one-axis servo exactly under held torque, friction and an operator; no time stepping.
+"""Simulates a one-axis servo exactly under held torque, friction and operator; no time stepping.
 
 The motion over a step solves ::
 
@@ -11,6 +11,9 @@ zero and where a stuck body breaks away; the module solves for each of them.
 
 At rest the body is stuck while the applied torque is at most c (static friction equals
 kinetic friction).
+
+Near the stability boundary a loop grows by 1e-7 per sample. The damping of a fixed-step integrator
+would be as large.
 """
 
 from __future__ import annotations

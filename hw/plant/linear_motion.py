@@ -1,58 +1,45 @@
-"""Computes the linear motion of two masses under held torques, exactly.
+"""Computes the linear motion of a chain of masses under held torques, exactly.
 
-The state is the twist of the transmission, the motor's speed, the output's, and the stretch of the
-operator's spring; the inputs are the held torques on motor and output and the speed of the
-operator's reference.
+The state is a list: the motor's speed, then for each further mass the twist of the joint before it
+and its speed, and last the stretch of the operator's spring. The inputs are held: torques on motor,
+output (the second mass) and end (the last one), and the speed of the operator's reference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any
 
-_SMALL = 1e-16
-"""Terms of a course that are this small no longer count [rad, rad/s]"""
-_TERMS = 60
+from haptic_wall.hw.settings import Link
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_TERMS = 24
+"""Terms of a course: those of a piece fall at least as 2^k / k!"""
+_REACH = 2.0
+"""Largest norm of the rates times the length of a piece"""
+_SMALL = 1e-18
+"""Relative size of a last term that no longer counts"""
 _LOOKS = 8
-"""Parts of a step in which a root is looked for"""
+"""Parts of a piece in which a root is looked for"""
 
 
-class Moving(NamedTuple):
-    """State of two masses."""
-
-    twist: float
-    """Motor's position less the output's [rad]"""
-    motor: float
-    """[rad/s]"""
-    output: float
-    """[rad/s]"""
-    stretch: float
-    """Reference of the operator less the output's position [rad]"""
-
-
-class Inputs(NamedTuple):
-    """The inputs, held during a step."""
-
-    motor: float
-    """Torque on the motor's side [N·m]"""
-    output: float
-    """Torque on the output [N·m]"""
-    slope: float
-    """Speed of the operator's reference [rad/s]"""
+Inputs = tuple[float, float, float, float]
+"""Held torques on motor, output and last mass [N·m], and the reference's speed [rad/s]"""
 
 
 class LinearMotion:
-    """One linear motion of two masses; responses over few lengths are kept."""
+    """One linear motion of a chain; responses over few lengths are kept."""
 
-    __slots__ = ("_kept", "_rates", "_rows")
+    __slots__ = ("_kept", "_orders", "_piece_ns", "_rates", "_scale", "_series")
 
     def __init__(
         self,
         inertia: float,
-        load_inertia: float,
-        stiffness: float,
-        damping: float,
+        links: tuple[Link, ...],
         viscous: float,
         hand_stiffness: float,
         hand_damping: float,
@@ -62,69 +49,80 @@ class LinearMotion:
 
         Args:
             inertia: Inertia of the motor's side [kg·m²].
-            load_inertia: [kg·m²]
-            stiffness: Stiffness of the transmission; 0 within its backlash [N·m/rad].
-            damping: Damping [N·m·s/rad], at the same place as the stiffness.
+            links: The masses behind it, each with its joint; a joint's stiffness and damping are 0
+                within its backlash.
             viscous: Friction of the motor [N·m·s/rad].
-            hand_stiffness: Stiffness of the operator's spring at the output [N·m/rad].
+            hand_stiffness: Stiffness of the operator's spring at the last mass [N·m/rad].
             hand_damping: Damping of the operator's damper [N·m·s/rad].
             sticks: The motor's side stands still.
         """
         import numpy as np  # not at the top: of an emulated bus it is half the start
 
-        rates = np.zeros((7, 7))
-        rates[0, 1:3] = 1.0, -1.0
-        if not sticks:
-            rates[1, :5] = -stiffness, -damping - viscous, damping, 0.0, 1.0
-            rates[1] /= inertia
-        rates[2, :4] = stiffness, damping, -damping - hand_damping, hand_stiffness
-        rates[2, 5:] = 1.0, hand_damping
-        rates[2] /= load_inertia
-        rates[3, [2, 6]] = -1.0, 1.0
+        size = 2 * len(links) + 2
+        speeds = range(0, size - 1, 2)
+        rates = np.zeros((size, size + 4))
+        motor, output, end, slope = range(size, rates.shape[1])
+        rates[0, 0], rates[0, motor], rates[2, output], rates[-2, end] = -viscous, 1.0, 1.0, 1.0
+        for i, (_, stiffness, damping) in zip(speeds, links, strict=False):
+            rates[i, i : i + 3] += -damping, -stiffness, damping
+            rates[i + 1, [i, i + 2]] = 1.0, -1.0
+            rates[i + 2, i : i + 3] += damping, stiffness, -damping
+        rates[-2, [size - 2, size - 1, slope]] += -hand_damping, hand_stiffness, hand_damping
+        rates[-1, [size - 2, slope]] = -1.0, 1.0
+        for i, mass in zip(speeds, (inertia, *(link.inertia for link in links)), strict=True):
+            rates[i] /= mass
+        if sticks:
+            rates[0] = 0.0
         self._rates = rates
-        self._rows = (*rates[1, [0, 1, 2, 4]].tolist(), *rates[2, [0, 1, 2, 3, 5, 6]].tolist())
-        self._kept: dict[int, tuple[float, ...]] = {}
+        bends = np.abs(rates[::2][:, [*range(1, size, 2)]]).sum(axis=1).max()
+        fades = np.abs(rates[::2][:, list(speeds)]).sum(axis=1).max()
+        rate = math.sqrt(float(bends))
+        self._scale = np.ones(rates.shape[1])
+        if rate > 0.0:  # twists count as speeds
+            self._scale[1:size:2] = rate
+        self._piece_ns = max(int(_REACH / max(2.0 * rate, rate + float(fades), 1.0) * 1e9), 1)
+        self._kept: dict[int, np.ndarray[Any, Any]] = {}
+        self._orders = np.arange(_TERMS)
+        self._series: np.ndarray[Any, Any] | None = None
 
-    def after(self, now: Moving, held: Inputs, length_ns: int) -> Moving:
+    def after(self, now: Iterable[float], held: Inputs, length_ns: int) -> list[float]:
         """Return the state after a length that comes often [ns]."""
         over = self._kept.get(length_ns)
         if over is None:
+            import numpy as np
             from scipy.linalg import expm
 
-            whole = expm(self._rates * (length_ns * 1e-9))
-            over = self._kept[length_ns] = tuple(whole[:4].ravel().tolist())
-        a, b, c, d = now
-        p, q, r = held
-        a0, b0, c0, d0, p0, q0, r0, a1, b1, c1, d1, p1, q1, r1 = over[:14]
-        a2, b2, c2, d2, p2, q2, r2, a3, b3, c3, d3, p3, q3, r3 = over[14:]
-        return Moving(
-            a0 * a + b0 * b + c0 * c + d0 * d + p0 * p + q0 * q + r0 * r,
-            a1 * a + b1 * b + c1 * c + d1 * d + p1 * p + q1 * q + r1 * r,
-            a2 * a + b2 * b + c2 * c + d2 * d + p2 * p + q2 * q + r2 * r,
-            a3 * a + b3 * b + c3 * c + d3 * d + p3 * p + q3 * q + r3 * r,
-        )
+            rows, columns = self._rates.shape
+            whole = np.zeros((columns, columns))
+            whole[:rows] = self._rates * (length_ns * 1e-9)
+            scale = self._scale
+            over = (expm(whole * scale[:, None] / scale) / scale[:, None] * scale)[:rows]
+            self._kept[length_ns] = over
+        state: list[float] = over.dot((*now, *held)).tolist()
+        return state
 
-    def course(self, now: Moving, held: Inputs, length_ns: int) -> Course:
-        """Return the course over a step of less than some radians of the motion [ns]."""
-        a, b, c, d = now
-        p, q, r = held
-        ba, bb, bc, bp, ca, cb, cc, cd, cq, cr = self._rows
-        seconds = length_ns * 1e-9
-        factor, terms = seconds, [now]
-        constant_b, constant_c, constant_d = bp * p, cq * q + cr * r, r
+    def course(self, now: Sequence[float], held: Inputs, length_ns: int) -> Course:
+        """Return the course over a step [ns]."""
+        if self._series is None:
+            self._series = self._powers()
+        piece_ns, size = self._piece_ns, len(now)
+        pieces = [self._series.dot((*now, *held)).reshape(_TERMS, size)]
+        for _ in range((length_ns - 1) // piece_ns):
+            now = self.after(now, held, piece_ns)
+            pieces.append(self._series.dot((*now, *held)).reshape(_TERMS, size))
+        return Course(length_ns, piece_ns, pieces, self._orders)
+
+    def _powers(self) -> np.ndarray[Any, Any]:
+        """Return the matrices of the terms of a piece, one below the other."""
+        import numpy as np
+
+        size, columns = self._rates.shape
+        moved = self._rates * (self._piece_ns * 1e-9)
+        series = np.zeros((_TERMS, size, columns))
+        series[0, :, :size], series[1] = np.eye(size), moved
         for k in range(2, _TERMS):
-            a, b, c, d = (
-                factor * (b - c),
-                factor * (ba * a + bb * b + bc * c + constant_b),
-                factor * (ca * a + cb * b + cc * c + cd * d + constant_c),
-                factor * (constant_d - c),
-            )
-            constant_b = constant_c = constant_d = 0.0
-            terms.append(Moving(a, b, c, d))
-            if abs(a) + abs(b) + abs(c) + abs(d) < _SMALL:
-                break
-            factor = seconds / k
-        return Course(length_ns, terms)
+            series[k] = moved[:, :size] @ series[k - 1] / k
+        return series.reshape(-1, columns)
 
 
 linear_motion = lru_cache(maxsize=256)(LinearMotion)
@@ -132,48 +130,62 @@ linear_motion = lru_cache(maxsize=256)(LinearMotion)
 
 
 class Course:
-    """The motion over one step, as powers of the share of it that has passed."""
+    """The motion over one step: in each of its pieces, powers of the share that has passed."""
 
-    __slots__ = ("_length_ns", "_terms")
+    __slots__ = ("_length_ns", "_orders", "_piece_ns", "_pieces")
 
-    def __init__(self, length_ns: int, terms: list[Moving]) -> None:
-        self._length_ns = length_ns
-        self._terms = terms[::-1]
+    def __init__(
+        self,
+        length_ns: int,
+        piece_ns: int,
+        pieces: list[np.ndarray[Any, Any]],
+        orders: np.ndarray[Any, Any],
+    ) -> None:
+        self._length_ns, self._piece_ns = length_ns, piece_ns
+        self._pieces, self._orders = pieces, orders
 
-    def at(self, time_ns: int) -> Moving:
+    def at(self, time_ns: int) -> list[float]:
         """Return the state at this time of the step [ns]."""
-        share = time_ns / self._length_ns
-        a = b = c = d = 0.0
-        for e, f, g, h in self._terms:
-            a, b, c, d = a * share + e, b * share + f, c * share + g, d * share + h
-        return Moving(a, b, c, d)
+        index = min(time_ns // self._piece_ns, len(self._pieces) - 1)
+        share = time_ns / self._piece_ns - index
+        state: list[float] = (share**self._orders).dot(self._pieces[index]).tolist()
+        return state
 
-    def until(self, offset: float, twist: float, motor: float, output: float) -> int:
+    def until(self, offset: float, motor: float, twist: float, output: float) -> int:
         """Return the first nanosecond at which a positive value has fallen to 0 or below.
 
-        The value is ``offset`` and the multiples of twist and speeds that are given. Where it is
-        nowhere positive, at eight points of the step, that is the first nanosecond.
+        The value is ``offset`` and the multiples of the motor's speed, of the first twist and of
+        the output's speed that are given. Where it is nowhere positive, at eight points of each
+        piece, that is the first nanosecond.
         """
-        terms = [twist * a + motor * b + output * c for a, b, c, _ in self._terms]
-        terms[-1] += offset
-        low, was = 0.0, _value(terms, 0.0) > 0.0
-        high = 0.0
-        for k in range(1, _LOOKS + 1):
-            high = k / _LOOKS
-            positive = _value(terms, high) > 0.0
-            if was and not positive:
-                break
-            low, was = high, positive
-        else:
-            return self._length_ns if was else 1
-        step = 0.5 / self._length_ns
-        while high - low > step:
-            middle = 0.5 * (low + high)
-            if _value(terms, middle) > 0.0:
-                low = middle
-            else:
-                high = middle
-        return min(max(1, -int(-high * self._length_ns // 1)), self._length_ns)
+        piece_ns, length_ns = self._piece_ns, self._length_ns
+        was: bool | None = None
+        for index, piece in enumerate(self._pieces):
+            terms = piece[:, :3].dot((motor, twist, output)).tolist()
+            terms[0] += offset
+            small = _SMALL * max(map(abs, terms))
+            while len(terms) > 1 and abs(terms[-1]) <= small:
+                terms.pop()
+            terms.reverse()
+            start_ns = index * piece_ns
+            last = min((length_ns - start_ns) / piece_ns, 1.0)
+            low = 0.0
+            if was is None:
+                was = terms[-1] > 0.0
+            for k in range(1, _LOOKS + 1):
+                high = last * k / _LOOKS
+                positive = _value(terms, high) > 0.0
+                if was and not positive:
+                    step = 0.5 / piece_ns
+                    while high - low > step:
+                        middle = 0.5 * (low + high)
+                        if _value(terms, middle) > 0.0:
+                            low = middle
+                        else:
+                            high = middle
+                    return min(max(1, start_ns + math.ceil(high * piece_ns)), length_ns)
+                low, was = high, positive
+        return length_ns if was else 1
 
 
 def _value(terms: Sequence[float], share: float) -> float:

@@ -1,6 +1,6 @@
-"""Moves many servos with a load behind a flexible transmission; the array form of ``two_masses``.
+"""Moves many servos with a load behind a flexible transmission; the array form of ``masses``.
 
-The equations are those of ``haptic_wall.hw.plant.two_masses`` without an operator model, backlash
+The equations are those of ``haptic_wall.hw.plant.masses`` without an operator model, backlash
 and further effects: inertia, viscous and Coulomb friction on the motor's side, a load, stiffness
 and damping between them. Matrix exponentials move all servos over substeps of one length. A servo
 whose motor stops or breaks away within a substep is moved from event to event, by its power series.
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.hw.errors import SpecError
-from haptic_wall.hw.plant.two_masses import FINEST_NS, LONGEST_S, TURN
+from haptic_wall.hw.plant.masses import FINEST_NS, LONGEST_S, TURN
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -1,7 +1,7 @@
 """Simulates the moving servo in time: delayed torques, operator model, encoder with backlash.
 
 It moves ``haptic_wall.hw.plant.body``, or ``haptic_wall.hw.plant.substeps`` for a servo with
-effects that the ideal body lacks, or ``haptic_wall.hw.plant.two_masses`` with a load behind a
+effects that the ideal body lacks, or ``haptic_wall.hw.plant.masses`` with a load behind a
 transmission, from event to event: a torque begins to act, or the operator's reference changes its
 slope. Times are integer nanoseconds of the caller's clock.
 """
@@ -17,9 +17,9 @@ from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.plant.current_loop import Winding, current_loop
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.encoder import EncoderErrors
+from haptic_wall.hw.plant.masses import Masses
 from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.substeps import Substeps
-from haptic_wall.hw.plant.two_masses import TwoMasses
 from haptic_wall.hw.settings import TrueServo
 
 OPERATOR_WAIT_S = 1.0
@@ -32,7 +32,7 @@ class Mechanism:
     The encoder rounds to the nearest count and counts over turns. With backlash it follows the
     shaft like a backlash of that full width, starting in the middle; turning points of the shaft
     within a step count. Eccentricity and noise come on top of that. With a transmission the
-    backlash is between the masses instead, and the operator acts on the output.
+    backlash is between motor and output instead, and the operator acts on the last mass.
     """
 
     __slots__ = (
@@ -46,21 +46,20 @@ class Mechanism:
         "_grasped",
         "_kept",
         "_loop",
+        "_masses",
         "_on_motor",
         "_operator",
         "_operator_ns",
         "_origin_ns",
-        "_output",
         "_parameters",
         "_pending",
         "_start_ns",
-        "_state",
+        "_states",
         "_step",
         "_torque",
         "_torque_limit",
         "_torque_step",
         "_true",
-        "_two",
         "time_ns",
     )
 
@@ -79,7 +78,7 @@ class Mechanism:
         Args:
             true: Its true parameters.
             start_ns: Present time [ns].
-            velocity: Velocity of the shaft at that time, of both masses [rad/s].
+            velocity: Velocity of the shaft at that time, of all masses [rad/s].
             winding: Its motor; None: ``true.torque_limit`` and ``true.no_load_speed``. Only a servo
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
@@ -93,9 +92,10 @@ class Mechanism:
         ideal = effects.none(true.damping, true.coulomb)
         self._step = step if ideal else Substeps(self._parameters, effects).step
         self._braking = 0.0
-        self._state = self._output = State(true.position, velocity)
-        """Of the motor's side, and of the output: the same where the servo is rigid"""
-        self._two = TwoMasses(true) if true.flexible else None
+        self._masses = Masses(true) if true.flexible else None
+        state = State(true.position, velocity)
+        self._states: tuple[State, ...] = (state, state, *(state for _ in true.chain))
+        """States of motor, output and further masses: all the same where the servo is rigid"""
         self._on_motor = true.encoder == "motor"
         self._true = true
         scripted = None if operator_waits else operator_of(true)
@@ -117,7 +117,7 @@ class Mechanism:
         self._followed = true.position
         winding = winding or Winding(true.torque_limit, true.no_load_speed)
         self._loop = current_loop(true, winding, start_ns)
-        self._kept = (self._state, self._output, self._followed)
+        self._kept = (self._states, self._followed)
         """Shaft and encoder where the present step of the current loop began"""
         errors = EncoderErrors(
             true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
@@ -134,30 +134,30 @@ class Mechanism:
     @property
     def position(self) -> float:
         """Return the true position of the output shaft [rad], at the present time."""
-        return self._output.position
+        return self._states[1].position
 
     @property
     def velocity(self) -> float:
         """Return the true velocity of the output shaft [rad/s], at the present time."""
-        return self._output.velocity
+        return self._states[1].velocity
 
     @property
     def motor_velocity(self) -> float:
         """Return the true velocity of the motor's side [rad/s]; the shaft's where that is rigid."""
-        return self._state.velocity
+        return self._states[0].velocity
 
     @property
     def torque(self) -> float:
         """Return the motor's acting torque [N·m], from the present time on."""
         torque = self.current_torque
-        return torque + torque * self._effects.ripple_at(self._state.position)
+        return torque + torque * self._effects.ripple_at(self._states[0].position)
 
     @property
     def current_torque(self) -> float:
         """Return the torque of the motor's current without ripple [N·m]."""
         if self._loop is not None:
-            return self._loop.torque(self._state.velocity)
-        return self._torque - self._braking * self._state.velocity
+            return self._loop.torque(self._states[0].velocity)
+        return self._torque - self._braking * self._states[0].velocity
 
     @property
     def sensed_torque(self) -> float:
@@ -187,9 +187,9 @@ class Mechanism:
         self._operator_ns = now_ns + round(OPERATOR_WAIT_S * 1e9)
 
     @property
-    def two_masses(self) -> bool:
+    def flexible(self) -> bool:
         """Whether a load lies behind a transmission: its motion is computed in substeps."""
-        return self._two is not None
+        return self._masses is not None
 
     def advance(self, now_ns: int) -> None:
         """Advance to ``now_ns`` [ns].
@@ -309,8 +309,8 @@ class Mechanism:
     def _act(self, torque: float, braking: float | None) -> None:
         """Let a commanded torque begin to act; braking None: the motor is limp."""
         if self._loop is not None:
-            self._loop.take(torque, braking, self._state.velocity, self.time_ns)
-            self._kept = (self._state, self._output, self._followed)
+            self._loop.take(torque, braking, self._states[0].velocity, self.time_ns)
+            self._kept = (self._states, self._followed)
             return
         self._torque = torque
         self._brake(braking or 0.0)
@@ -323,7 +323,7 @@ class Mechanism:
             return
         while self.time_ns < until_ns:
             if self.time_ns > loop.begin_ns:  # somebody looked within this step: take it as a whole
-                self._state, self._output, self._followed = self._kept
+                self._states, self._followed = self._kept
                 self.time_ns = loop.begin_ns
             end_ns = until_ns if loop.steady else loop.end_ns
             if self._operator_ns is not None:
@@ -331,13 +331,13 @@ class Mechanism:
             stop_ns = min(end_ns, until_ns)
             self._torque, braking = loop.hold(stop_ns)
             self._brake(braking)
-            begin = self._state.position
+            begin = self._states[0].position
             self._move(stop_ns)
-            state = self._state
+            state = self._states[0]
             ended = stop_ns == end_ns
             loop.moved(state.position - begin, state.velocity, stop_ns, ended=ended)
             if ended:
-                self._kept = (state, self._output, self._followed)
+                self._kept = (self._states, self._followed)
 
     def _brake(self, braking: float) -> None:
         if braking != self._braking:
@@ -351,16 +351,16 @@ class Mechanism:
             begin_ns, self._operator_ns = self._operator_ns, None
             if begin_ns > self.time_ns:
                 self._move(begin_ns)
-            self._operator = operator_of(replace(self._true, position=self.position))
+            self._operator = operator_of(replace(self._true, position=self._states[-1].position))
             self._start_ns = begin_ns
             if until_ns == begin_ns:
                 return
-        if self._two is not None:
-            self._move_two(self._two, until_ns)
+        if self._masses is not None:
+            self._move_masses(self._masses, until_ns)
             return
         turns: list[float] | None = [] if self._backlash > 0.0 else None
         state, parameters, torque, operator = (
-            self._state,
+            self._states[0],
             self._parameters,
             self._torque,
             self._operator,
@@ -378,7 +378,7 @@ class Mechanism:
                 duration = (cut_ns - now_ns) * 1e-9
                 state = self._step(state, parameters, torque, duration, pull, turns=turns)
                 now_ns = cut_ns
-        self._state = self._output = state
+        self._states = state, state
         self.time_ns = until_ns
         if turns is None:
             self._followed = state.position
@@ -387,9 +387,9 @@ class Mechanism:
             for position in (*turns, state.position):
                 self._followed = min(max(self._followed, position - half), position + half)
 
-    def _move_two(self, two: TwoMasses, until_ns: int) -> None:
-        """Move both masses, divided where the operator changes its slope."""
-        motor, output, operator = self._state, self._output, self._operator
+    def _move_masses(self, masses: Masses, until_ns: int) -> None:
+        """Move motor, output and further masses, divided where the operator changes its slope."""
+        states, operator = self._states, self._operator
         now_ns, start_ns = self.time_ns, self._start_ns
         if self._grasped is not None:
             operator, start_ns = self._grasped, 0
@@ -399,10 +399,9 @@ class Mechanism:
                 reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
                 pull = Pull(grip, damping, reference, slope)
-            motor, output = two.step(
-                motor, output, self._parameters, self._torque, cut_ns - now_ns, pull
-            )
+            length_ns = cut_ns - now_ns
+            states = masses.step(states, self._parameters, self._torque, length_ns, pull)
             now_ns = cut_ns
-        self._state, self._output = motor, output
+        self._states = states
         self.time_ns = until_ns
-        self._followed = (motor if self._on_motor else output).position
+        self._followed = states[0 if self._on_motor else 1].position

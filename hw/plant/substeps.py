@@ -1,4 +1,4 @@
-"""Moves a servo with the effects of ``haptic_wall.hw.plant.effects``, in substeps.
+"""Simulates a servo with the effects of ``haptic_wall.hw.plant.effects``, in substeps.
 
 The linear part of the motion (held torque, viscous friction, the operator's spring) is exact, as in
 ``haptic_wall.hw.plant.body``. The other torques are held over a substep, at the values that they

@@ -14,7 +14,7 @@ from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 
 AFTER_S = 2.0
-"""A shot may still show so long after it was over [s]"""
+"""A fault may still show so long after it was over [s]"""
 _AT_ONCE_S = 0.05
 """The last frame before what struck at once came so long before it at most [s]"""
 SETTLED_S = 60.0
@@ -34,8 +34,8 @@ _CYCLES = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Thrown:
-    """A shot that was thrown at a run."""
+class Injected:
+    """A fault that was injected into a run."""
 
     name: str
     from_s: float
@@ -153,21 +153,21 @@ def _written(row: BusRow, address: int) -> bytes | None:
 def explanation(
     reason: str,
     stopped_s: float,
-    thrown: Sequence[Thrown],
+    injected: Sequence[Injected],
     may_end: Mapping[str, frozenset[str]],
 ) -> str | None:
-    """The name of the latest shot that explains the end of a run; None: none does.
+    """The name of the latest fault that explains the end of a run; None: none does.
 
     Args:
         reason: The stop reason.
         stopped_s: When the loop last spoke, on the monotonic clock [s].
-        thrown: The shots at this run.
-        may_end: The stop reasons that each shot may cause.
+        injected: The faults at this run.
+        may_end: The stop reasons that each fault may cause.
     """
-    for shot in sorted(thrown, key=lambda shot: -shot.from_s):
-        near = shot.from_s - _AT_ONCE_S <= stopped_s <= shot.until_s + AFTER_S
-        if near and reason in may_end[shot.name]:
-            return shot.name
+    for fault in sorted(injected, key=lambda fault: -fault.from_s):
+        near = fault.from_s - _AT_ONCE_S <= stopped_s <= fault.until_s + AFTER_S
+        if near and reason in may_end[fault.name]:
+            return fault.name
     return None
 
 

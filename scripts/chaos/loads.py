@@ -123,7 +123,7 @@ def try_as_nobody(log: Path) -> None:
 
 def memory(megabytes: int, seconds: float) -> None:
     """Touch every page of so much memory, keep it for a while, give it back."""
-    Path("/proc/self/oom_score_adj").write_text("1000")  # rather this than anybody else
+    Path("/proc/self/oom_score_adj").write_text("1000")  # the first process to be killed
     end = time.monotonic() + seconds
     with mmap.mmap(-1, megabytes << 20) as pages:
         for at in range(0, len(pages), mmap.PAGESIZE):
@@ -274,7 +274,7 @@ def main() -> None:
     """Do what the arguments say."""
     kind, *numbers = sys.argv[1:]
     if kind != "clock":
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it ends it
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
         realtime.die_with_parent(os.getppid(), signal.SIGKILL)
     match kind:
         case "busy":

@@ -1,13 +1,13 @@
-"""The page that says what chaos did: shots and what followed, and the promises with figures."""
+"""The page that says what chaos did: faults and what followed, and the promises with figures."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
+from scripts.chaos.faults import CORE_HELD, FAULTS
 from scripts.chaos.judge import MACHINE, REFUSED, STRANGERS, Stall
 from scripts.chaos.run import ASKED, Run
-from scripts.chaos.shots import CORE_HELD, SHOTS
 from scripts.chaos.verdict import growth
 
 FLAT_MB = 5.0
@@ -20,7 +20,7 @@ AT_ONCE = (
     "loop stopped for 0.1 to 1 s",
     CORE_HELD,
 )
-"""The shots that this is promised for"""
+"""The faults that this is promised for"""
 WATCHED = ("emulator", "loop", "recorder", "supervisor")
 """Processes whose memory is watched"""
 
@@ -34,7 +34,7 @@ class Hour:
     runs: list[Run] = field(default_factory=list)
     stalls: list[Stall] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    """Shots that are not permitted here"""
+    """Faults that are not permitted here"""
     room: bool = False
     """The log lay on a small file system of its own"""
     whole: bool = False
@@ -64,7 +64,7 @@ class Hour:
         return [ms for name in AT_ONCE for ms in self.off_ms(name) if ms > OFF_MS]
 
     def off_ms(self, name: str) -> list[float]:
-        """From shots of one kind to no torque [ms]."""
+        """From faults of one kind to no torque [ms]."""
         return [1e3 * run.off_s for run in self.runs if run.cause == name and run.off_s is not None]
 
     @property
@@ -80,7 +80,7 @@ class Hour:
             for number, run in enumerate(self.runs, 1)
             for problem in run.problems
         ]
-        words += [f"{ms:.0f} ms from a shot at the loop to no torque" for ms in self.off_late]
+        words += [f"{ms:.0f} ms from a fault at the loop to no torque" for ms in self.off_late]
         words += [
             f"the {name} grew by {mb:.1f} MB" for name, mb in self.growth_mb.items() if mb > FLAT_MB
         ]
@@ -88,18 +88,18 @@ class Hour:
 
 
 def lines(hour: Hour) -> list[str]:
-    """The promises, what was thrown and what followed, and what else is to be said."""
-    shots = sum(len(run.thrown) for run in hour.runs)
+    """The promises, what was injected and what followed, and what else is to be said."""
+    faults = sum(len(run.injected) for run in hour.runs)
     partial = "" if hour.whole else "**It was broken off; this is what there was until then.** "
     return [
-        f"{partial}{hour.minutes:g} min, seed {hour.seed}: {len(hour.runs)} runs, {shots} faults,"
+        f"{partial}{hour.minutes:g} min, seed {hour.seed}: {len(hour.runs)} runs, {faults} faults,"
         f" {sum(run.rows for run in hour.runs)} ticks in the logs.",
         "",
         *_promises(hour),
         "",
         "| fault | injected | ended a run | by | torque off, ms |",
         "|---|---|---|---|---|",
-        *_shots(hour),
+        *_faults(hour),
         "",
         *_notes(hour)[:-1],
     ]
@@ -150,15 +150,15 @@ def _holds(holds: bool) -> str:
     return "yes" if holds else "**no**"
 
 
-def _shots(hour: Hour) -> list[str]:
-    thrown = Counter(shot.name for run in hour.runs for shot in run.thrown)
+def _faults(hour: Hour) -> list[str]:
+    injected = Counter(fault.name for run in hour.runs for fault in run.injected)
     ends: dict[str | None, Counter[str]] = defaultdict(Counter)
     for run in hour.runs:
         ends[run.cause][run.reason] += 1
     rows = []
-    for name in (*(shot.name for shot in SHOTS), ASKED, MACHINE, STRANGERS):
-        times = "–" if name in (MACHINE, STRANGERS) else str(thrown[name])
-        if not thrown[name] and not ends[name]:
+    for name in (*(fault.name for fault in FAULTS), ASKED, MACHINE, STRANGERS):
+        times = "–" if name in (MACHINE, STRANGERS) else str(injected[name])
+        if not injected[name] and not ends[name]:
             continue
         by = ", ".join(f"{reason} {count}" for reason, count in ends[name].most_common())
         off = hour.off_ms(name)

@@ -1,4 +1,4 @@
-"""One run of the whole program under fire, and what its witness and its log say of it."""
+"""One run of the whole program with injected faults, and the findings about it."""
 
 import contextlib
 import json
@@ -15,10 +15,10 @@ from random import Random
 
 from haptic_wall.controller.bench.loops import FORGIVING
 from haptic_wall.controller.runtime.telemetry import ROW
-from scripts.chaos.judge import Thrown
-from scripts.chaos.shots import NO_REPORT
-from scripts.chaos.stage import PROCESSES, Lasting, Shot, Stage
-from scripts.whole_program import PROGRAM, emulated_bus, with_sets
+from scripts.chaos.faults import NO_REPORT
+from scripts.chaos.judge import Injected
+from scripts.chaos.stage import Fault, Lasting, Stage
+from scripts.whole_program import CHILDREN, PROGRAM, emulated_bus, with_sets
 
 WATCHDOG_S, PATIENT_WATCHDOG_S = 0.04, 0.5
 SETTINGS = (
@@ -45,7 +45,7 @@ class Course:
     """Plan of one run."""
 
     seconds: float
-    shots: Iterator[Shot]
+    faults: Iterator[Fault]
     patient: bool
     """A long run, which is to live through the machine's stalls"""
 
@@ -60,10 +60,10 @@ NAME, DID_NOT_START = "haptic-wall", "did not start"
 
 @dataclass(slots=True)
 class Run:
-    """Shots at a run and their result."""
+    """A run with injected faults, and its result."""
 
     reason: str = DID_NOT_START
-    thrown: list[Thrown] = field(default_factory=list)
+    injected: list[Injected] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     said: str = ""
     """On standard error"""
@@ -80,7 +80,7 @@ class Run:
     cause: str | None = None
     """Event that explains the reason; None: none does"""
     off_s: float | None = None
-    """From the shot that ended it to the last torque [s]"""
+    """From the fault that ended it to the last torque [s]"""
     witnessed: bool = True
     """The witness lived to the end"""
     rows: int = 0
@@ -154,14 +154,14 @@ def perform(course: Course, folder: Path, room: Path | None, core: int, random: 
         pending: list[tuple[float, Lasting]] = []
         try:
             with promptly():
-                _under_fire(course, stage, run, pending)
+                _with_faults(course, stage, run, pending)
         finally:
             for _, lasting in pending:
                 lasting.undo()
             if process.poll() is None:
                 process.kill()
             process.wait()
-            for name in PROCESSES:
+            for name in CHILDREN:
                 if not _gone(stage.pids.get(name)):
                     run.other_problems.append(f"the {name} outlived the run")
                     stage.send(name, signal.SIGKILL)
@@ -185,7 +185,7 @@ def _last_line(said: str) -> str:
     return next((line for line in reversed(said.splitlines()) if line.strip()), "it said nothing")
 
 
-def _under_fire(
+def _with_faults(
     course: Course, stage: Stage, run: Run, pending: list[tuple[float, Lasting]]
 ) -> None:
     """Inject faults from the start of a run to its end; leave those to be undone in ``pending``."""
@@ -193,9 +193,9 @@ def _under_fire(
     if not _begun(stage):
         return
     run.began_s = start = next_sample = time.monotonic()
-    next_shot = start + random.uniform(1.0, 4.0)
+    next_fault = start + random.uniform(1.0, 4.0)
     asked_s: float | None = None
-    shot: Shot | None = None
+    fault: Fault | None = None
     samples: dict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
     while process.poll() is None:
         now = time.monotonic()
@@ -207,16 +207,16 @@ def _under_fire(
             next_sample += SAMPLE_S
             for name, pid in stage.look().items():
                 samples[name, pid].append((now, _resident_mb(pid)))
-        if shot is None:
-            shot = next(course.shots)
-        if alive and asked_s is None and now >= next_shot and shot.ready(stage):
-            lasting = shot.throw(stage)
+        if fault is None:
+            fault = next(course.faults)
+        if alive and asked_s is None and now >= next_fault and fault.ready(stage):
+            lasting = fault.inject(stage)
             until = time.monotonic() + lasting.seconds
             struck_s = now if lasting.from_s is None else lasting.from_s
-            run.thrown.append(Thrown(shot.name, struck_s, until, lasting.detail))
+            run.injected.append(Injected(fault.name, struck_s, until, lasting.detail))
             pending.append((until, lasting))
-            next_shot = now + random.uniform(1.0, 5.0)
-            shot = None
+            next_fault = now + random.uniform(1.0, 5.0)
+            fault = None
         if asked_s is None and now >= start + course.seconds and not pending:
             asked_s = now
             process.send_signal(signal.SIGINT)
@@ -232,7 +232,7 @@ def _under_fire(
         seen: [(t - each[0][0], mb) for t, mb in each if mb > 0.0] for seen, each in samples.items()
     }
     if asked_s is not None:
-        run.thrown.append(Thrown(ASKED, asked_s, run.ended_s))
+        run.injected.append(Injected(ASKED, asked_s, run.ended_s))
 
 
 ASKED = "asked to end"

@@ -1,4 +1,4 @@
-"""A run under fire with all that a shot may strike, and what a shot is."""
+"""A run with all that a fault may strike, and kinds of faults."""
 
 import contextlib
 import os
@@ -8,21 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Final
 
-from scripts.whole_program import Bus, child_of
-
-PROCESSES: Final = {
-    "loop": "processes.loop_process",
-    "recorder": "processes.recorder",
-    "dial": "processes.dial",
-    "page": "live.process",
-}
+from scripts.whole_program import Bus, children_of
 
 
 @dataclass(slots=True)
 class Stage:
-    """A run with all that a shot may strike."""
+    """A run with all that a fault may strike."""
 
     bus: Bus
     run: subprocess.Popen[bytes]
@@ -42,12 +34,8 @@ class Stage:
 
     def look(self) -> dict[str, int]:
         """The processes of the run that are there, as far as they can be found."""
-        self.pids["supervisor"] = self.run.pid
-        self.pids["emulator"] = self.bus.process.pid
-        for name, module in PROCESSES.items():
-            pid = child_of(self.run.pid, module)
-            if pid is not None:
-                self.pids[name] = pid
+        self.pids |= {"supervisor": self.run.pid, "emulator": self.bus.process.pid}
+        self.pids |= children_of(self.run.pid)
         return self.pids
 
     def send(self, name: str, number: signal.Signals) -> None:
@@ -62,7 +50,7 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Lasting:
-    """A shot on its way: how long it lasts [s], and how it is undone."""
+    """An injected fault: how long it lasts [s], and how it is undone."""
 
     seconds: float
     undo: Callable[[], None] = lambda: None
@@ -72,13 +60,13 @@ class Lasting:
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
-    """A kind of shot."""
+class Fault:
+    """A kind of fault."""
 
     name: str
-    throw: Callable[[Stage], Lasting]
+    inject: Callable[[Stage], Lasting]
     may_end: frozenset[str] = frozenset()
     """Stop reasons that it explains; none: a run must not end of it"""
     allowed: Callable[[], bool] = lambda: True
     ready: Callable[[Stage], bool] = lambda _stage: True
-    """Whether it may be thrown now; else it waits"""
+    """Whether it may be injected now; else it waits"""

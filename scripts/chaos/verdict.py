@@ -1,4 +1,4 @@
-"""Compares the report of a run under fire with its witness, its log and the observers."""
+"""Compares the report of a run with its witness, its log and the observers."""
 
 import re
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.runtime.safety import End
 from haptic_wall.controller.theory.checks import IntArray
+from scripts.chaos.faults import HELD_UP, MAY_END
 from scripts.chaos.judge import (
     MACHINE,
     REFUSED,
@@ -26,7 +27,6 @@ from scripts.chaos.judge import (
     stalled,
 )
 from scripts.chaos.run import ASKED, Course, Run
-from scripts.chaos.shots import HELD_UP, MAY_END
 
 
 def judge(
@@ -46,7 +46,7 @@ def judge(
     # When the loop last spoke: a supervisor that is stopped itself comes to the cut much later.
     run.stopped_s = stopped_s = found.last_goal_s or run.ended_s
     may_end = {**MAY_END, ASKED: frozenset({End.INTERRUPTED})}
-    run.cause = explanation(run.reason, stopped_s, run.thrown, may_end)
+    run.cause = explanation(run.reason, stopped_s, run.injected, may_end)
     least_s = 0.5 * course.watchdog_s
     for cause, seen in ((MACHINE, stalls), (STRANGERS, strangers)):
         if run.cause is None and stalled(run.reason, stopped_s, seen, least_s):
@@ -59,7 +59,7 @@ def judge(
 
 def _judge_torque(run: Run, found: Ending) -> None:
     """How long the torque outlived what ended the run."""
-    ender = next((shot for shot in reversed(run.thrown) if shot.name == run.cause), None)
+    ender = next((fault for fault in reversed(run.injected) if fault.name == run.cause), None)
     if ender is None or found.torque_until_s is None:
         return
     run.off_s = max(0.0, found.torque_until_s - ender.from_s)
@@ -89,7 +89,7 @@ def _judge_log(run: Run, found: Ending, log: Path) -> None:
     woke_s = (deadline_ns + lateness_ns) * 1e-9
     last_s = float(woke_s[-1])
     # What a stopped emulator has not read arrives when it goes on, long after the tick.
-    held_up = any(shot.name in HELD_UP and shot.until_s >= last_s for shot in run.thrown)
+    held_up = any(fault.name in HELD_UP and fault.until_s >= last_s for fault in run.injected)
     behind = 0 if held_up else missing_at_end(found.goal_times, last_s)
     if behind:
         problems.append(f"{behind} ticks came after the last row")

@@ -1,4 +1,4 @@
-"""Rehearses both schedules at every phase of an adapter's latency timer.
+"""Runs both schedules at every phase of an adapter's latency timer.
 
     scripts/study adapter_phases [--phases N] [--seconds S]
 
@@ -20,7 +20,7 @@ from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.emulated.adapter import BLOCKS
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.servo import Outcome
-from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
+from scripts.memory_session import LIMITS_OF_HARDWARE, MemorySession, run_in_memory
 from scripts.study import Found as Rows
 from scripts.study import Option, Part, Study, table
 
@@ -69,7 +69,7 @@ def over_phases(case: tuple[Adapter, int, float]) -> Found:
         shift_ns = number * timer_ms * MS_NS // phases
         adapter = (timer_ms * MS_NS, block)
         try:
-            run = rehearse(sets, seconds, adapter=adapter, shift_ns=shift_ns)
+            run = run_in_memory(sets, seconds, adapter=adapter, shift_ns=shift_ns)
         except ServoError as error:
             ends["refused"] += 1
             found.refused = str(error)
@@ -80,7 +80,7 @@ def over_phases(case: tuple[Adapter, int, float]) -> Found:
     return found
 
 
-def _add(found: Found, run: Rehearsed) -> None:
+def _add(found: Found, run: MemorySession) -> None:
     ticks = run.ticks[(run.ticks["flags"] & FLAG_WARM_UP) == 0]
     found.mistaken += mistaken(run)
     guard = run.result.guard
@@ -97,7 +97,7 @@ def _add(found: Found, run: Rehearsed) -> None:
     found.failed.append(float(np.mean(ticks["outcome"] != Outcome.OK)))
 
 
-def mistaken(run: Rehearsed) -> int:
+def mistaken(run: MemorySession) -> int:
     """Positions in use that are not those of the request they are said to answer.
 
     The witness has the true position at the instant each request had arrived.

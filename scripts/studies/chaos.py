@@ -1,10 +1,10 @@
-"""Throws everything at the whole program for an hour.
+"""Injects every fault into the whole program for an hour.
 
     scripts/study chaos [--minutes M] [--seed N] [--step-clock] [--keep FOLDER]
 
 One run after the other on an emulated bus, a hand leaning on the wall, and a seeded schedule of
 faults, loads, kills and stops. The bus's own record says what the torque did, an observer on each
-core when the machine itself stood still. As root everything can be thrown; otherwise what is not
+core when the machine itself stood still. As root everything can be injected; otherwise what is not
 permitted is left out, and the page says so. The system's clock is only touched with --step-clock.
 The status is 1 where a promise did not hold.
 """
@@ -22,17 +22,17 @@ from types import FrameType
 from typing import NamedTuple
 
 from haptic_wall.controller.runtime.realtime import pick_cores
+from scripts.chaos.faults import GENTLE, HARD, RECORDER_KILLED, end, load
 from scripts.chaos.judge import Stall
 from scripts.chaos.loads import own_mounts
 from scripts.chaos.page import Hour, lines
 from scripts.chaos.run import Course, Run, perform
-from scripts.chaos.shots import GENTLE, HARD, RECORDER_KILLED, end, load
-from scripts.chaos.stage import Shot
+from scripts.chaos.stage import Fault
 from scripts.chaos.verdict import judge
 from scripts.study import Option, Part, Study
 
 HARD_SHARE = 0.35
-"""Of the shots at a short run"""
+"""Of the faults at a short run"""
 LONG_SHARE, LONG_RUNS = 0.4, 2
 """Of the time, for long runs under gentle fire, in which memory is watched"""
 SHORTEST_S, LONGEST_S = 10.0, 40.0
@@ -43,25 +43,25 @@ ROOM = "256m"
 """Size of the file system that the log lies on: 25 minutes"""
 
 
-def decks(random: Random, *shots: Sequence[Shot]) -> tuple[Iterator[Shot], ...]:
-    """Each kind of shot in turn, in ever another order."""
+def decks(random: Random, *faults: Sequence[Fault]) -> tuple[Iterator[Fault], ...]:
+    """Each kind of fault in turn, in ever another order."""
 
-    def deck(kinds: Sequence[Shot]) -> Iterator[Shot]:
+    def deck(kinds: Sequence[Fault]) -> Iterator[Fault]:
         while True:
             yield from random.sample(kinds, len(kinds))
 
-    return tuple(deck(kinds) for kinds in shots)
+    return tuple(deck(kinds) for kinds in faults)
 
 
-def mixed(random: Random, gentle: Iterator[Shot], hard: Iterator[Shot]) -> Iterator[Shot]:
-    """Gentle shots with hard ones among them."""
+def mixed(random: Random, gentle: Iterator[Fault], hard: Iterator[Fault]) -> Iterator[Fault]:
+    """Gentle faults with hard ones among them."""
     while True:
         yield next(hard if random.random() < HARD_SHARE else gentle)
 
 
-def sparing_recorder(gentle: Iterator[Shot]) -> Iterator[Shot]:
-    """Gentle shots of which no recorder dies, so that one is watched for as long as the run."""
-    return (shot for shot in gentle if shot.name != RECORDER_KILLED)
+def sparing_recorder(gentle: Iterator[Fault]) -> Iterator[Fault]:
+    """Gentle faults of which no recorder dies, so that one is watched for as long as the run."""
+    return (fault for fault in gentle if fault.name != RECORDER_KILLED)
 
 
 @contextlib.contextmanager
@@ -107,8 +107,8 @@ def stalls_in(files: Sequence[Path], from_s: float) -> list[Stall]:
 def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: Hour) -> None:
     """One run after the other, until the time is over; ``found`` is filled as they end."""
     random = Random(seed)
-    permitted = [shot for shot in (*GENTLE, *HARD) if shot.allowed()]
-    permitted = [shot for shot in permitted if step_clock or not shot.name.startswith("clock")]
+    permitted = [fault for fault in (*GENTLE, *HARD) if fault.allowed()]
+    permitted = [fault for fault in permitted if step_clock or not fault.name.startswith("clock")]
     found.left_out = [s.name for s in (*GENTLE, *HARD) if s not in permitted]
     gentle, hard = decks(
         random, [s for s in permitted if s in GENTLE], [s for s in permitted if s in HARD]
@@ -128,11 +128,11 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
                 patient = bool(long_at) and now >= long_at[-1]
                 seconds = long_s if patient else random.uniform(SHORTEST_S, LONGEST_S)
                 seconds = min(seconds, until - now - STARTING_S)
-                shots = mixed(random, gentle, hard)
+                faults = mixed(random, gentle, hard)
                 if patient:
-                    shots = sparing_recorder(gentle) if len(long_at) == LONG_RUNS else gentle
+                    faults = sparing_recorder(gentle) if len(long_at) == LONG_RUNS else gentle
                     long_at.pop()
-                course = Course(seconds, shots, patient)
+                course = Course(seconds, faults, patient)
                 here = folder / "run"
                 here.mkdir(exist_ok=True)
                 run = perform(course, here, place, core, random)
@@ -141,7 +141,9 @@ def hour(minutes: float, seed: int, step_clock: bool, keep: Path | None, found: 
                 found.add(run, stalls)
                 _tell(found, run, until)
                 if keep is not None and (run.problems or run.cause is None):
-                    (here / "thrown.txt").write_text("\n".join(map(str, [*run.thrown, *stalls])))
+                    (here / "injected.txt").write_text(
+                        "\n".join(map(str, [*run.injected, *stalls]))
+                    )
                     _keep(keep / f"run-{len(found.runs)}", here, place)
                 for file in [*here.iterdir(), *(place or here).iterdir()]:
                     file.unlink(missing_ok=True)
@@ -151,7 +153,7 @@ def _tell(found: Hour, run: Run, until: float) -> None:
     left = max(0.0, until - time.monotonic())
     print(
         f"run {len(found.runs)}: {max(0.0, run.stopped_s - run.began_s):.0f} s,"
-        f" {len(run.thrown)} shots, {run.reason} ({run.cause or 'UNEXPLAINED'})"
+        f" {len(run.injected)} faults, {run.reason} ({run.cause or 'UNEXPLAINED'})"
         + "".join(f"; {problem}" for problem in run.problems)
         + f"; {left / 60:.1f} min left",
         file=sys.stderr,
@@ -175,8 +177,8 @@ class Planned(NamedTuple):
     keep: str
 
 
-def thrown(case: Planned) -> Hour:
-    """Throw, judge, and return what there was, also when it is broken off."""
+def injected(case: Planned) -> Hour:
+    """Inject, judge, and return the findings, also when it is broken off."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -203,7 +205,7 @@ STUDY = Study(
         Part(
             "chaos",
             lambda given: [Planned(given.minutes, given.seed, given.step_clock, given.keep)],
-            thrown,
+            injected,
             lambda found: lines(found[0][1]),
             case_s=3600.0,
             in_turn=True,

@@ -109,7 +109,7 @@ SIGNALS = {
     signal.SIGTERM: "SIGTERM",
 }
 TRACES = ("Traceback", "Exception ignored", "KeyboardInterrupt", "leaked", "Fatal Python error")
-"""Texts that no user should have to read"""
+"""Texts that must not be in the output"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class Try:
 
     @property
     def trace(self) -> bool:
-        """Whether it said what nobody should have to read."""
+        """Whether its output has a text of ``TRACES``."""
         return any(word in self.said for word in TRACES)
 
     @property
@@ -159,7 +159,7 @@ class Try:
 
 
 def torque_enable(port: str) -> int | None:
-    """Read the servo's register, once nobody uses the bus any more."""
+    """Read the servo's register, when the bus is free."""
     line = FdLine(open_port(port, BAUD), MonotonicClock())
     try:
         link = Link(line, 1)
@@ -256,7 +256,7 @@ def with_wall(words: Sequence[str]) -> Iterator[Sequence[str]]:
 
 
 def duration_s(words: Sequence[str], span_s: float) -> float:
-    """How long a command takes that nobody interrupts, up to a span [s]."""
+    """How long a command takes without a signal, up to a span [s]."""
     with tempfile.TemporaryDirectory() as folder, bus_for(words) as port:
         began = time.monotonic()
         process = subprocess.Popen(

@@ -13,11 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.theory import (
-    critical_stiffness,
-    max_virtual_damping,
-    one_sided_limit,
-)
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.chain import Chain
 from haptic_wall.controller.theory.chain_contact import returned
 from haptic_wall.controller.theory.checks import FloatArray

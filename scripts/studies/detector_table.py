@@ -38,7 +38,7 @@ TASKS, QUICK_TASKS = (6, 2, 4), (2, 1, 1)
 """Parts of kicks, of sustained oscillations, and of each hand"""
 CHOSEN_ON, SEED = (1, 2), 3
 """Seeds whose walls and hands the detector's thresholds were chosen on, and one that had no part in
-it: whoever changes a threshold after looking at its results takes another."""
+it; after a threshold is changed because of its results, it must be another one."""
 QUICK = 5
 """By what a part of the quick run has fewer walls, and shorter hands"""
 

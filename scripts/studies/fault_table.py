@@ -1,4 +1,4 @@
-"""Rehearses every fault of bus and servo with the whole program.
+"""Injects every fault of bus and servo into a session of the whole program.
 
     scripts/study fault_table
 
@@ -13,7 +13,7 @@ import numpy as np
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
-from scripts.rehearsal import LIMITS_OF_HARDWARE, Rehearsed, rehearse
+from scripts.memory_session import LIMITS_OF_HARDWARE, MemorySession, run_in_memory
 from scripts.study import Part, Study, table_of
 
 SETTINGS = (*LIMITS_OF_HARDWARE, "servo.hand=lean", "servo.kick=-0.5", "loop.warm_up_s=0.1")
@@ -67,13 +67,13 @@ ON_REAL = (
     "brown-out",
     "unplug-adapter",
 )
-"""Faults that are rehearsed on that servo too"""
+"""Faults that are injected on that servo too"""
 
 
-def rehearsed(spec: str | None, preset: str = "emulated-ideal") -> Rehearsed:
+def session(spec: str | None, preset: str = "emulated-ideal") -> MemorySession:
     """The session with one fault, or with none."""
     faults = [] if spec is None else [_at(spec)]
-    return rehearse(SETTINGS, DURATION_S, faults=faults, preset=preset)
+    return run_in_memory(SETTINGS, DURATION_S, faults=faults, preset=preset)
 
 
 def _at(spec: str) -> str:
@@ -83,7 +83,7 @@ def _at(spec: str) -> str:
 @cache
 def calm(preset: str) -> dict[int, float]:
     """The torque of a run without any fault."""
-    return true_torque(rehearsed(None, preset))
+    return true_torque(session(None, preset))
 
 
 def line_on_real(fault: tuple[str, str]) -> list[str]:
@@ -94,7 +94,7 @@ def line_on_real(fault: tuple[str, str]) -> list[str]:
 def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
     """Describe the effect of one fault, beside a run without any."""
     name, spec = fault
-    found = rehearsed(spec, preset)
+    found = session(spec, preset)
     struck_ns = found.given_ns + round(AT_S * 1e9)
     reason = found.result.stop_reason
     counts = found.result.bus or {}
@@ -118,12 +118,12 @@ def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
     return [name, f"`{spec}`", did, f"{max(0, lasted)}", ending(found, struck_ns)]
 
 
-def true_torque(found: Rehearsed) -> dict[int, float]:
+def true_torque(found: MemorySession) -> dict[int, float]:
     """The torque that acts [N·m], by instant [ns], every millisecond."""
     return {row.time_ns: row.state.torque for row in found.truth if row.event == "state"}
 
 
-def difference(found: Rehearsed, calm: dict[int, float]) -> str:
+def difference(found: MemorySession, calm: dict[int, float]) -> str:
     """How far the true torque went from that of the run without faults, while the wall was on."""
     end_ns = int(found.ticks["deadline_ns"][-1])
     torque = true_torque(found)
@@ -133,7 +133,7 @@ def difference(found: Rehearsed, calm: dict[int, float]) -> str:
     return f"at most {most:.3f} N·m from a run without the fault"
 
 
-def ending(found: Rehearsed, struck_ns: int) -> str:
+def ending(found: MemorySession, struck_ns: int) -> str:
     """From the fault to no torque, by the witness."""
     before = [row for row in found.truth if row.time_ns < struck_ns][-1].state.torque
     backwards = reversed(found.truth)

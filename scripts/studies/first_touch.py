@@ -2,7 +2,7 @@
 
     scripts/study first_touch
 
-The tables of docs/hardware.md; the same on every machine.
+The tables of docs/evidence/first-touch.md; the same on every machine.
 """
 
 import itertools
@@ -250,7 +250,7 @@ def walls(name: str) -> Callable[[Given], list[Wall]]:
 
 
 STUDY = Study(
-    "hardware.md",
+    "evidence/first-touch.md",
     tuple(
         Part(
             name,

@@ -21,22 +21,12 @@ from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
 from haptic_wall.controller.experiments.testbed import Testbed
 from haptic_wall.controller.laws.velocity import Biquad
-from haptic_wall.controller.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-)
+from haptic_wall.controller.report import style
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.plant.body import PlantParameters, State
-from haptic_wall.hw.plant.two_masses import TwoMasses
+from haptic_wall.hw.plant.masses import Masses
 from haptic_wall.hw.settings import TrueServo
 from scripts.study import Found, Option, Part, Study, table
 
@@ -94,9 +84,13 @@ class Load(NamedTuple):
 
 
 LOADS = (
-    Load("a bare horn", 1e-4, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), BLUE),
-    Load("a horn with a link", 0.003, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.18), ORANGE),
-    Load("a link and a notch", 0.003, 200.0, 0.02, (0.0, 0.06, 0.12, 0.2, 0.3, 0.5), GREEN, 0.7),
+    Load("a bare horn", 1e-4, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), style.BLUE),
+    Load(
+        "a horn with a link", 0.003, 200.0, 0.02, (0.0, 0.04, 0.08, 0.12, 0.16, 0.18), style.ORANGE
+    ),
+    Load(
+        "a link and a notch", 0.003, 200.0, 0.02, (0.0, 0.06, 0.12, 0.2, 0.3, 0.5), style.GREEN, 0.7
+    ),
 )
 LAST = 0.55
 """Last virtual damping of the picture"""
@@ -178,7 +172,7 @@ def _config(load: Load) -> Any:  # noqa: ANN401 - a Config
 def _simulated(load: Load, damping: float) -> float:
     """Return the stiffness from which on the motion of both masses grows, by halving."""
     low, high = 0.0, 400.0
-    for _ in range(10):
+    for _ in range(14):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if _grows(load, middle, damping) else (middle, high)
     return 0.5 * (low + high)
@@ -194,7 +188,7 @@ def _grows(load: Load, stiffness: float, damping: float) -> bool:
         transmission_stiffness=transmission[0],
         transmission_damping=transmission[1],
     )
-    plant, parameters = TwoMasses(true), PlantParameters(MOTOR, FRICTION, 0.0)
+    plant, parameters = Masses(true), PlantParameters(MOTOR, FRICTION, 0.0)
     motor = output = State(0.01, 0.0)
     before, waiting, energies = output.position, 0.0, []
     notch = None if load.velocity_filter is None else Biquad(load.velocity_filter.taps())
@@ -204,7 +198,7 @@ def _grows(load: Load, stiffness: float, damping: float) -> bool:
         torque = -stiffness * output.position - damping * velocity
         before = output.position
         # The torque of the sample a period ago acts.
-        motor, output = plant.step(motor, output, parameters, waiting, round(PERIOD * 1e9))
+        motor, output = plant.step((motor, output), parameters, waiting, round(PERIOD * 1e9))
         waiting = torque
         twist = motor.position - output.position
         energies.append(
@@ -243,7 +237,9 @@ PICTURE = "flexible-figure.png"
 def draw(found: Found[Case, Point]) -> None:
     """Draw theory, simulation and sweep of each load."""
     damping = np.linspace(0.0, LAST, 400)
-    with picture(Path(__file__).parents[2] / "docs" / "evidence" / PICTURE, PAGE, 4.0) as figure:
+    with style.picture(
+        Path(__file__).parents[2] / "docs" / "evidence" / PICTURE, style.PAGE, 4.0
+    ) as figure:
         ax = figure.subplots()
         for number, load in enumerate(LOADS):
             exact = flexible_boundary(
@@ -260,7 +256,7 @@ def draw(found: Found[Case, Point]) -> None:
                     marker=marker,
                     markersize=size,
                     markerfacecolor="none",
-                    color=load.colour if way == "sweep" else INK,
+                    color=load.colour if way == "sweep" else style.INK,
                     linewidth=0.8,
                     capsize=2,
                     label=f"{load.name}: sweep" if way == "sweep" else _once(number),
@@ -277,10 +273,10 @@ def draw(found: Found[Case, Point]) -> None:
                     )
         ax.set_xlim(0.0, LAST)
         ax.set_ylim(bottom=0.0)
-        ax.set_xlabel(VIRTUAL_DAMPING)
-        ax.set_ylabel(STIFFNESS)
+        ax.set_xlabel(style.VIRTUAL_DAMPING)
+        ax.set_ylabel(style.STIFFNESS)
         ax.legend(loc="upper left")
-        grid(ax)
+        style.grid(ax)
 
 
 def _once(number: int) -> str:

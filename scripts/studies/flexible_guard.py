@@ -7,7 +7,8 @@ Takes some seconds a belief.
 
 import itertools
 import math
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,7 @@ from scipy.optimize import differential_evolution
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
 from haptic_wall.controller.guard.flexible import returned_share
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.theory import (
-    critical_stiffness,
-    max_virtual_damping,
-    one_sided_limit,
-)
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
 from haptic_wall.controller.theory.checks import FloatArray
@@ -36,7 +33,7 @@ from haptic_wall.hw.settings import EncoderSide
 from scripts.study import Found, Option, Part, Study, table
 from scripts.trials.links import LinkTrial, link_trials
 from scripts.trials.motor_energy import MotorTrial, motor_trials
-from scripts.trials.served_links import ServedLink, Wall, served_links
+from scripts.trials.served_links import ServedLink, Wall, growth, served_links
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
@@ -76,15 +73,22 @@ class Outcome(NamedTuple):
 
 
 Kind = Literal["known", "wide", "lowpass", "notch"]
+Value = Any
+"""A float, or an array"""
+Servo = tuple[Value, Value, Value, Value, Value]
+"""As of ``two_mass_servo``"""
+
+
+def _between(random: np.random.Generator, low: float, high: float) -> float:
+    """Draw log-uniformly."""
+    return float(np.exp(random.uniform(math.log(low), math.log(high))))
 
 
 def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, float, float]:
     """Return a belief, a sample age [s] and the asked B over the middle's ceiling."""
     if kind == "wide":
         return _drawn_wide(random)
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(random.uniform(math.log(low), math.log(high))))
+    between = partial(_between, random)
 
     def doubted(value: float) -> Bounded:
         return Bounded(
@@ -95,29 +99,23 @@ def drawn(random: np.random.Generator, kind: Kind = "known") -> tuple[Belief, fl
     load = m * between(0.05, 3.0)
     encoder: EncoderSide = "motor" if random.random() < 0.25 else "output"
     lag = random.uniform(0.0, 2e-3)
-    return (
-        Belief(
-            inertia=doubted(m + load),
-            damping=doubted(b * between(0.3, 3.0)),
-            coulomb=Bounded.exactly(0.0),
-            delay=Bounded(lag, lag * random.random(), lag),
-            torque_gain=doubted(1.0),
-            load_inertia=doubted(load),
-            flexible_hz=doubted(between(10.0, 120.0)),
-            flexible_damping_ratio=doubted(between(0.005, 0.15)),
-            encoder=encoder,
-        ),
-        float(random.uniform(0.0, 3e-3)),
-        between(0.05, 2.0),
+    belief = Belief(
+        inertia=doubted(m + load),
+        damping=doubted(b * between(0.3, 3.0)),
+        coulomb=Bounded.exactly(0.0),
+        delay=Bounded(lag, lag * random.random(), lag),
+        torque_gain=doubted(1.0),
+        load_inertia=doubted(load),
+        flexible_hz=doubted(between(10.0, 120.0)),
+        flexible_damping_ratio=doubted(between(0.005, 0.15)),
+        encoder=encoder,
     )
+    return belief, float(random.uniform(0.0, 3e-3)), between(0.05, 2.0)
 
 
 def _drawn_wide(random: np.random.Generator) -> tuple[Belief, float, float]:
     """Return the same where frequency and load are in wide doubt, up to far above half the rate."""
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(random.uniform(math.log(low), math.log(high))))
-
+    between = partial(_between, random)
     m, b = SERVOS[int(random.integers(2))]
     heaviest = m * between(0.005, 2.0)
     lightest = heaviest * random.choice([1.0, 0.0, random.random()])
@@ -127,21 +125,18 @@ def _drawn_wide(random: np.random.Generator) -> tuple[Belief, float, float]:
     ratio = random.choice([0.0, between(0.0005, 0.1)])
     lag = random.uniform(0.0, 3e-3)
     whole = m + load
-    return (
-        Belief(
-            inertia=Bounded(whole, max(whole / between(1.0, 1.5), 1.05 * heaviest), 1.5 * whole),
-            damping=Bounded(b, b / between(1.0, 3.0), b),
-            coulomb=Bounded.exactly(0.0),
-            delay=Bounded(lag, lag * random.random(), lag),
-            torque_gain=Bounded(1.0, 0.9, 1.1),
-            load_inertia=Bounded(load, lightest, heaviest),
-            flexible_hz=Bounded(math.sqrt(slowest * fastest), slowest, fastest),
-            flexible_damping_ratio=Bounded(ratio, ratio, ratio * between(1.0, 30.0)),
-            encoder="motor" if random.random() < 0.25 else "output",
-        ),
-        float(between(1e-5, 2e-2)),
-        between(0.05, 2.0),
+    belief = Belief(
+        inertia=Bounded(whole, max(whole / between(1.0, 1.5), 1.05 * heaviest), 1.5 * whole),
+        damping=Bounded(b, b / between(1.0, 3.0), b),
+        coulomb=Bounded.exactly(0.0),
+        delay=Bounded(lag, lag * random.random(), lag),
+        torque_gain=Bounded(1.0, 0.9, 1.1),
+        load_inertia=Bounded(load, lightest, heaviest),
+        flexible_hz=Bounded(math.sqrt(slowest * fastest), slowest, fastest),
+        flexible_damping_ratio=Bounded(ratio, ratio, ratio * between(1.0, 30.0)),
+        encoder="motor" if random.random() < 0.25 else "output",
     )
+    return belief, between(1e-5, 2e-2), between(0.05, 2.0)
 
 
 def inside(belief: Belief, shares: FloatArray) -> FloatArray:
@@ -155,13 +150,31 @@ def inside(belief: Belief, shares: FloatArray) -> FloatArray:
     return found
 
 
+def two_mass_servo(whole: Value, damping: Value, load: Value, hz: Value, ratio: Value) -> Servo:
+    """Return inertia and friction of the motor, the load, and stiffness and damping between them.
+
+    Args:
+        whole: Inertia of both [kg·m²].
+        damping: Viscous friction [N·m·s/rad].
+        load: Inertia of the load [kg·m²].
+        hz: Frequency of the vibration with both ends free [Hz].
+        ratio: Its damping ratio.
+    """
+    motor, rate = whole - load, math.tau * hz
+    moving = motor * load / whole
+    return motor, damping, load, moving * rate**2, 2.0 * ratio * moving * rate
+
+
+def middle_of(belief: Belief) -> Servo:
+    """Return the servo in the middle of a belief."""
+    whole, b, _, _, load, hz, ratio = (getattr(belief, name).value for name in NAMES)
+    return two_mass_servo(whole, b, load, hz, ratio)
+
+
 def chain_of(truths: FloatArray, encoder: str) -> Chain:
     """Return the servos of these truths."""
     whole, b, _, _, load, hz, ratio = truths.T
-    load = np.minimum(load, HEAVIEST * whole)
-    m = whole - load
-    moving, rate = m * load / (m + load), math.tau * hz
-    servo = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    servo = two_mass_servo(whole, b, np.minimum(load, HEAVIEST * whole), hz, ratio)
     return two_masses(*servo, encoder=encoder)[0]
 
 
@@ -180,19 +193,12 @@ def modulus(
     truths: FloatArray,
     age: float,
     wall: Decision,
-    velocity_filter: VelocityFilter | None = None,
+    velocity_filter: VelocityFilter | None,
 ) -> FloatArray:
     """Return the largest modulus of a closed-loop pole of each truth."""
-    found = np.zeros(len(truths))
-    late = (age + truths[:, 3]) / PERIOD
-    chain, gain = chain_of(truths, belief.encoder), truths[:, 2]
-    for whole in np.unique(np.floor(late)).tolist():
-        part = np.flatnonzero(np.floor(late) == whole)
-        period = np.full(part.size, PERIOD)
-        chains = sampled(chain.take(part), period, late[part] - whole)
-        loops = Loops(chains, period, int(whole), 1, velocity_filter)
-        closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
-        found[part] = np.abs(closed).max(axis=1)
+    every, chain = np.ones(len(truths)), chain_of(truths, belief.encoder)
+    rate = growth(truths, chain, PERIOD * every, age * every, wall, velocity_filter)
+    found: FloatArray = np.exp(PERIOD * rate)
     return found
 
 
@@ -229,26 +235,17 @@ def outcome(case: Search) -> Outcome:
     seed, number, truths, steps, kind = case
     random = np.random.default_rng((seed, number))
     belief, age, of_ceiling = drawn(random, kind)
-    middle = np.array([getattr(belief, name).value for name in NAMES])
-    whole, b, gain, lag, load, hz, ratio = middle.tolist()
-    m = whole - load
-    moving, rate = m * load / whole, math.tau * hz
-    known = (m, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
-    ceiling = float(flexible_ceiling(*known, PERIOD, age + lag, encoder=belief.encoder)) / gain
-    situation = Situation(belief, PERIOD, 4.1, 0.0)
+    known, gain, delay = middle_of(belief), belief.torque_gain.value, age + belief.delay.value
     filtered = _filter(random, kind, belief.flexible_hz.value)
-    if filtered is not None:
-        ceiling = float(
-            flexible_ceiling(
-                *known, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
-            )
-        )
-        ceiling /= gain
-    asked = of_ceiling * ceiling
-    settings = GuardSettings()
+    ceiling = flexible_ceiling(
+        *known, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
+    )
+    possible = float(ceiling) / gain
+    asked = of_ceiling * possible
+    situation = Situation(belief, PERIOD, 4.1, 0.0)
 
     def decided(request: Request) -> Decision:
-        return decide(request, settings, situation, [age], age, explained=False)[0]
+        return decide(request, GuardSettings(), situation, [age], age, explained=False)[0]
 
     both = decided(Request(1e9, asked, "both", velocity_filter=filtered))
     shares = random.random((truths, len(NAMES)))
@@ -269,38 +266,25 @@ def outcome(case: Search) -> Outcome:
         polish=False,
     )
     damping = both.damping * gain
-
     limit = flexible_boundary(
-        *known, damping, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
+        *known, damping, PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
     ).stiffness
-    if filtered is not None:
-        possible = flexible_ceiling(
-            *known, PERIOD, age + lag, encoder=belief.encoder, velocity_filter=filtered
+    thrown_by = of_one_sided = math.nan
+    if filtered is None:
+        one = decided(Request(1e9, asked, "above"))
+        thrown_by = thrown(belief, inside(belief, shares[worst[:4]]), age, one)
+        chain, _ = two_masses(*known, encoder=belief.encoder)
+        limits = np.atleast_1d(limit), np.atleast_1d(damping)
+        of_one_sided = float(
+            one.stiffness * gain / one_sided_limits(chain, PERIOD, delay, *limits)[0]
         )
-        return Outcome(
-            float(tried.max()),
-            -float(found.fun),
-            math.nan,
-            both.damping * gain / float(possible) if both.damping < asked else math.nan,
-            float(both.stiffness * gain / limit),
-            math.nan,
-        )
-    one = decided(Request(1e9, asked, "above"))
-    returns_no_more = one_sided_limits(
-        two_masses(*known, encoder=belief.encoder)[0],
-        PERIOD,
-        age + lag,
-        np.atleast_1d(limit),
-        np.atleast_1d(damping),
-    )
-
     return Outcome(
         float(tried.max()),
         -float(found.fun),
-        thrown(belief, inside(belief, shares[worst[:4]]), age, one),
-        both.damping / ceiling if both.damping < asked else math.nan,
+        thrown_by,
+        both.damping / possible if both.damping < asked else math.nan,
         float(both.stiffness * gain / limit),
-        float(one.stiffness * gain / returns_no_more[0]),
+        of_one_sided,
     )
 
 
@@ -330,10 +314,8 @@ def ways(case: tuple[int, int, EncoderSide, bool]) -> list[Way]:
     whole = between(1e-3, 0.03)
     friction = whole * between(0.2, 5.0)
     load = whole * random.uniform(0.03, 0.8, count)
-    motor, rate = whole - load, math.tau * between(8.0, 150.0)
-    moving = motor * load / whole
-    spring, damper = moving * rate**2, 2.0 * between(0.004, 0.15) * moving * rate
-    chain, _ = two_masses(motor, friction, load, spring, damper, encoder=encoder)
+    hz, ratio = between(8.0, 150.0), between(0.004, 0.15)
+    chain, _ = two_masses(*two_mass_servo(whole, friction, load, hz, ratio), encoder=encoder)
     if rigid:
         none = np.empty((count, 0))
         chain = Chain(whole[:, None], friction[:, None], none, none)
@@ -411,16 +393,14 @@ class Contacts(NamedTuple):
 def contacts(case: tuple[int, int]) -> Contacts:
     """Draw a servo, and compare the exact one-sided limits with the shares that the guard uses."""
     random = np.random.default_rng(case)
-    whole = math.exp(random.uniform(math.log(1e-3), math.log(0.03)))
+    between = partial(_between, random)
+    whole = between(1e-3, 0.03)
     load = whole * random.uniform(0.03, 0.85)
-    friction = whole * math.exp(random.uniform(math.log(0.2), math.log(5.0)))
-    hz = math.exp(random.uniform(math.log(8.0), math.log(150.0)))
-    ratio = math.exp(random.uniform(math.log(0.004), math.log(0.15)))
+    friction = whole * between(0.2, 5.0)
+    hz, ratio = between(8.0, 150.0), between(0.004, 0.15)
     encoder: EncoderSide = "motor" if random.random() < 0.25 else "output"
     delay = random.uniform(0.0, 6e-3)
-    motor, rate = whole - load, math.tau * hz
-    moving = motor * load / whole
-    servo = (motor, friction, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    servo = two_mass_servo(whole, friction, load, hz, ratio)
     ceiling = float(flexible_ceiling(*servo, PERIOD, delay, encoder=encoder))
     rigid_ceiling = float(max_virtual_damping(whole, friction, PERIOD, delay))
     damping = np.minimum(np.array([0.0, 0.1, 0.3, 0.5, 0.7]) * ceiling, 0.7 * rigid_ceiling)
@@ -441,7 +421,7 @@ def contacts(case: tuple[int, int]) -> Contacts:
         encoder=encoder,
     )
     some = both > 0.0
-    near = np.sqrt(both / whole) / rate
+    near = np.sqrt(both / whole) / (math.tau * hz)
     over = one[some] / (both * share * returned_share(belief, both))[some]
     return Contacts(tuple(near[some].tolist()), tuple(over.tolist()))
 
@@ -528,34 +508,21 @@ def _searched(name: str, kind: Kind, seed: int, case_s: float) -> Part[Search, O
     )
 
 
-class ServedCase(NamedTuple):
-    """One belief whose bins of the served interval are searched."""
-
-    seed: int
-    number: int
-    truths: int
-    steps: int
-    kind: Kind
-
-
 KINDS: tuple[Kind, ...] = ("known", "wide", "lowpass", "notch")
 SERVED_BINS = 6
 """Bins of each belief that are searched"""
 
 
-def served(case: ServedCase) -> list[ServedLink]:
+def served(case: Search) -> list[ServedLink]:
     """Draw a belief and a wall, and search some bins of the served interval."""
     seed, number, truths, steps, kind = case
     random = np.random.default_rng((seed, number, KINDS.index(kind)))
     belief, age, of_ceiling = drawn(random, kind)
     filtered = _filter(random, kind, belief.flexible_hz.value)
     late = int(random.choice([0, 0, 1, 2, 3, 5]))
-    middle = np.array([getattr(belief, name).value for name in NAMES])
-    whole, b, _, lag, load, hz, ratio = middle.tolist()
-    moving, rate = (whole - load) * load / whole, math.tau * hz
-    known = (whole - load, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    delay = late * PERIOD + age + belief.delay.value
     ceiling = flexible_ceiling(
-        *known, PERIOD, late * PERIOD + age + lag, encoder=belief.encoder, velocity_filter=filtered
+        *middle_of(belief), PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
     )
 
     def servos(shares: FloatArray) -> tuple[FloatArray, Chain]:
@@ -566,7 +533,7 @@ def served(case: ServedCase) -> list[ServedLink]:
     return served_links(wall, random, servos, len(NAMES), truths, steps, SERVED_BINS)
 
 
-def served_lines(found: Found[ServedCase, list[ServedLink]]) -> list[str]:
+def served_lines(found: Found[Search, list[ServedLink]]) -> list[str]:
     """Count growth over kinds of beliefs, and compare with bins that count their end alone."""
     words = {
         "known": "no filter",
@@ -616,11 +583,6 @@ GROWS = 1e-6
 """Rate of growth that counts as such [1/s]"""
 
 
-def beyond(task: tuple[int, int, float]) -> list[LinkTrial]:
-    """Run some walls beyond the ceiling: seed, number, virtual damping over the ceiling."""
-    return link_trials(*task)
-
-
 def beyond_lines(found: Found[tuple[int, int, float], list[LinkTrial]]) -> list[str]:
     """A table of what was noticed."""
     every = [trial for _, trials in found for trial in trials]
@@ -651,11 +613,6 @@ def beyond_lines(found: Found[tuple[int, int, float], list[LinkTrial]]) -> list[
         "time to it [s]",
     )
     return table(head, *rows)
-
-
-def motor(task: tuple[int, int, float]) -> list[MotorTrial]:
-    """Run some walls and judge the energy at the motor: seed, number, damping over the ceiling."""
-    return motor_trials(*task)
 
 
 def motor_lines(found: Found[tuple[int, int, float], list[MotorTrial]]) -> list[str]:
@@ -713,7 +670,7 @@ STUDY = Study(
         Part(
             "served",
             lambda given: [
-                ServedCase(given.seed + 400, i, given.truths, given.steps, kind)
+                Search(given.seed + 400, i, given.truths, given.steps, kind)
                 for kind in KINDS
                 for i in range(given.served)
             ],
@@ -744,14 +701,14 @@ STUDY = Study(
             lambda given: [
                 (given.seed + 10 * i, given.links, share) for i in range(4) for share in BEYOND
             ],
-            beyond,
+            link_trials,
             beyond_lines,
             case_s=5.0,
         ),
         Part(
             "motor",
             lambda given: [(given.seed + 10 * i, given.links, s) for i in range(4) for s in MOTOR],
-            motor,
+            motor_trials,
             motor_lines,
             case_s=5.0,
         ),

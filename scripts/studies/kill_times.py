@@ -1,9 +1,9 @@
-"""Shoots at every process of a run: what becomes of the torque.
+"""Injects a fault into every process of a run: what becomes of the torque.
 
-    scripts/study kill_times [--rounds N] [--shots TEXT]
+    scripts/study kill_times [--rounds N] [--faults TEXT]
 
 The whole tree of processes on an emulated bus of its own, a hand leaning on the wall, the Bus
-Watchdog at 40 ms as for hardware. From the shot to zero torque by the witness: the true torque
+Watchdog at 40 ms as for hardware. From the fault to zero torque by the witness: the true torque
 that acts, recorded every millisecond. The table has the program's message, its exit status, the
 rows missing from the log, and the processes left behind.
 """
@@ -27,7 +27,7 @@ from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.runtime.telemetry import Word
 from haptic_wall.hw.dynamixel.codec import Instruction
-from scripts.shots import SHOTS, Shot, target
+from scripts.run_faults import FAULTS, Fault, target
 from scripts.study import Found, Given, Option, Part, Study, table
 from scripts.whole_program import emulated_bus, with_sets
 
@@ -58,17 +58,17 @@ TORQUE_OFF = bytes((64, 0, 0))
 LEANING_ROWS = 2500
 """When so many rows are recorded the warm-up is over and the hand leans on the wall"""
 AFTER_S = 1.5
-"""From a shot that ends the run to the look at what is left [s], and to the end of one that goes
+"""From a fault that ends the run to the look at what is left [s], and to the end of one that goes
 on"""
 GONE_S = 6.0
 """How long processes of a run may outlive it [s]"""
 ATTEMPTS = 5
-"""A run that a stall of the machine has ended before the shot came is begun again"""
+"""A run that a stall of the machine has ended before the fault came is begun again"""
 
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """Result of one shot."""
+    """Result of one fault."""
 
     time_ms: float | None
     """To zero torque [ms]; None: the run went on"""
@@ -83,45 +83,45 @@ class Hit:
     left: int
     """Processes that stayed behind"""
     stall_ms: float
-    """The longest that the machine held up the one who fired, meanwhile"""
+    """Longest stall of the machine in the meantime, as this process saw it [ms]"""
 
 
-def one_shot(shot: Shot, folder: Path) -> Hit | None:
-    """One run, shot at; None: it ended by itself before."""
+def one_fault(fault: Fault, folder: Path) -> Hit | None:
+    """One run with a fault; None: it ended by itself before."""
     record = folder / "witness.csv"
     with emulated_bus("--record", record, *with_sets(TRUTH)) as bus:
         arguments = ["xm430-w350", "--plot", str(folder / "run.png")]
         arguments += with_sets((*SETTINGS, f"servo.port={bus.port}"))
-        arguments += with_sets(PATIENT if shot.goes_on else ())
-        with target(bus, folder, arguments) as aimed_at:
-            while aimed_at.run.poll() is None and not aimed_at.ready(LEANING_ROWS):
+        arguments += with_sets(PATIENT if fault.goes_on else ())
+        with target(bus, folder, arguments) as struck:
+            while struck.run.poll() is None and not struck.ready(LEANING_ROWS):
                 time.sleep(0.02)
             time.sleep(random.random() * 0.05)
-            if not aimed_at.find():
+            if not struck.find():
                 return None
-            fired = time.monotonic()
-            shot.fire(aimed_at)
-            stall_ms = sleep(shot.later_s)
-            shot.then(aimed_at)
+            struck_s = time.monotonic()
+            fault.inject(struck)
+            stall_ms = sleep(fault.later_s)
+            fault.then(struck)
             time.sleep(AFTER_S)
-            lived = aimed_at.run.poll() is None
-            if not shot.goes_on:  # its report and picture may take a while
+            lived = struck.run.poll() is None
+            if not fault.goes_on:  # its report and picture may take a while
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    aimed_at.run.wait(20.0)
-        left = aimed_at.end_survivors(GONE_S)
-    ending = until_no_torque(record, fired)
+                    struck.run.wait(20.0)
+        left = struck.end_survivors(GONE_S)
+    ending = until_no_torque(record, struck_s)
     if ending is None:
         return None
     report = json.loads((folder / "output").read_text() or "null")
-    time_ms, by = torque_of(shot, report, ending, lived=lived)
-    assert aimed_at.words is not None  # found, or it would not have been shot at
-    lost = aimed_at.words[Word.HEAD] - len(read_log(aimed_at.log)[1])
-    words = said(shot, report, folder)
-    return Hit(time_ms, by, aimed_at.run.returncode, words, lost, left, stall_ms)
+    time_ms, by = torque_of(fault, report, ending, lived=lived)
+    assert struck.words is not None  # found, or the fault would not have been injected
+    lost = struck.words[Word.HEAD] - len(read_log(struck.log)[1])
+    words = said(fault, report, folder)
+    return Hit(time_ms, by, struck.run.returncode, words, lost, left, stall_ms)
 
 
 def torque_of(
-    shot: Shot, report: dict[str, Any] | None, ending: tuple[float, str], *, lived: bool
+    fault: Fault, report: dict[str, Any] | None, ending: tuple[float, str], *, lived: bool
 ) -> tuple[float | None, str]:
     """Return how long the torque lasted [ms], and the cause of its end.
 
@@ -129,12 +129,12 @@ def torque_of(
     a trip has ended still exists while its report and its picture are made.
 
     Args:
-        shot: The injected kill or fault.
+        fault: The injected kill or fault.
         report: Report of the run; None: it was killed.
         ending: By the witness.
         lived: Its supervisor was there when it was asked to end.
     """
-    if shot.goes_on and lived and report is not None and report["stop_reason"] == ASKED:
+    if fault.goes_on and lived and report is not None and report["stop_reason"] == ASKED:
         return None, "nothing, the run goes on"
     return ending
 
@@ -150,69 +150,69 @@ def sleep(seconds: float) -> float:
     return longest * 1e3
 
 
-def until_no_torque(record: Path, fired: float) -> tuple[float, str] | None:
+def until_no_torque(record: Path, struck_s: float) -> tuple[float, str] | None:
     """From an instant [s] to the last torque [ms], and what ended it; None: there was none."""
     rows = read_rows(record)
-    before = [row.torque_nm for row in rows if row.time_s <= fired]
+    before = [row.torque_nm for row in rows if row.time_s <= struck_s]
     if abs(before[-1]) < 0.1:
         return None
-    last = max(i for i, row in enumerate(rows) if row.time_s <= fired or row.torque_nm != 0.0)
-    if spoke_after_the_cut(rows, fired):
+    last = max(i for i, row in enumerate(rows) if row.time_s <= struck_s or row.torque_nm != 0.0)
+    if spoke_after_the_cut(rows, struck_s):
         sys.exit("a goal was sent after the supervisor had switched the torque off")
     if last + 1 == len(rows):
         return float("inf"), "nothing"
     end = rows[last + 1]
     by = ENDED_BY.get(end.instruction) if end.event == "rx" else None
-    return (end.time_s - fired) * 1e3, by or "Bus Watchdog"
+    return (end.time_s - struck_s) * 1e3, by or "Bus Watchdog"
 
 
-def spoke_after_the_cut(rows: list[BusRow], fired: float) -> bool:
+def spoke_after_the_cut(rows: list[BusRow], struck_s: float) -> bool:
     """Whether a goal came after Torque Enable 0."""
-    asked = [row for row in rows if row.time_s > fired and row.event == "rx"]
+    asked = [row for row in rows if row.time_s > struck_s and row.event == "rx"]
     cuts = [i for i, row in enumerate(asked) if row.params == TORQUE_OFF]
     return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
 
 
-def said(shot: Shot, report: dict[str, Any] | None, folder: Path) -> str:
+def said(fault: Fault, report: dict[str, Any] | None, folder: Path) -> str:
     """Shorten the messages for the table; that a run went on until it was asked is left out."""
     told = [line for line in (folder / "said").read_text().splitlines() if "log" in line]
     if report is None:
         return "nothing: it was killed"
     reason = report["stop_reason"]
-    words = [] if shot.goes_on and reason == ASKED else [f"`{reason}`"]
+    words = [] if fault.goes_on and reason == ASKED else [f"`{reason}`"]
     words += [] if report["explanation"] is None else [report["explanation"]]
-    words += told if shot.goes_on else []
+    words += told if fault.goes_on else []
     words += [f"note: {text}" for text in report["warnings"] if not text.startswith("no picture")]
     return "; ".join(words).replace(f"{folder}/", "") or "nothing"
 
 
-def as_wanted(shot: Shot, hit: Hit) -> bool:
+def as_wanted(fault: Fault, hit: Hit) -> bool:
     """Whether a run went on, or its torque ended in time, and nothing was left behind."""
     if hit.left:
         return False
-    if shot.goes_on:
+    if fault.goes_on:
         return hit.time_ms is None and hit.status == INTERRUPTED and not hit.lost
     lasted_ms = math.inf if hit.time_ms is None else hit.time_ms
-    return lasted_ms <= LIMIT_MS if shot.strikes_the_torque else math.isfinite(lasted_ms)
+    return lasted_ms <= LIMIT_MS if fault.strikes_the_torque else math.isfinite(lasted_ms)
 
 
-NAMED = {shot.name: shot for shot in SHOTS}
+NAMED = {fault.name: fault for fault in FAULTS}
 
 
-def aimed(given: Given) -> list[tuple[str, int]]:
-    """Each shot by its name, so many times."""
-    names = [name for name in NAMED if given.shots in name]
+def cases(given: Given) -> list[tuple[str, int]]:
+    """Each fault by its name, so many times."""
+    names = [name for name in NAMED if given.faults in name]
     return [(name, number) for name in names for number in range(given.rounds)]
 
 
 def hit(case: tuple[str, int]) -> Hit:
-    """Shoot at a run; one that ends before the shot is begun again."""
+    """Inject a fault into a run; one that ends before it is begun again."""
     name, _ = case
     with tempfile.TemporaryDirectory() as folder:
-        attempts = (one_shot(NAMED[name], Path(folder)) for _ in range(ATTEMPTS))
+        attempts = (one_fault(NAMED[name], Path(folder)) for _ in range(ATTEMPTS))
         found = next((each for each in attempts if each is not None), None)
     if found is None:
-        sys.exit(f"{name}: {ATTEMPTS} runs ended before they were shot at")
+        sys.exit(f"{name}: {ATTEMPTS} runs ended before the fault")
     return found
 
 
@@ -222,7 +222,7 @@ def held(found: Found[tuple[str, int], Hit]) -> bool:
 
 
 def lines(found: Found[tuple[str, int], Hit]) -> list[str]:
-    """A line for each shot, and what the program says of it."""
+    """A line for each fault, and what the program says of it."""
     names = list(dict.fromkeys(name for (name, _), _ in found))
     hits = {name: [hit for case, hit in found if case[0] == name] for name in names}
     words = ([name, most_said(hits[name]).replace("|", "/")] for name in names)
@@ -266,9 +266,9 @@ def most_said(hits: list[Hit]) -> str:
 
 STUDY = Study(
     "evidence/kill-times.md",
-    (Part("shots", aimed, hit, lines, case_s=8.0, in_turn=True, wanted=held),),
+    (Part("faults", cases, hit, lines, case_s=8.0, in_turn=True, wanted=held),),
     (
-        Option("rounds", 5, "runs for each kind of shot"),
-        Option("shots", "", "only kinds of shots with this text in their name"),
+        Option("rounds", 5, "runs for each kind of fault"),
+        Option("faults", "", "only kinds of faults with this text in their name"),
     ),
 )

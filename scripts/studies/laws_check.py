@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta as beta_distribution
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
@@ -22,6 +21,7 @@ from haptic_wall.controller.theory.flexible import flexible_boundary
 from haptic_wall.hw.settings import EncoderSide
 from scripts.sampled_laws import Array, Found, Kind, Law, Loads, Servos, lasting, moved
 from scripts.study import Given, Option, Part, Study, table
+from scripts.trials.rates import upper_bound
 
 PERIOD = 1e-3
 """[s]"""
@@ -131,14 +131,14 @@ def block(case: Block) -> Row:
     laws = FLEXIBLE_LAWS if case.flexible else LAWS
     table_of = tables(random, kind, falls, laws)
     one = [_servo(random, kind, case.flexible) for _ in range(laws)]
-    found, floor = _tried(random, kind, table_of, _servos([each[0] for each in one]), PERIODS)
+    found, floor = _tried(random, kind, table_of, _servos([each[0] for each in one]))
     left = lasting(found, floor).reshape(laws, STARTS).max(1)
     back = found.kinetic.max(0) / found.start if kind == "stops" else np.zeros(1)
     corner = _servos([each[1] for each in one[:CORNER_LAWS]])
     few = None if table_of is None else table_of[:CORNER_LAWS]
     timid = np.ones(corner.damping.size) / MULTIPLES[-1]
     for multiple in reversed(MULTIPLES):
-        tried, rest = _tried(random, kind, few, corner.stiffer(multiple), PERIODS)
+        tried, rest = _tried(random, kind, few, corner.stiffer(multiple))
         bad = lasting(tried, rest) > LASTS
         if kind == "stops":
             bad |= tried.kinetic.max(0) > 1.001 * tried.start
@@ -149,7 +149,7 @@ def block(case: Block) -> Row:
 
 
 def _tried(
-    random: np.random.Generator, kind: Kind, table_of: Array | None, servos: Servos, periods: int
+    random: np.random.Generator, kind: Kind, table_of: Array | None, servos: Servos
 ) -> tuple[Found, Array]:
     """Start each law several times; return the motions, and the kinetic energy of rest."""
 
@@ -167,7 +167,7 @@ def _tried(
         shake = speed * random.choice([0.0, -1.0, 1.0], count)
         many = replace(many, loads=replace(many.loads, shake=shake))
     law = Law(kind, count, None if table_of is None else each(table_of))
-    return moved(law, many, x, speed, periods), 1e-7 * many.stiffness
+    return moved(law, many, x, speed, PERIODS), 1e-7 * many.stiffness
 
 
 def _servos(numbers: Sequence[tuple[float, ...]]) -> Servos:
@@ -184,15 +184,12 @@ def _servo(
     low = delta * INERTIA / PERIOD
     width = random.uniform(0.0, 1.0)
 
-    def bounded(least: float, most: float) -> Bounded:
-        return Bounded(0.5 * (least + most), least, most)
-
     belief = Belief(
-        inertia=bounded(INERTIA, INERTIA * (1.0 + 0.5 * width)),
-        damping=bounded(low, low * (1.0 + 2.0 * width)),
+        inertia=_bounded(INERTIA, INERTIA * (1.0 + 0.5 * width)),
+        damping=_bounded(low, low * (1.0 + 2.0 * width)),
         coulomb=Bounded.exactly(0.0),
-        delay=bounded(0.0, random.uniform(0.0, 2.0) * PERIOD),
-        torque_gain=bounded(1.0, 1.0 + 0.3 * width),
+        delay=_bounded(0.0, random.uniform(0.0, 2.0) * PERIOD),
+        torque_gain=_bounded(1.0, 1.0 + 0.3 * width),
     )
     if flexible:
         belief = _with_load(random, belief, width)
@@ -243,20 +240,20 @@ def _servo(
     return pure(*at), min(corners, key=_borne)
 
 
+def _bounded(least: float, most: float) -> Bounded:
+    return Bounded(0.5 * (least + most), least, most)
+
+
 def _with_load(random: np.random.Generator, belief: Belief, width: float) -> Belief:
     """Return a belief with a load behind a transmission, whose vibration is sampled."""
-
-    def bounded(least: float, most: float) -> Bounded:
-        return Bounded(0.5 * (least + most), least, most)
-
     share, hertz = random.uniform(0.05, 0.7), 10.0 ** random.uniform(1.3, 2.4)
     ratio = 10.0 ** random.uniform(-2.0, -1.0)
     encoder: EncoderSide = "output" if random.random() < 0.5 else "motor"
     return replace(
         belief,
-        load_inertia=bounded(share * INERTIA, share * INERTIA * (1.0 + 0.2 * width)),
-        flexible_hz=bounded(hertz, hertz * (1.0 + 0.2 * width)),
-        flexible_damping_ratio=bounded(ratio, 2.0 * ratio),
+        load_inertia=_bounded(share * INERTIA, share * INERTIA * (1.0 + 0.2 * width)),
+        flexible_hz=_bounded(hertz, hertz * (1.0 + 0.2 * width)),
+        flexible_damping_ratio=_bounded(ratio, 2.0 * ratio),
         encoder=encoder,
     )
 
@@ -288,7 +285,7 @@ def kinds(found: Sequence[tuple[Block, Row]]) -> Iterable[str]:
         some = [row for case, row in found if case.name == name]
         count = (FLEXIBLE_LAWS if cases[0].flexible else LAWS) * len(some)
         bad = sum(row.lasting for row in some)
-        most = float(beta_distribution.ppf(0.95, bad + 1, count - bad)) if count else 1.0
+        most = upper_bound(bad, count)
         timid = float(np.median([each for row in some for each in row.timid]))
         back = f"{max(row.back for row in some):.3f}" if kind == "stops" else ""
         rows.append(

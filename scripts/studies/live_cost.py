@@ -28,7 +28,7 @@ from scripts.live_clients import client
 from scripts.page_and_loop import address_of, cheap, cost, cost_lines, percentiles, turns
 from scripts.page_times import ages_ms, close, opening, pictures, prepare
 from scripts.study import Found, Option, Part, Study, table
-from scripts.whole_program import PROGRAM, child_of
+from scripts.whole_program import PROGRAM, children_of
 
 PATIENCE_S = 60.0
 MOST_BYTES, MOST_CURVE_S, MOST_PIXEL_MS, MOST_GROWTH_MB = 300_000, 1.0, 50.0, 5.0
@@ -222,7 +222,7 @@ def memory(seconds: float) -> Memory:
         run_with_page(Path(name)) as (run, address),
     ):
         time.sleep(4.0)
-        pid = child_of(run.pid, "live.process")
+        pid = children_of(run.pid).get("page")
         if pid is None:
             raise RuntimeError("the page has no process")
         with client(address):  # so that what serves a first client is there before

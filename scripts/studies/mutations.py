@@ -5,8 +5,8 @@
 Logs that were damaged, logs that no run has written though their checksums are right,
 configurations, CSVs, and folders of commissionings. No command may end in a traceback, take more
 than 5 s of processor time or more than 300 MB, send what a terminal obeys, or give rows that were
-not written without a word. The summary is a part of docs/logs.md; which files are made depends on
-the seed alone.
+not written without a word. The summary is docs/evidence/mutations.md; which files are made depends
+on the seed alone.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def lines(found: Found[Case, Result]) -> list[str]:
 
 
 STUDY = Study(
-    "logs.md",
+    "evidence/mutations.md",
     (
         Part(
             "mutations",

@@ -19,11 +19,7 @@ from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.laws.wall import Side, Wall
-from haptic_wall.controller.runtime.overspeed import (
-    SLACK_COUNTS,
-    DrivenLimits,
-    DrivenSpeed,
-)
+from haptic_wall.controller.runtime.overspeed import SLACK_COUNTS, DrivenLimits, DrivenSpeed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.emulated.motor import Motor, motor_of

@@ -11,7 +11,7 @@ Many walls are simulated at once, without the rest of the program; those that sw
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -115,7 +115,7 @@ TRUE = (
     "gain",
     "delay",
     "of_loop",
-    "play",
+    "backlash",
     "static",
     "stribeck",
     "load_friction",
@@ -169,26 +169,15 @@ def asked(shares: FloatArray, side: Side) -> Asked:
     return Asked(base, situation, decision, age)
 
 
-@dataclass(frozen=True, slots=True)
-class Truths:
-    """Walls on true servos."""
-
-    walls: Walls
-
-    def take(self, index: NDArray[np.intp]) -> Truths:
-        """Those at ``index``."""
-        return Truths(self.walls.take(index))
-
-    def loops(self, position: FloatArray, velocity: FloatArray, seed: int) -> Loops:
-        """The loops at their start; the seed decides the noise of their encoders."""
-        encoder = self.walls.encoder
-        assert encoder is not None
-        seeds = np.random.default_rng(seed).integers(0, 2**32, self.walls.size, dtype=np.uint64)
-        walls = replace(self.walls, encoder=replace(encoder, seed=seeds))
-        return Loops(walls, position, velocity)
+def loops_of(walls: Walls, position: FloatArray, velocity: FloatArray, seed: int) -> Loops:
+    """Return the loops at their start; the seed decides the noise of their encoders."""
+    encoder = walls.encoder
+    assert encoder is not None
+    seeds = np.random.default_rng(seed).integers(0, 2**32, walls.size, dtype=np.uint64)
+    return Loops(replace(walls, encoder=replace(encoder, seed=seeds)), position, velocity)
 
 
-def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None) -> Truths:
+def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None) -> Walls:
     """The walls on truths.
 
     Args:
@@ -220,58 +209,56 @@ def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None 
     back_emf = np.where(u["back_emf"] > 0.5, gain * stall / of_base("no_load_speed"), 0.0)
     size = len(walls)
     eccentricity, phase = MOST["eccentricity"] * u["eccentricity"], math.tau * u["encoder_phase"]
-    return Truths(
-        Walls(
-            inertia=between("inertia", u["inertia"]),
-            damping=between("damping", u["damping"]),
-            coulomb=coulomb,
-            counts_per_radian=np.full(size, 1.0 / COUNT),
-            backlash=np.maximum(between("backlash", u["play"]), 1e-9),
-            torque_limit=gain * stall,
-            torque_step=gain * of_base("torque_step"),
-            stiffness=gain * (commanded if stiffness is None else stiffness),
-            virtual_damping=gain * np.array([each.decision.damping for each in walls]),
-            period=np.full(size, PERIOD),
-            whole=whole,
-            lag=lag,
-            rest=rest,
-            velocity_samples=np.ones(size, dtype=np.int64),
-            one_sided=np.array([each.decision.request.side != "both" for each in walls]),
-            current_loop=CurrentLoopParameters(
-                bandwidth=bandwidth,
-                dead_band=MOST["dead_band"] * u["dead_band"] * stall,
-                back_emf=back_emf,
-                stall_torque=gain * stall,
-                droop=MOST["droop"] * u["droop"],
-            ),
-            effects=ManyEffects.none(
-                between("damping", u["damping"]),
-                coulomb,
-                static_friction=coulomb * MOST["static"] ** u["static"],
-                stribeck_speed=0.05 + MOST["stribeck"] * u["stribeck"],
-                damping_back=between("damping", u["damping_back"]),
-                load_friction=MOST["load_friction"] * u["load_friction"],
-                gravity=MOST["gravity"] * u["gravity"] * stall,
-                gravity_angle=math.tau * u["gravity_angle"],
-                cogging=MOST["cogging"] * u["cogging"] * stall,
-                cogging_periods=np.full(size, 24.0),
-                cogging_phase=math.tau * u["cogging_phase"],
-            ),
-            encoder=ManyEncoderErrors(
-                eccentricity=eccentricity,
-                phase=phase,
-                noise=MOST["noise"] * u["noise"],
-                seed=np.zeros(size, dtype=np.uint64),
-                # It errs by nothing at the wall: where the wall stands does not matter.
-                offset=-eccentricity * np.sin(phase),
-            ),
+    return Walls(
+        inertia=between("inertia", u["inertia"]),
+        damping=between("damping", u["damping"]),
+        coulomb=coulomb,
+        counts_per_radian=np.full(size, 1.0 / COUNT),
+        backlash=np.maximum(between("backlash", u["backlash"]), 1e-9),
+        torque_limit=gain * stall,
+        torque_step=gain * of_base("torque_step"),
+        stiffness=gain * (commanded if stiffness is None else stiffness),
+        virtual_damping=gain * np.array([each.decision.damping for each in walls]),
+        period=np.full(size, PERIOD),
+        whole=whole,
+        lag=lag,
+        rest=rest,
+        velocity_samples=np.ones(size, dtype=np.int64),
+        one_sided=np.array([each.decision.request.side != "both" for each in walls]),
+        current_loop=CurrentLoopParameters(
+            bandwidth=bandwidth,
+            dead_band=MOST["dead_band"] * u["dead_band"] * stall,
+            back_emf=back_emf,
+            stall_torque=gain * stall,
+            droop=MOST["droop"] * u["droop"],
+        ),
+        effects=ManyEffects.none(
+            between("damping", u["damping"]),
+            coulomb,
+            static_friction=coulomb * MOST["static"] ** u["static"],
+            stribeck_speed=0.05 + MOST["stribeck"] * u["stribeck"],
+            damping_back=between("damping", u["damping_back"]),
+            load_friction=MOST["load_friction"] * u["load_friction"],
+            gravity=MOST["gravity"] * u["gravity"] * stall,
+            gravity_angle=math.tau * u["gravity_angle"],
+            cogging=MOST["cogging"] * u["cogging"] * stall,
+            cogging_periods=np.full(size, 24.0),
+            cogging_phase=math.tau * u["cogging_phase"],
+        ),
+        encoder=ManyEncoderErrors(
+            eccentricity=eccentricity,
+            phase=phase,
+            noise=MOST["noise"] * u["noise"],
+            seed=np.zeros(size, dtype=np.uint64),
+            # It errs by nothing at the wall: where the wall stands does not matter.
+            offset=-eccentricity * np.sin(phase),
         ),
     )
 
 
-def amplitudes(some: Truths, kick: FloatArray, seed: int) -> FloatArray:
+def amplitudes(walls: Walls, kick: FloatArray, seed: int) -> FloatArray:
     """Half the range of the true motion in each window, from kicks, shape (windows, n)."""
-    loops = some.loops(kick, np.zeros(kick.size), seed)
+    loops = loops_of(walls, kick, np.zeros(kick.size), seed)
     rows = []
     for _ in range(round(SECONDS / PERIOD) // WINDOW):
         low, high = np.full(kick.size, np.inf), np.full(kick.size, -np.inf)
@@ -286,13 +273,13 @@ def amplitudes(some: Truths, kick: FloatArray, seed: int) -> FloatArray:
     return np.array(rows)
 
 
-def kicked(some: Truths, seed: int) -> FloatArray:
+def kicked(walls: Walls, seed: int) -> FloatArray:
     """``amplitudes`` from every kick, shape (windows, kicks, n)."""
-    size = some.walls.size
+    size = walls.size
     index = np.tile(np.arange(size), len(KICKS))
-    kick, each = np.repeat(KICKS, size), some.take(index)
+    kick, each = np.repeat(KICKS, size), walls.take(index)
     found = np.empty((round(SECONDS / PERIOD) // WINDOW, index.size))
-    for part in blocks(each.walls):
+    for part in blocks(each):
         found[:, part] = amplitudes(each.take(part), kick[part], seed)
     return found.reshape(-1, len(KICKS), size)
 
@@ -318,10 +305,9 @@ def energy(walls: Walls, position: FloatArray, velocity: FloatArray) -> FloatArr
     return found
 
 
-def gained(some: Truths, speed: FloatArray, phase: FloatArray, seed: int) -> FloatArray:
+def gained(walls: Walls, speed: FloatArray, phase: FloatArray, seed: int) -> FloatArray:
     """Log of kinetic energy after over before a contact; -inf: it does not come out."""
-    walls = some.walls
-    loops = some.loops(-speed * PERIOD * (1.0 + phase), speed, seed)
+    loops = loops_of(walls, -speed * PERIOD * (1.0 + phase), speed, seed)
     x, e = loops.bodies.position.copy(), energy(walls, loops.bodies.position, speed)
     at_wall = energy(walls, np.zeros_like(x), np.zeros_like(x))
     came, went = np.full(x.size, np.nan), np.full(x.size, -np.inf)
@@ -478,18 +464,18 @@ def stiffer_lines(found: Found[tuple[int, int, Side, float], Beyond]) -> list[st
     return list(table(head, *cells))
 
 
-def thrown(some: Truths, stated: FloatArray, seed: int) -> FloatArray:
+def thrown(walls: Walls, stated: FloatArray, seed: int) -> FloatArray:
     """Greatest ``gained`` of each wall, over speeds between the stated ends and phases."""
-    size = some.walls.size
+    size = walls.size
     low, high = stated.T
     grid = [(s, p) for s in SPEEDS for p in PHASES]
     index = np.repeat(np.arange(size), len(grid))
     share, phase = np.tile(np.array(grid).T, size)
     ratio = np.maximum(high, low) / low
     speed = low[index] * ratio[index] ** share
-    each = some.take(index)
+    each = walls.take(index)
     found = np.empty(index.size)
-    for part in blocks(each.walls):
+    for part in blocks(each):
         found[part] = gained(each.take(part), speed[part], phase[part], seed)
     worst: FloatArray = found.reshape(size, -1).max(axis=1)
     return np.where(high > low, worst, -np.inf)
@@ -504,7 +490,7 @@ CORNER = {
     "coulomb": 0.0,
     "gain": 1.0,
     "delay": 1.0,
-    "play": 1.0,
+    "backlash": 1.0,
 }
 """The worst corner of a belief; every other coordinate is 0: no effect that helps"""
 STIFFNESSES = np.geomspace(0.7, 7.0, 12)
@@ -521,13 +507,10 @@ def corner_shares(walls: list[Asked], side: Side, seed: int) -> list[Share]:
     if side == "both":
         bad = goes_on(kicked(at, seed))[1]
     else:
-        exact = replace(
-            at.walls,
-            torque_limit=np.full(len(many), 1e3),
-            counts_per_radian=np.full(len(many), 1e6),
-        )
+        large, fine = np.full(len(many), 1e3), np.full(len(many), 1e6)
+        exact = replace(at, torque_limit=large, counts_per_radian=fine)
         stated = np.broadcast_to((0.5, 3.0), (len(many), 2))
-        bad = thrown(replace(at, walls=exact), stated, seed) > 0.0
+        bad = thrown(exact, stated, seed) > 0.0
     bad = bad.reshape(len(some), -1)
     first = np.where(bad.any(axis=1), bad.argmax(axis=1), STIFFNESSES.size - 1)
     shares = 1.0 / (MARGIN * STIFFNESSES[first])
@@ -599,47 +582,48 @@ class Worst(NamedTuple):
     point: list[float]
 
 
-def population_growth(points: FloatArray, seed: int) -> FloatArray:
-    """For coordinates of shape (size, n): minus the growth from the worst kick of each.
+def growth(walls: list[Asked], shares: FloatArray, seed: int) -> FloatArray:
+    """Return the growth from the worst kick of each two-sided wall.
 
     The log of an amplitude at the end over one at the beginning, or over four counts if that is
     more.
     """
-    walls = [asked(each[: len(BELIEVED)], "both") for each in points.T]
-    stable = [i for i, wall in enumerate(walls) if wall.decision.stiffness > 0.0]
-    result = np.full(len(walls), 9.0)
-    if stable:
-        some = truths([walls[i] for i in stable], points.T[stable, len(BELIEVED) :])
-        found = kicked(some, seed) + 0.1 * COUNT
-        begun, ended = (found[part].max(axis=0) for part in (BEGIN, END))
-        goal = np.log(ended / np.maximum(begun, COUNTS * COUNT))
-        result[stable] = -goal.max(axis=0)
-    return result
+    found = kicked(truths(walls, shares), seed) + 0.1 * COUNT
+    begun, ended = (found[part].max(axis=0) for part in (BEGIN, END))
+    goal: FloatArray = np.log(ended / np.maximum(begun, COUNTS * COUNT)).max(axis=0)
+    return goal
 
 
-def population_return(points: FloatArray, seed: int) -> FloatArray:
-    """For coordinates of shape (size, n): minus the greatest log of energy after over before."""
-    walls = [asked(each[: len(BELIEVED)], "above") for each in points.T]
-    stable = [i for i, wall in enumerate(walls) if wall.decision.stiffness > 0.0]
-    result = np.full(len(walls), 9.0)
-    if stable:
-        some = truths([walls[i] for i in stable], points.T[stable, len(BELIEVED) :])
-        stated = np.array([speeds_of(walls[i]) for i in stable])
-        result[stable] = -np.maximum(thrown(some, stated, seed), -9.0)
-    return result
+def energy_returned(walls: list[Asked], shares: FloatArray, seed: int) -> FloatArray:
+    """Return the greatest log of energy after over before of each one-sided wall."""
+    stated = np.array([speeds_of(wall) for wall in walls])
+    return np.maximum(thrown(truths(walls, shares), stated, seed), -9.0)
 
 
-GOALS = {
-    "growth of a two-sided wall": population_growth,
-    "return of a one-sided wall": population_return,
+Goal = Callable[[list[Asked], FloatArray, int], FloatArray]
+GOALS: dict[str, tuple[Side, Goal]] = {
+    "growth of a two-sided wall": ("both", growth),
+    "return of a one-sided wall": ("above", energy_returned),
 }
+
+
+def cost(points: FloatArray, goal: str, seed: int) -> FloatArray:
+    """Return minus the goal of coordinates, shape (size, n); 9: nothing is commanded."""
+    side, of_goal = GOALS[goal]
+    walls = [asked(each[: len(BELIEVED)], side) for each in points.T]
+    stable = [i for i, wall in enumerate(walls) if wall.decision.stiffness > 0.0]
+    result = np.full(len(walls), 9.0)
+    if stable:
+        shares = points.T[stable, len(BELIEVED) :]
+        result[stable] = -of_goal([walls[i] for i in stable], shares, seed)
+    return result
 
 
 def searched(case: tuple[int, str, int, int]) -> Worst:
     """Search for the worst truth in any belief by differential evolution."""
     seed, goal, size, generations = case
     found = differential_evolution(
-        partial(GOALS[goal], seed=seed),
+        partial(cost, goal=goal, seed=seed),
         [(0.0, 1.0)] * (len(BELIEVED) + len(TRUE)),
         maxiter=generations,
         popsize=size,

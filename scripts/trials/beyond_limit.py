@@ -16,14 +16,10 @@ from scripts.trials.cases import (
     draw_row,
     log_uniform,
 )
-from scripts.trials.draws import (
-    bench_of,
-    critical_of,
-    damping_ceiling_of,
-)
+from scripts.trials.draws import bench_of, critical_of, damping_ceiling_of
 from scripts.trials.rates import most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 RATIOS = (1.2, 2.0)
@@ -57,10 +53,10 @@ def beyond(job: tuple[str, int, int, tuple[int, ...]]) -> Beyond:
         damping = draw_damping(preset, random)
         ratio = log_uniform(RATIOS, random)
         kick = draw_kick(random)
-        if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
+        if damping > 0.9 * damping_ceiling_of(truth):
             continue
         tried += 1
-        stiffness = ratio * critical_of(truth, damping, 1e-3)
+        stiffness = ratio * critical_of(truth, damping)
         case = Case(preset, truth, WallAsked(stiffness, damping), position=kick)
         if goes_on_by_itself(case):
             found.append(answered(case))
@@ -72,9 +68,7 @@ def jobs(given: Given) -> list[Job]:
     made = []
     for i, preset in enumerate(PRESETS):
         for lags in range(len(LAGS)):
-            left = walls_of(given, 2)
-            for part in range(-(-left // _A_JOB)):
-                walls = min(_A_JOB, left - part * _A_JOB)
+            for part, walls in in_parts(walls_of(given, 2), _A_JOB):
                 made.append((preset, lags, walls, (given.seed, 3, i, lags, part)))
     return made
 

@@ -21,7 +21,7 @@ from scripts.trials.draws import Bench, bench_of, critical_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
@@ -56,7 +56,7 @@ def draw_bounces(preset: str, kind: int, lags: int, random: np.random.Generator)
     wall = WallAsked(ANY_STIFFNESS, damping, "above", forced=False)
     if kind:
         ratio = log_uniform(_FORCED, random)
-        limit = max(critical_of(truth, damping, 1e-3), 0.1 * bench.torque_limit)
+        limit = max(critical_of(truth, damping), 0.1 * bench.torque_limit)
         wall = WallAsked(ratio * limit, damping, "above")
     push = _push(bench, truth, random)
     return Case(preset, truth, wall, position=-draw_kick(random), push=push)
@@ -92,9 +92,7 @@ def jobs(given: Given) -> list[Job]:
     for i, preset in enumerate(PRESETS):
         for kind in range(len(WALLS_TRIED)):
             for lags in range(len(LAGS)):
-                left = walls_of(given, 1)
-                for part in range(-(-left // _A_JOB)):
-                    walls = min(_A_JOB, left - part * _A_JOB)
+                for part, walls in in_parts(walls_of(given, 1), _A_JOB):
                     seed = (given.seed, 4, i, kind, lags, part)
                     made.append((preset, kind, lags, walls, seed))
     return made

@@ -8,19 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
-from scripts.trials.draws import (
-    LAG_FACTOR,
-    Bench,
-    bench_of,
-    draw_truth,
-    natural_hz,
-)
-from scripts.trials.operators import (
-    NOBODY,
-    Operator,
-    draw_operator,
-    operator_of,
-)
+from scripts.trials.draws import LAG_FACTOR, Bench, bench_of, draw_lag, draw_truth, natural_hz
+from scripts.trials.operators import NOBODY, Operator, draw_operator, operator_of
 from scripts.trials.run import Trial, WallAsked, run_trial
 from scripts.trials.truth import BackEmf, Truth
 
@@ -146,10 +135,7 @@ def draw_row(bench: Bench, row: Row, lags: Lags, random: np.random.Generator) ->
     truth = draw_truth(
         bench, random, back_emf=row.back_emf, backlash=row.backlash, flexible=row.flexible
     )
-    believed = bench.belief.delay
-    low, high = max(believed.low, lags.low * believed.high), lags.high * believed.high
-    delay = high if random.random() < 0.5 else float(random.uniform(low, high))
-    return replace(truth, delay=delay)
+    return replace(truth, delay=draw_lag(bench, (lags.low, lags.high), random))
 
 
 def draw_damping(preset: str, random: np.random.Generator) -> float:

@@ -106,9 +106,7 @@ def draw_real(
             upper end.
     """
     truth = draw_truth(bench, random, back_emf="current")
-    most = bench.belief.delay.high
-    low, high = max(bench.belief.delay.low, lags[0] * most), lags[1] * most
-    delay = high if random.random() < 0.5 else float(random.uniform(low, high))
+    delay = draw_lag(bench, lags, random)
     periods = random.integers(*PERIODS, 2, endpoint=True).astype(np.float64).tolist()
     phases = random.uniform(-math.pi, math.pi, 4).tolist()
     real = RealEffects(
@@ -137,6 +135,13 @@ def draw_real(
     )
     backlash = random.uniform(0.0, bench.belief.backlash.high or _ARC_MINUTES)
     return replace(truth, delay=delay, backlash=backlash, real=real)
+
+
+def draw_lag(bench: Bench, lags: tuple[float, float], random: np.random.Generator) -> float:
+    """Draw a lag [s] from a range, in multiples of its believed upper bound; half at its end."""
+    most = bench.belief.delay.high
+    low, high = max(bench.belief.delay.low, lags[0] * most), lags[1] * most
+    return high if random.random() < 0.5 else float(random.uniform(low, high))
 
 
 def draw_truth(
@@ -196,29 +201,23 @@ def draw_truth(
     return truth
 
 
-def critical_of(truth: Truth, damping: float, period: float) -> float:
-    """Return the commanded critical stiffness of a two-sided wall on this servo [N·m/rad].
+def critical_of(truth: Truth, damping: float) -> float:
+    """Return the commanded critical stiffness of a two-sided wall at 1 kHz [N·m/rad].
 
     It is that of the rigid servo without Coulomb friction, backlash, limit and back-EMF.
 
     Args:
         truth: The servo.
         damping: Commanded B [N·m·s/rad].
-        period: T [s].
     """
     gain = truth.torque_gain
-    limit = critical_stiffness(truth.inertia, truth.damping, gain * damping, period, truth.delay)
+    limit = critical_stiffness(truth.inertia, truth.damping, gain * damping, 1e-3, truth.delay)
     return float(limit) / gain
 
 
-def damping_ceiling_of(truth: Truth, period: float) -> float:
-    """Return the commanded B above which no stiffness is stable on this servo, rigid [N·m·s/rad].
-
-    Args:
-        truth: The servo.
-        period: T [s].
-    """
-    ceiling = max_virtual_damping(truth.inertia, truth.damping, period, truth.delay)
+def damping_ceiling_of(truth: Truth) -> float:
+    """Return the commanded B above which no stiffness is stable at 1 kHz, rigid [N·m·s/rad]."""
+    ceiling = max_virtual_damping(truth.inertia, truth.damping, 1e-3, truth.delay)
     return float(ceiling) / truth.torque_gain
 
 

@@ -10,17 +10,12 @@ import numpy as np
 
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, draw_damping, hand_case
-from scripts.trials.draws import (
-    bench_of,
-    critical_of,
-    damping_ceiling_of,
-    draw_truth,
-)
+from scripts.trials.draws import bench_of, critical_of, damping_ceiling_of, draw_truth
 from scripts.trials.hands import HANDS
 from scripts.trials.operators import HARDER, Operator, operator_of
 from scripts.trials.rates import hourly
 from scripts.trials.run import Trial, WallAsked
-from scripts.trials.sections import Job, Made, draws, section
+from scripts.trials.sections import Job, Made, draws, in_parts, section
 from scripts.trials.verdicts import small, sustains
 
 OF_THE_LIMIT = 0.9
@@ -70,16 +65,16 @@ def hand_trials(job: tuple[str, str, int, float, tuple[int, ...]]) -> list[HandT
 
 
 def draw_held(preset: str, operator: str, trial_s: float, random: np.random.Generator) -> Case:
-    """Draw a wall and the operator who holds its shaft, see ``hand_trials``."""
+    """Draw a wall and the operator that holds its shaft, see ``hand_trials``."""
     bench = bench_of(preset)
     while True:
         truth = draw_truth(bench, random, lag_factor=1.0, back_emf=None)
         damping = draw_damping(preset, random)
         one_sided = random.random() < _ONE_SIDED
         hand_seed = int(random.integers(1 << 31))
-        if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
+        if damping > 0.9 * damping_ceiling_of(truth):
             continue
-        stiffness = OF_THE_LIMIT * critical_of(truth, damping, 1e-3)
+        stiffness = OF_THE_LIMIT * critical_of(truth, damping)
         wall = WallAsked(stiffness, damping, "above" if one_sided else "both")
         return hand_case(preset, truth, wall, operator, hand_seed, trial_s)
 
@@ -133,8 +128,7 @@ def jobs(given: Given) -> list[Job]:
             hours = given.hours * (_HARDER_PART if operator in HARDER else 1.0)
             trials = max(1, round(hours * 3600.0 / trial_s))
             a_job = max(1, round(_A_JOB_S / trial_s))
-            for part in range(-(-trials // a_job)):
-                count = min(a_job, trials - part * a_job)
+            for part, count in in_parts(trials, a_job):
                 seed = (given.seed, 2, i, j, part)
                 made.append((preset, operator, count, trial_s, seed))
     return made
@@ -153,12 +147,10 @@ def told(results: list[list[HandTrial]]) -> Made:
         " true, and the rates of needless ones leave these trials out. Rates have one-sided bounds"
         " of 95 %.",
     ]
-    return Made([*lines, *hand_lines(trials, HANDS, HARDER)], needless(trials))
+    return Made([*lines, *hand_lines(trials, HARDER)], needless(trials))
 
 
-def hand_lines(
-    trials: list[HandTrial], hands: Sequence[str], harder: Sequence[str] = ()
-) -> list[str]:
+def hand_lines(trials: list[HandTrial], harder: Sequence[str] = ()) -> list[str]:
     """Return the tables of both servos, and what is said of them together."""
     lines = []
     for preset in PRESETS:
@@ -170,8 +162,8 @@ def hand_lines(
             "| operator | hours | probes | found a hand | needlessly softened | taken back |"
             " needlessly suspected | goes on | trips |",
             "|---|---|---|---|---|---|---|---|---|",
-            *(_line(name, [t for t in here if t.case.operator == name]) for name in hands),
-            _line("**these together**", [t for t in here if t.case.operator in hands]),
+            *(_line(name, [t for t in here if t.case.operator == name]) for name in HANDS),
+            _line("**these together**", [t for t in here if t.case.operator in HANDS]),
             *(
                 _line(f"{name} (harder)", [t for t in here if t.case.operator == name])
                 for name in harder
@@ -181,7 +173,7 @@ def hand_lines(
     return [
         *lines,
         "",
-        f"Both servos{others}: {_sentence([t for t in trials if t.case.operator in hands])}",
+        f"Both servos{others}: {_sentence([t for t in trials if t.case.operator in HANDS])}",
     ]
 
 

@@ -24,8 +24,6 @@ LOST = 0.01
 """Fraction of its amplitude that a decaying oscillation loses per cycle."""
 _NOISE_RAD = 1e-4
 """Smallest half-cycle [rad]: a fifteenth of a count of 4096."""
-
-
 _RIPPLE = 0.5
 """Smallest reversal that ends a half-cycle, relative to the amplitude of interest: a quarter of
 such a half-cycle's path."""
@@ -123,19 +121,16 @@ class OwnOscillation:
         return math.isnan(self.onset_s) or self.tripped or self.ended_s > self.deadline_s
 
 
-def own_oscillation(
-    trial: Trial, belief: Belief, *, counts_per_rev: int = 4096, since_s: float = 0.0
-) -> OwnOscillation:
-    """Judge a motion without an operator, since ``since_s``.
+def own_oscillation(trial: Trial, belief: Belief, *, counts_per_rev: int = 4096) -> OwnOscillation:
+    """Judge a motion without an operator.
 
     Args:
         trial: The record.
         belief: Its lowest gain and highest inertia give the slowest frequency.
         counts_per_rev: Counts per revolution of the encoder.
-        since_s: The operator's release [s].
     """
     threshold = large(counts_per_rev)
-    cycles = half_cycles(trial, since_s, _RIPPLE * threshold)
+    cycles = half_cycles(trial, 0.0, _RIPPLE * threshold)
     ended = trial.output.size * trial.period
     above = cycles.amplitude > threshold
     final = cycles.amplitude[cycles.begin_s > 0.75 * ended]

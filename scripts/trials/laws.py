@@ -10,18 +10,12 @@ import numpy as np
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, draw_damping, draw_kick, hand_case, log_uniform
 from scripts.trials.draws import bench_of, critical_of, damping_ceiling_of, draw_truth
-from scripts.trials.hand_hours import (
-    OF_THE_LIMIT,
-    HandTrial,
-    intervention_cells,
-    judged,
-    needless,
-)
+from scripts.trials.hand_hours import OF_THE_LIMIT, HandTrial, intervention_cells, judged, needless
 from scripts.trials.operators import TURN
 from scripts.trials.own_walls import WORSE, grown, growth_cells, late_or_unseen_of
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
@@ -95,14 +89,14 @@ def _drawn(preset: str, random: np.random.Generator) -> tuple[Truth, float]:
     while True:
         truth = draw_truth(bench_of(preset), random, lag_factor=1.0, back_emf=None)
         damping = draw_damping(preset, random)
-        if damping <= OF_THE_LIMIT * damping_ceiling_of(truth, 1e-3):
+        if damping <= OF_THE_LIMIT * damping_ceiling_of(truth):
             return truth, damping
 
 
 def draw_hand(preset: str, law: str, hand: str, random: np.random.Generator) -> Case:
     """Draw a law at nine tenths of the servo's own limit, and the hand that moves its shaft."""
     truth, damping = _drawn(preset, random)
-    wall = WallAsked(OF_THE_LIMIT * critical_of(truth, damping, 1e-3), damping)
+    wall = WallAsked(OF_THE_LIMIT * critical_of(truth, damping), damping)
     seed = int(random.integers(1 << 31))
     case = hand_case(preset, truth, wall, hand, seed, _TRIAL_S)
     return replace(case, law=draw_law(law, random))
@@ -112,9 +106,9 @@ def draw_beyond(preset: str, law: str, random: np.random.Generator) -> Case:
     """Draw a law beyond the servo's own limit, let go away from its rest."""
     truth, damping = _drawn(preset, random)
     ratio = log_uniform(BEYOND, random)
-    stiffness = critical_of(truth, damping, 1e-3)
+    stiffness = critical_of(truth, damping)
     if law == "damper":
-        damping = ratio * damping_ceiling_of(truth, 1e-3)
+        damping = ratio * damping_ceiling_of(truth)
     else:
         stiffness *= ratio
     wall, kick = WallAsked(stiffness, damping), draw_kick(random)
@@ -162,9 +156,7 @@ def _beyond_jobs(given: Given, number: int) -> list[Job]:
     made: list[Job] = []
     for i, preset in enumerate(PRESETS):
         for j, law in enumerate(LAWS):
-            walls = walls_of(given, 1)
-            for part in range(-(-walls // _A_JOB)):
-                count = min(_A_JOB, walls - part * _A_JOB)
+            for part, count in in_parts(walls_of(given, 1), _A_JOB):
                 made.append((preset, law, "", count, (given.seed, number, i, j, part)))
     return made
 
@@ -176,8 +168,7 @@ def jobs(given: Given) -> list[Job]:
     for i, preset in enumerate(PRESETS):
         for j, law in enumerate(LAWS):
             for k, hand in enumerate(HANDS):
-                for part in range(-(-trials // _A_JOB)):
-                    count = min(_A_JOB, trials - part * _A_JOB)
+                for part, count in in_parts(trials, _A_JOB):
                     made.append((preset, law, hand, count, (given.seed, 21, i, j, k, part)))
     return [*made, *_beyond_jobs(given, 22)]
 

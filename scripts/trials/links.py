@@ -53,24 +53,26 @@ class LinkRun(NamedTuple):
     alarm_s: float
     """First alarm; NaN: none [s]"""
 
-    def sizes(self) -> list[float]:
-        """Return the amplitudes of the vibration in windows, the last first [counts]."""
-        return [
+    @property
+    def largest_and_last(self) -> tuple[float, float]:
+        """Return the amplitudes of the vibration in a window, at most and at the end [counts]."""
+        sizes = [
             _amplitude(self.position[max(end - _WINDOW, 0) : end], self.hertz)
             for end in range(self.position.size, _WINDOW, -_WINDOW)
         ]
+        return max(sizes, default=0.0), sizes[0] if sizes else 0.0
 
 
-def link_trials(seed: int, count: int, share: float) -> list[LinkTrial]:
-    """Draw servos with a link, and run a wall on each after a kick of 0.1 rad."""
+def link_trials(case: tuple[int, int, float]) -> list[LinkTrial]:
+    """Draw servos with a link, and run a wall on each after a kick of 0.1 rad.
+
+    Args:
+        case: Seed, number of servos, and virtual damping over the ceiling.
+    """
+    seed, count, share = case
     random = np.random.default_rng(seed)
-    return [_trial(random, share) for _ in range(count)]
-
-
-def _trial(random: np.random.Generator, share: float) -> LinkTrial:
-    run = link_run(random, share, 12.0, 90.0)
-    sizes = run.sizes()
-    return LinkTrial(share, max(sizes, default=0.0), sizes[0] if sizes else 0.0, run.alarm_s)
+    runs = (link_run(random, share, 12.0, 90.0) for _ in range(count))
+    return [LinkTrial(share, *run.largest_and_last, run.alarm_s) for run in runs]
 
 
 def link_run(random: np.random.Generator, share: float, slowest: float, fastest: float) -> LinkRun:

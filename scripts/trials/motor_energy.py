@@ -47,17 +47,16 @@ class MotorTrial(NamedTuple):
     """Amplitude then [counts]"""
 
 
-def motor_trials(seed: int, count: int, share: float) -> list[MotorTrial]:
-    """Draw servos with a link of 20 to 200 Hz, run a wall on each, and judge by both ways."""
+def motor_trials(case: tuple[int, int, float]) -> list[MotorTrial]:
+    """Draw servos with a link of 20 to 200 Hz, run a wall on each, and judge by both ways.
+
+    Args:
+        case: Seed, number of servos, and virtual damping over the ceiling.
+    """
+    seed, count, share = case
     random = np.random.default_rng((77, seed))
-    found = []
-    for _ in range(count):
-        run = link_run(random, share, 20.0, 200.0)
-        sizes = run.sizes()
-        when, size = noticed(run)
-        largest, last = max(sizes, default=0.0), sizes[0] if sizes else 0.0
-        found.append(MotorTrial(share, largest, last, run.alarm_s, when, size))
-    return found
+    runs = (link_run(random, share, 20.0, 200.0) for _ in range(count))
+    return [MotorTrial(share, *run.largest_and_last, run.alarm_s, *noticed(run)) for run in runs]
 
 
 def noticed(run: LinkRun) -> tuple[float, float]:

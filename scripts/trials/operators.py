@@ -12,12 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray
-from scripts.trials.hands import (
-    HANDS,
-    draw_grips,
-    slow_changes,
-    wanted_motion,
-)
+from scripts.trials.hands import HANDS, draw_grips, slow_changes, wanted_motion
 
 HARDER = ("jittered", "resonant", "varying", "heavy")
 """A rhythm whose periods vary by 3 to 5 %; a rhythm at 0.8 to 1.2 times the wall's own frequency;

@@ -7,19 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from scripts.study import Given
-from scripts.trials.cases import (
-    LAGS,
-    PRESETS,
-    ROWS,
-    Case,
-    draw_damping,
-    draw_kick,
-    draw_row,
-)
+from scripts.trials.cases import LAGS, PRESETS, ROWS, Case, draw_damping, draw_kick, draw_row
 from scripts.trials.draws import bench_of
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.verdicts import Answered, answered, goes_on_by_itself
 
 ANY_STIFFNESS = 1e6
@@ -78,9 +70,7 @@ def jobs(given: Given, number: int) -> list[Job]:
     for i, preset in enumerate(PRESETS):
         for row in range(len(ROWS)):
             for lags in range(len(LAGS)) if given.walls else (len(LAGS) - 1,):
-                left = walls_of(given, lags + 1)
-                for part in range(-(-left // _A_JOB)):
-                    walls = min(_A_JOB, left - part * _A_JOB)
+                for part, walls in in_parts(walls_of(given, lags + 1), _A_JOB):
                     seed = (given.seed, number, i, row, lags, part)
                     made.append((preset, row, lags, walls, seed))
     return made

@@ -12,7 +12,7 @@ from scripts.trials.hand_hours import OF_THE_LIMIT, HandTrial, hand_lines, judge
 from scripts.trials.hands import HANDS
 from scripts.trials.own_walls import ANY_STIFFNESS, WALL_HEAD, Cell, late_or_unseen, wall_line
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.verdicts import answered, goes_on_by_itself
 
 _A_JOB = 5
@@ -37,15 +37,15 @@ def draw_real_wall(preset: str, lags: int, random: np.random.Generator) -> Case:
 
 
 def draw_real_hand(preset: str, operator: str, trial_s: float, random: np.random.Generator) -> Case:
-    """Draw a servo within the belief, a wall at nine tenths of its limit, and who holds it."""
+    """Draw a servo within the belief, a wall at nine tenths of its limit, and an operator."""
     while True:
         truth = draw_real(bench_of(preset), random)
         damping = draw_damping(preset, random)
         side: Side = "above" if random.random() < _ONE_SIDED else "both"
         seed = int(random.integers(1 << 31))
-        if damping > 0.9 * damping_ceiling_of(truth, 1e-3):
+        if damping > 0.9 * damping_ceiling_of(truth):
             continue
-        stiffness = OF_THE_LIMIT * critical_of(truth, damping, 1e-3)
+        stiffness = OF_THE_LIMIT * critical_of(truth, damping)
         return hand_case(
             preset, truth, WallAsked(stiffness, damping, side), operator, seed, trial_s
         )
@@ -72,9 +72,7 @@ def jobs(given: Given) -> list[Job]:
     trial_s = min(_HAND_S, 3600.0 * given.hours)
     for i, preset in enumerate(PRESETS):
         for lags in range(len(LAGS)):
-            left = walls_of(given, lags + 1)
-            for part in range(-(-left // _A_JOB)):
-                walls = min(_A_JOB, left - part * _A_JOB)
+            for part, walls in in_parts(walls_of(given, lags + 1), _A_JOB):
                 seed = (given.seed, 7, i, lags, part)
                 made.append((preset, "none", lags, walls, 8.0, seed))
         for j, operator in enumerate(HANDS):
@@ -103,7 +101,7 @@ def told(results: list[Result]) -> Made:
         ]
     lines.append(wall_line("both", "all", cells))
     wrong = late_or_unseen(cells)
-    lines += hand_lines(trials, HANDS)
+    lines += hand_lines(trials)
     return Made(lines, wrong + needless(trials))
 
 

@@ -20,7 +20,7 @@ from scripts.study import Given
 from scripts.trials.detector_trials import NAMES, above_limit
 from scripts.trials.listening import COUNT, PERIOD
 from scripts.trials.rates import most
-from scripts.trials.sections import Job, Made, draws, section, walls_of
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.watched import kicked
 
 SHARES = 1.3, 2.2
@@ -94,9 +94,8 @@ def recorded(job: tuple[int, tuple[int, ...]]) -> list[Recorded]:
 
 def jobs(given: Given) -> list[Job]:
     """Return the jobs: all walls, in parts."""
-    left = walls_of(given, 20)
-    parts = range(-(-left // _A_JOB))
-    return [(min(_A_JOB, left - part * _A_JOB), (given.seed, 6, part)) for part in parts]
+    parts = in_parts(walls_of(given, 20), _A_JOB)
+    return [(count, (given.seed, 6, part)) for part, count in parts]
 
 
 def told(results: list[list[Recorded]]) -> Made:

@@ -119,7 +119,6 @@ def run_trial(
     duration_s: float,
     position: float = 0.0,
     velocity: float = 0.0,
-    step_s: float | None = None,
     tuning: Tuning = TUNING,
 ) -> Trial:
     """Run the tick until the duration is over or a trip ends the run.
@@ -132,16 +131,13 @@ def run_trial(
         duration_s: [s]
         position: Position of the servo at the start [rad].
         velocity: Velocity of the servo at the start [rad/s].
-        step_s: Longest step of the servo's computation [s]; None: the usual one.
         tuning: Numbers of the detector.
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
     clock = SimulatedClock()
     servo: TrialServo | RealTrialServo
     if truth.real is None:
-        servo = TrialServo(
-            truth, clock, operator, position=position, velocity=velocity, step_s=step_s
-        )
+        servo = TrialServo(truth, clock, operator, position=position, velocity=velocity)
     else:
         servo = RealTrialServo(truth, clock, operator, position=position, velocity=velocity)
     telemetry = Telemetry(-1, _CHUNK + 8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -56,6 +56,12 @@ def section(
 def walls_of(given: Given, times: int) -> int:
     """Return a multiple of the walls of a row, at least one."""
     return max(1, times * int(given.walls))
+
+
+def in_parts(count: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield number and size of each part of some trials; ``most``: of a part."""
+    for part in range(-(-count // most)):
+        yield part, min(most, count - part * most)
 
 
 def draws(seed: Sequence[int]) -> np.random.Generator:

@@ -13,11 +13,7 @@ from scipy.optimize import differential_evolution
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.guard.bins import decide_bin, settings_at
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.schedule import (
-    inserted_delays,
-    interval_bins_ns,
-    served_range,
-)
+from haptic_wall.controller.guard.schedule import inserted_delays, interval_bins_ns, served_range
 from haptic_wall.controller.guard.types import WITHIN
 from haptic_wall.controller.theory.chain import Chain, sampled
 from haptic_wall.controller.theory.checks import FloatArray

@@ -9,26 +9,13 @@ import numpy as np
 
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from scripts.study import Given
-from scripts.trials.cases import (
-    LAGS,
-    PRESETS,
-    Case,
-    Row,
-    draw_damping,
-    draw_row,
-)
+from scripts.trials.cases import LAGS, PRESETS, Case, Row, draw_damping, draw_row
 from scripts.trials.draws import bench_of
 from scripts.trials.own_walls import ANY_STIFFNESS
 from scripts.trials.rates import few, most
 from scripts.trials.run import WallAsked
-from scripts.trials.sections import Job, Made, draws, section, walls_of
-from scripts.trials.verdicts import (
-    longest_unseen_s,
-    small,
-    sustains,
-    time_above_s,
-    unseen,
-)
+from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
+from scripts.trials.verdicts import longest_unseen_s, small, sustains, time_above_s, unseen
 
 BACKLASH = (math.radians(0.1), math.radians(0.5))
 KICK = (0.02, 0.05)
@@ -126,9 +113,7 @@ def jobs(given: Given) -> list[Job]:
     """Return the jobs: both servos, in parts."""
     made = []
     for i, preset in enumerate(PRESETS):
-        left = walls_of(given, 4)
-        for part in range(-(-left // _A_JOB)):
-            walls = min(_A_JOB, left - part * _A_JOB)
+        for part, walls in in_parts(walls_of(given, 4), _A_JOB):
             made.append((preset, walls, (given.seed, 5, i, part)))
     return made
 

@@ -138,20 +138,16 @@ class Truth:
         """Return the loss of torque per speed by back-EMF while it acts [N·m·s/rad]."""
         return self.stall_torque / self.no_load_speed
 
-    def with_mode(
-        self, hertz: float, damping_ratio: float, load: float, *, locked: bool = False
-    ) -> Truth:
+    def with_mode(self, hertz: float, damping_ratio: float, load: float) -> Truth:
         """Return the servo with a flexible transmission.
 
         Args:
-            hertz: Natural frequency [Hz].
+            hertz: Natural frequency with both ends free [Hz].
             damping_ratio: Damping ratio of that mode [1].
             load: Fraction of the inertia that is behind the transmission, 0 < load < 1.
-            locked: ``hertz`` and ``damping_ratio`` are those with the motor held still; otherwise
-                with both ends free.
         """
         inertia = load * self.inertia
-        moving = inertia if locked else (1.0 - load) * inertia
+        moving = (1.0 - load) * inertia
         rate = math.tau * hertz
         return replace(
             self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from scripts.study import Given
@@ -23,11 +24,7 @@ from scripts.trials.run import WallAsked
 from scripts.trials.search import Axis, Found, worst_cases
 from scripts.trials.sections import Job, Made, section
 from scripts.trials.truth import BackEmf, Truth
-from scripts.trials.verdicts import (
-    at_alarm_and_after,
-    longest_unseen_s,
-    sustains,
-)
+from scripts.trials.verdicts import at_alarm_and_after, longest_unseen_s, sustains
 
 Body = Literal["rigid", "flexible"]
 BODIES: tuple[Body, ...] = ("rigid", "flexible")
@@ -66,7 +63,7 @@ def box(preset: str, body: Body) -> list[Axis]:
     return axes
 
 
-def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S) -> Case:
+def case_of(preset: str, point: Mapping[str, float]) -> Case:
     """Return the case of a point of the box."""
     bench = bench_of(preset)
     truth = Truth(
@@ -85,7 +82,7 @@ def case_of(preset: str, point: Mapping[str, float], duration_s: float = _LONG_S
     if "load" in point:
         truth = truth.with_mode(point["mode_hz"], point["mode_damping"], point["load"])
     wall = WallAsked(ANY_STIFFNESS, point["wall_damping"], forced=False)
-    return Case(preset, truth, wall, duration_s, position=point["kick"])
+    return Case(preset, truth, wall, _LONG_S, position=point["kick"])
 
 
 def lateness(preset: str, point: Mapping[str, float]) -> float:
@@ -138,17 +135,6 @@ class Searched:
     found: list[Found]
 
 
-class Goal:
-    """An objective for a servo, as the search calls it."""
-
-    def __init__(self, name: str, preset: str) -> None:
-        self.name, self.preset = name, preset
-
-    def __call__(self, point: Mapping[str, float]) -> float:
-        """Return its value at a point of the box."""
-        return GOALS[self.name](self.preset, point)
-
-
 def searched(job: tuple[str, Body, str, int, int]) -> Searched:
     """Search in this process; return all tried points, the worst first.
 
@@ -158,7 +144,7 @@ def searched(job: tuple[str, Body, str, int, int]) -> Searched:
     preset, body, goal, generations, seed = job
     few = 12 if generations > 1 else 1
     found = worst_cases(
-        Goal(goal, preset),
+        partial(GOALS[goal], preset),
         box(preset, body),
         parents=few,
         children=2 * few,

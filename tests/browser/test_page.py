@@ -163,13 +163,17 @@ def test_a_knob_raises_the_stiffness_to_the_clamp_and_says_why(tab: Tab, tmp_pat
         tab.open(address)
         tab.wait(SHOWN)
         tab.wait("document.querySelector('#plane canvas') !== null")
-        ask(tab, "wall.stiffness", 5000)
-        words = tab.wait(
-            "(() => { const text = document.querySelector('.knob .words').textContent;"
-            " return text.includes('commanded are') && text; })()",
-            40.0,
-        )
-        assert "5000" in words
+        words = "not applied"
+        for _ in range(3):  # a busy machine may find no moment that suits
+            if "not applied" in words:
+                ask(tab, "wall.stiffness", 5000)
+                words = tab.wait(
+                    "(() => { const text = document.querySelector('.knob .words').textContent;"
+                    " return ['commanded are', 'not applied'].some((each) => text.includes(each))"
+                    " && text; })()",
+                    40.0,
+                )
+        assert "commanded are" in words and "5000" in words
         tab.wait("document.getElementById('reasons').textContent.includes('5000')")
         tab.wait(
             "[...document.querySelectorAll('#marks li.change')].some((mark) => "

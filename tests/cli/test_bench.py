@@ -63,6 +63,7 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(boundary, "_ROUNDS", 1)
     monkeypatch.setattr(boundary, "_MIXED", 500)
     monkeypatch.setattr(boundary, "_COMPARED", 3)
+    monkeypatch.setattr(boundary, "_LOADED", 16)
     monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
     monkeypatch.setattr(array_simulation, "BLOCK", 4)
     monkeypatch.setattr(array_simulation, "_PERIODS", 200)

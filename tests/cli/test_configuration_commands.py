@@ -71,6 +71,7 @@ def test_config_shows_bounds_of_the_belief_and_marks_what_is_not_used() -> None:
         "servo.load_inertia",
         "servo.transmission_stiffness",
         "servo.transmission_damping",
+        "servo.chain",
         "servo.current_bandwidth",
         "servo.current_period",
         "servo.dead_band",

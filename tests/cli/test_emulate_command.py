@@ -51,6 +51,8 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
         (["--set", "servo.current_bandwidth=-1"], ["servo.current_bandwidth", "from 0 up to"]),
         (["--set", "servo.current_droop=2"], ["servo.current_droop", "'2'", "up to 1"]),
+        (["--set", "servo.chain=[[1, 0, 0]]"], ["servo.chain", "[inertia, stiffness, damping]"]),
+        (["--set", "servo.chain=[1]"], ["servo.chain", "[inertia, stiffness, damping]"]),
         (["--set", "servo.back_emf=yes"], ["servo.back_emf", "'yes'", "true or false"]),
         (["--set", "servo.load_friction=1"], ["servo.load_friction", "up to 0.9"]),
         (["--set", "servo.static_friction=0.05"], ["static_friction", "below coulomb 0.09"]),

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.cli.emulated_servos import given_truth
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.processes.emulator import emulator_arguments
 from haptic_wall.controller.runtime.session import Result, run_session
@@ -17,6 +18,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.settings import Link
 from tests.typed import not_none
 
 EMULATED = "emulated-ideal"
@@ -71,6 +73,8 @@ def test_a_fault_of_the_servo_s_own_id_is_one_of_this_bus() -> None:
 
 def test_they_travel_between_processes_and_to_the_emulator() -> None:
     sets = ["servo.faults=drop:p=0.01 jump:counts=5", "servo.fault_seed=3", "servo.supply=11"]
+    sets += ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
+    sets += ["servo.chain=[[1e-4, 1e5, 0], [0.001, 80, 0.01]]"]
     loaded = load_config(EMULATED, sets).config
     config = Config.model_validate_json(loaded.model_dump_json())
     words = emulator_arguments(config.servo_settings())
@@ -78,6 +82,8 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     assert [value for name, value in pairs if name == "--fault"] == ["drop:p=0.01", "jump:counts=5"]
     assert ("--seed", "3") in pairs
     assert ("--set", "servo.supply=11.0") in pairs
+    truth = given_truth(value for name, value in pairs if name == "--set")
+    assert truth["chain"] == config.true_servo().chain == (Link(1e-4, 1e5, 0), Link(1e-3, 80, 0.01))
     assert not any("None" in word for word in words)
 
 

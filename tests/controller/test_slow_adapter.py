@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
-from scripts.rehearsal import rehearse
+from scripts.memory_session import run_in_memory
 from tests.typed import not_none
 
 MS = 1_000_000
@@ -49,7 +49,9 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
     sets = (f"loop.rate_hz={rate_hz}", f"servo.schedule={schedule}", *alone)
     phases = range(0, 32) if thorough else (1, 12, 23)
     for phase in phases:
-        found = rehearse(sets, 0.5, adapter=(TIMER_MS * MS, 62), shift_ns=phase * MS // 2 + 37_000)
+        found = run_in_memory(
+            sets, 0.5, adapter=(TIMER_MS * MS, 62), shift_ns=phase * MS // 2 + 37_000
+        )
         result = found.result
         assert result.stop_reason == "duration"
         assert result.torque_off
@@ -79,14 +81,14 @@ def test_in_every_phase_it_runs_to_the_end_softer_and_says_why(
 def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> None:
     """So the delay that is counted with is the true one, neither short nor far too long."""
     sets = (*FREE_WALL, "wall.stiffness=8")
-    calm = rehearse(sets, 6.0, adapter=(TIMER_MS * MS, 62), shift_ns=5 * MS)
+    calm = run_in_memory(sets, 6.0, adapter=(TIMER_MS * MS, 62), shift_ns=5 * MS)
     assert calm.result.stop_reason == "duration"
     swung = swings(calm)
     assert swung[0] <= 0.31
     assert swung == sorted(swung, reverse=True)
     assert swung[-1] < 0.3 * swung[0]
     twice = 2 * not_none(calm.result.guard)["limit"]["exact"]
-    wild = rehearse(
+    wild = run_in_memory(
         (*FREE_WALL, "guard.mode=off", f"wall.stiffness={twice}"),
         6.0,
         adapter=(TIMER_MS * MS, 62),
@@ -98,9 +100,11 @@ def test_what_the_guard_allows_comes_to_rest_and_twice_its_limit_does_not() -> N
 def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     """Ticks in which none was due are neither good nor lost."""
     sets = ("safety.max_loss=0.15", "loop.warm_up_s=0.3")
-    found = rehearse(sets, 10.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"])
+    found = run_in_memory(
+        sets, 10.0, adapter=(TIMER_MS * MS, 62), faults=["drop:every=4,way=reply"]
+    )
     assert found.result.stop_reason == "trip:loss_rate"
-    calm = rehearse(
+    calm = run_in_memory(
         ("safety.max_loss=0.5", "loop.warm_up_s=0.3"),
         3.0,
         adapter=(TIMER_MS * MS, 62),
@@ -116,15 +120,15 @@ def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
     """Each takes longer than the silence that is allowed, and one or two are no reason to end."""
     sets = ("safety.max_silence_s=0.015", "safety.max_loss=1", "loop.warm_up_s=0.3")
     adapter = (TIMER_MS * MS, 62)
-    found = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9"])
+    found = run_in_memory(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9"])
     assert found.result.stop_reason == "trip:losses_in_row"
     assert not_none(found.result.bus)["lost"] == 3
-    calm = rehearse(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
+    calm = run_in_memory(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
     assert calm.result.stop_reason == "duration"
 
 
 def test_a_quick_adapter_is_untouched() -> None:
-    found = rehearse((), 0.3, adapter=(1 * MS, 62))
+    found = run_in_memory((), 0.3, adapter=(1 * MS, 62))
     outcome: IntArray = found.ticks["outcome"]
     age: IntArray = found.ticks["age_ns"]
     assert Outcome.WAITING not in outcome

@@ -8,7 +8,7 @@ from tests.scripts.computed import stale
 SOME = ("drop:times=1,way=reply", "drop:way=reply", "jump:counts=500", "unplug-adapter")
 
 
-def test_the_page_is_what_a_rehearsal_finds(thorough: bool) -> None:
+def test_the_page_is_what_a_session_in_memory_finds(thorough: bool) -> None:
     if thorough:
         assert stale(STUDY) == [], "run scripts/study fault_table"
         return

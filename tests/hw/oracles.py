@@ -402,15 +402,18 @@ class Coupled(NamedTuple):
     gap: float
     hand_stiffness: float = 0.0
     hand_damping: float = 0.0
+    chain: tuple[tuple[float, float, float], ...] = ()
+    """Inertia of each further mass, stiffness and damping of its joint; weight and hand are at the
+    last one"""
 
-    def contact(self, x: float, v: float, y: float, w: float) -> int:
+    def contact(self, x: float, v: float, y: float, w: float, *_: float) -> int:
         """Return the side on which the transmission pushes; 0: none."""
         side = 1 if x > y else -1
         deep = side * (x - y) - 0.5 * self.gap
         pushes = self.stiffness * deep + self.damping * side * (v - w) > 0.0
         return side if self.gap == 0.0 or (deep > 0.0 and pushes) else 0
 
-    def passed(self, side: int, x: float, v: float, y: float, w: float) -> float:
+    def passed(self, side: int, x: float, v: float, y: float, w: float, *_: float) -> float:
         """Return the transmitted torque [N·m]."""
         if side == 0:
             return 0.0
@@ -445,8 +448,8 @@ def _integrate_coupled(
 ) -> list[float]:
     time, breaks = 0.0, 0.0
     for _ in range(1000):
-        x, v, y, w = state
-        side = body.contact(x, v, y, w)
+        v = state[1]
+        side = body.contact(*state)
         push, friction = body.net(stretch, side, state, 1.0)
         sign = math.copysign(1.0, v) if v != 0.0 else breaks
         if v == 0.0 and not breaks and abs(push) > friction:
@@ -455,16 +458,26 @@ def _integrate_coupled(
         def slope(
             t: float, now: Sequence[float], sign: float = sign, side: int = side
         ) -> list[float]:
-            x, v, y, w = now
+            v = now[1]
             push, friction = body.net(stretch, side, now, body.gear.left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
+            torques = [body.passed(side, *now)]
+            for i, (_, stiffness, damping) in enumerate(body.chain, 1):
+                y, w, z, u = now[2 * i : 2 * i + 4]
+                torques.append(stiffness * (y - z) + damping * (w - u))
             reference = stretch.reference + stretch.slope * t
-            outside = body.hand_stiffness * (reference - y) + body.hand_damping * (
-                stretch.slope - w
+            z, u = now[-2:]
+            outside = body.hand_stiffness * (reference - z) + body.hand_damping * (
+                stretch.slope - u
             )
-            outside += body.passed(side, x, v, y, w) - body.gravity * math.sin(y - body.angle)
-            acceleration = push / body.inertia if sign else 0.0
-            return [v if sign else 0.0, acceleration, w, outside / body.load_inertia]
+            outside -= body.gravity * math.sin(z - body.angle)
+            rates = [v if sign else 0.0, push / body.inertia if sign else 0.0]
+            inertias = (body.load_inertia, *(inertia for inertia, _, _ in body.chain))
+            for i, (inertia, before, behind) in enumerate(
+                zip(inertias, torques, [*torques[1:], -outside], strict=True), 1
+            ):
+                rates += now[2 * i + 1], (before - behind) / inertia
+            return rates
 
         def motor(
             t: float,
@@ -481,7 +494,7 @@ def _integrate_coupled(
         def touch(
             t: float, now: NDArray[np.float64], side: int = side, begun: float = time
         ) -> float:
-            x, v, y, w = map(float, now)
+            x, v, y, w = map(float, now[:4])
             if body.gap == 0.0 or t == begun:
                 return 1.0
             if side:

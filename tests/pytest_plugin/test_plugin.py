@@ -163,7 +163,7 @@ def test_our_own_suite_has_it_once(pytestconfig: pytest.Config) -> None:
 
 
 def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
-    for name in ("move_servo.py", "test_move_servo.py"):
+    for name in ("move_servo.py", "test_move_servo.py", "test_held_pose.py"):
         (tmp_path / name).write_text((EXAMPLES / name).read_text())
     (job,) = yaml.safe_load((EXAMPLES / "ci.yml").read_text())["jobs"].values()
     assert job["runs-on"].startswith("ubuntu")

@@ -8,9 +8,10 @@ import pytest
 
 from haptic_wall.controller.emulated_bus.record import BusRow
 from haptic_wall.hw.dynamixel.codec import Instruction
+from scripts.chaos.faults import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
 from scripts.chaos.judge import (
+    Injected,
     Stall,
-    Thrown,
     ending,
     explanation,
     gaps,
@@ -20,7 +21,6 @@ from scripts.chaos.judge import (
 )
 from scripts.chaos.page import WATCHED, Hour, lines
 from scripts.chaos.run import ASKED, DID_NOT_START, Course, Run
-from scripts.chaos.shots import CORE_HELD, GENTLE, HARD, MAY_END, RECORDER_KILLED
 from scripts.chaos.verdict import growth, judge
 from scripts.studies import chaos
 
@@ -139,10 +139,10 @@ def test_the_start_up_may_switch_torque_on_and_off() -> None:
     assert ending([*probe, *ended(0.5)], WATCHDOG_S).offences == []
 
 
-SHOTS = [
-    Thrown("recorder killed", 5.0, 5.0),
-    Thrown("loop stopped for 0.1 to 1 s", 10.0, 10.4),
-    Thrown("encoder jumps", 30.0, 30.5),
+FAULTS = [
+    Injected("recorder killed", 5.0, 5.0),
+    Injected("loop stopped for 0.1 to 1 s", 10.0, 10.4),
+    Injected("encoder jumps", 30.0, 30.5),
 ]
 
 
@@ -151,9 +151,9 @@ SHOTS = [
     [
         ("trip:loop_hung", 10.1, "loop stopped for 0.1 to 1 s"),
         ("trip:overspeed", 30.01, "encoder jumps"),
-        ("trip:overspeed", 29.0, None),  # before the shot
+        ("trip:overspeed", 29.0, None),  # before the fault
         ("trip:loop_hung", 20.0, None),  # long after
-        ("trip:loop_died", 10.1, None),  # not what this shot may cause
+        ("trip:loop_died", 10.1, None),  # not what this fault may cause
         ("trip:loop_died", 5.1, None),  # nothing may come of a killed recorder
         ("interrupted", 10.1, None),  # nobody asked
     ],
@@ -161,7 +161,7 @@ SHOTS = [
 def test_only_a_shot_shortly_before_that_may_cause_it_explains_an_end(
     reason: str, stopped_s: float, cause: str | None
 ) -> None:
-    assert explanation(reason, stopped_s, SHOTS, MAY_END) == cause
+    assert explanation(reason, stopped_s, FAULTS, MAY_END) == cause
 
 
 def test_a_stall_explains_only_what_stalls_cause_and_only_where_it_was_long_enough() -> None:
@@ -210,9 +210,9 @@ def test_a_recorder_that_was_replaced_is_another_process() -> None:
 
 
 def test_in_the_run_that_watches_the_recorder_none_is_killed() -> None:
-    assert RECORDER_KILLED in [shot.name for shot in GENTLE]
-    spared = [shot.name for shot in chaos.sparing_recorder(iter(GENTLE))]
-    assert spared == [shot.name for shot in GENTLE if shot.name != RECORDER_KILLED]
+    assert RECORDER_KILLED in [fault.name for fault in GENTLE]
+    spared = [fault.name for fault in chaos.sparing_recorder(iter(GENTLE))]
+    assert spared == [fault.name for fault in GENTLE if fault.name != RECORDER_KILLED]
 
 
 def text_of(hour: Hour) -> str:
@@ -220,7 +220,7 @@ def text_of(hour: Hour) -> str:
 
 
 def a_run(reason: str = "interrupted", cause: str | None = ASKED, **more: Any) -> Run:
-    return Run(reason=reason, cause=cause, thrown=[Thrown(ASKED, 9.0, 9.5)], **more)
+    return Run(reason=reason, cause=cause, injected=[Injected(ASKED, 9.0, 9.5)], **more)
 
 
 @pytest.mark.parametrize(
@@ -230,8 +230,8 @@ def a_run(reason: str = "interrupted", cause: str | None = ASKED, **more: Any) -
         (a_run(torque_problems=["0.5 N·m late"]), "0.5 N·m late"),
         (a_run(log_problems=["3 rows are missing at 5"]), "3 rows are missing at 5"),
         (a_run(other_problems=["the loop outlived the run"]), "the loop outlived the run"),
-        (a_run("trip:loop_died", "loop killed", off_s=0.07), "70 ms from a shot at the loop"),
-        (a_run("trip:loop_hung", CORE_HELD, off_s=0.07), "70 ms from a shot at the loop"),
+        (a_run("trip:loop_died", "loop killed", off_s=0.07), "70 ms from a fault at the loop"),
+        (a_run("trip:loop_hung", CORE_HELD, off_s=0.07), "70 ms from a fault at the loop"),
         (
             a_run(memory={("loop", 7): [(t, 60.0 + (t > 300)) for t in range(0, 600, 2)]}),
             "",
@@ -279,6 +279,6 @@ def test_a_start_that_was_refused_is_told_apart_from_a_run_that_ended(tmp_path: 
 
 
 def test_a_gentle_shot_explains_nothing_and_a_hard_one_something() -> None:
-    assert all(not shot.may_end for shot in GENTLE)
-    assert all(shot.may_end for shot in HARD)
+    assert all(not fault.may_end for fault in GENTLE)
+    assert all(fault.may_end for fault in HARD)
     assert len(MAY_END) == len(GENTLE) + len(HARD)

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from scripts.chaos import shots
+from scripts.chaos import faults
 from scripts.chaos.loads import others, ran_at_real_time
 from scripts.chaos.stage import Stage
 
@@ -31,8 +31,8 @@ def test_a_core_is_held_from_when_who_holds_it_says_so(
         assert arguments[:2] == ("hog", "1")
         return subprocess.Popen([sys.executable, "-c", f"print(end={says!r})"], stdout=output)
 
-    monkeypatch.setattr(shots, "load", load)
-    lasting = shots.hog(0.1, 0.3)(cast(Stage, SimpleNamespace(core=1, random=Random(1))))
+    monkeypatch.setattr(faults, "load", load)
+    lasting = faults.hog(0.1, 0.3)(cast(Stage, SimpleNamespace(core=1, random=Random(1))))
     lasting.undo()
     assert (lasting.from_s, lasting.seconds) == (from_s, seconds)
 

@@ -13,6 +13,6 @@ def test_the_presets_wall_is_chosen_from_the_table(preset: str) -> None:
     wall = load_config(preset).config.wall
     cells = row((preset, wall.stiffness, wall.damping))
     line = table([], cells)[-1]
-    assert line in text_of("docs/hardware.md"), "run scripts/study first_touch"
+    assert line in text_of("docs/evidence/first-touch.md"), "run scripts/study first_touch"
     assert cells[1] == f"{wall.stiffness:g}", "nothing of it is taken away"
     assert cells[-2:] == ["none; none"] * 2, "no corner swings, at no lag"

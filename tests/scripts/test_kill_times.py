@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from scripts.shots import SHOTS, Shot
+from scripts.run_faults import FAULTS, Fault
 from scripts.studies.kill_times import Hit, as_wanted, said, torque_of
 
-NAMED = {shot.name: shot for shot in SHOTS}
+NAMED = {fault.name: fault for fault in FAULTS}
 RECORDER, LOOP = NAMED["recorder: SIGKILL"], NAMED["loop: SIGKILL"]
 SUPERVISOR = NAMED["supervisor: SIGKILL"]
 WENT_ON = Hit(None, "nothing, the run goes on", 130, "nothing", 0, 0, 5.0)
@@ -18,7 +18,7 @@ ENDED = Hit(40.3, "Bus Watchdog", 3, "`trip:loop_died`", 0, 0, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("shot", "hit", "wanted"),
+    ("fault", "hit", "wanted"),
     [
         (RECORDER, WENT_ON, True),
         (RECORDER, replace(WENT_ON, time_ms=40.3), False),
@@ -35,8 +35,10 @@ ENDED = Hit(40.3, "Bus Watchdog", 3, "`trip:loop_died`", 0, 0, 5.0)
         (SUPERVISOR, replace(ENDED, time_ms=math.inf, status=-9), False),
     ],
 )
-def test_a_run_goes_on_whole_or_its_torque_ends_in_time(shot: Shot, hit: Hit, wanted: bool) -> None:
-    assert as_wanted(shot, hit) == wanted
+def test_a_run_goes_on_whole_or_its_torque_ends_in_time(
+    fault: Fault, hit: Hit, wanted: bool
+) -> None:
+    assert as_wanted(fault, hit) == wanted
 
 
 def report(reason: str, explanation: str | None = None) -> dict[str, Any]:
@@ -47,7 +49,7 @@ ENDING = (812.0, "Torque Enable 0")
 
 
 @pytest.mark.parametrize(
-    ("shot", "told", "lived", "goes_on"),
+    ("fault", "told", "lived", "goes_on"),
     [
         (RECORDER, report("interrupted"), True, True),
         (RECORDER, report("trip:torque_lost"), True, False),  # it still made its picture
@@ -58,9 +60,9 @@ ENDING = (812.0, "Torque Enable 0")
     ],
 )
 def test_a_run_went_on_only_where_its_report_says_so(
-    shot: Shot, told: dict[str, Any] | None, lived: bool, goes_on: bool
+    fault: Fault, told: dict[str, Any] | None, lived: bool, goes_on: bool
 ) -> None:
-    time_ms, by = torque_of(shot, told, ENDING, lived=lived)
+    time_ms, by = torque_of(fault, told, ENDING, lived=lived)
     assert (time_ms, by) == ((None, "nothing, the run goes on") if goes_on else ENDING)
 
 

@@ -78,7 +78,7 @@ def test_a_defect_is_noticed(
 
 
 def test_the_page_is_of_this_script() -> None:
-    text = text_of("docs/logs.md")
+    text = text_of("docs/evidence/mutations.md")
     (part,) = (found[3] for found in PART.finditer(text) if found[2] == "mutations")
     head, _, *rows = [line for line in part.splitlines() if line.startswith("|")]
     assert len(rows) == len(NAMES)

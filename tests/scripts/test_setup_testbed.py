@@ -227,11 +227,11 @@ def test_who_does_not_exist_is_wrong_input(
     assert ended.value.code == 2 and "wanted a user" in capsys.readouterr().err
 
 
-def test_nobody_to_be_asked_is_no_leave(
+def test_without_a_terminal_nothing_is_changed(
     system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
-    with pytest.raises(SystemExit, match="nobody is there to be asked"):
+    with pytest.raises(SystemExit, match="no terminal to ask at"):
         system.call(f"--user={ME}")
     assert not system.done
 

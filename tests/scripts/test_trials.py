@@ -104,7 +104,7 @@ def test_a_trip_ends_a_trial() -> None:
 
 def test_the_critical_stiffness_parts_walls_that_decay_from_walls_that_grow() -> None:
     truth = Truth(0.012, 0.012, 0.0, torque_gain=1.3, delay=0.004, counts_per_rev=0)
-    limit = critical_of(truth, 0.04, 1e-3)
+    limit = critical_of(truth, 0.04)
     final = [
         own_oscillation(
             run_trial(truth, REPORT, WallAsked(ratio * limit, 0.04), duration_s=6.0, position=0.05),

@@ -122,7 +122,41 @@ def test_poles_leave_the_circle_exactly_at_the_boundary(
         for share in (0.03, 0.3, 0.8, 1 - 1e-6):
             assert radius(loop, share * limit, big_b) < 1.0
         assert radius(loop, (1 + 1e-6) * limit, big_b) > 1.0
-        assert radius(loop, 0.0, 1.00001 * top) > 1.0
+        # without stiffness a pole is at 1, rounded to 1e-13
+        assert radius(loop, 0.0, 0.999 * top) < 1.0 + 1e-11
+        assert radius(loop, 0.0, 1.001 * top) > 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("lag", [False, True])
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_hardly_damped_masses_of_very_unlike_size(encoder: str, lag: bool, thorough: bool) -> None:
+    """Loads of 0.001 to 100 times the motor's, 1 to 1e5 N·m/rad, damping ratios from 1e-7 on."""
+    random = np.random.default_rng(5 + lag)
+    loops = []
+    for _ in range(2_500 if thorough else 40):
+        m = 10 ** random.uniform(-4, -1)
+        load, spring = m * 10 ** random.uniform(-3, 2), 10 ** random.uniform(0, 5)
+        moving = m * load / (m + load)
+        loops.append(
+            Loop(
+                inertia=m,
+                damping=m * random.choice([0.0, 1e-4, 1e-2, 1.0, 10.0]),
+                load=load,
+                spring=spring,
+                damper=2 * 10 ** random.uniform(-7, -1) * np.sqrt(spring * moving),
+                period=10 ** random.uniform(-3.5, -2.5),
+                late=random.choice([float(random.integers(0, 9)), random.uniform(0, 12)]),
+                samples=int(random.choice([1, 1, 2, 3, 8])),
+                encoder=encoder,
+                bandwidth=10 ** random.uniform(1, 3) if lag else 0.0,
+            )
+        )
+    _, dampings, stiffness = answers(loops, random.uniform(0.0, 0.999, len(loops)))
+    assert np.all(stiffness > 0)
+    for loop, big_b, limit in zip(loops, dampings, stiffness, strict=True):
+        for share in (0.03, 0.3, 0.8, 1 - 1e-4):
+            assert radius(loop, share * limit, big_b) < 1.0
+        assert radius(loop, (1 + 1e-4) * limit, big_b) > 1.0
 
 
 def test_no_stiffness_above_the_ceiling() -> None:

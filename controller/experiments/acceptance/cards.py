@@ -1,4 +1,4 @@
-"""What each step of an acceptance moves, what to hold, what it measures, and what it settles."""
+"""Describes each step of an acceptance for the person at the bench: motion, grip and purpose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Puts what was measured beside what was predicted, and the real servo beside the emulated one."""
+"""Judges each prediction of an acceptance by its measurement; adds the emulated servo's value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takes the steps of an acceptance on one servo: those of a commissioning, then rest and load."""
+"""Executes the steps of an acceptance on one servo: a commissioning's, then rest and load."""
 
 from __future__ import annotations
 

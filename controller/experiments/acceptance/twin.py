@@ -1,4 +1,4 @@
-"""The emulated servo that an acceptance puts beside a real one: what CONFIG believes, on a bus."""
+"""Makes the emulated servo of an acceptance: its true parameters are the believed ones."""
 
 from __future__ import annotations
 

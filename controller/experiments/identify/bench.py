@@ -1,4 +1,4 @@
-"""Moves a servo for its identification: stronger and stronger pulses, then programs, and a fit."""
+"""Moves a servo for its identification, and fits it: growing pulses first, then programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans the motions that show a vibration mode: the shaft cruises, and a torque sweeps beside.
+"""Plans the motions that show a vibration mode: steady travel with a swept sine torque added.
 
 While the shaft keeps its direction friction is a constant, so that all else is linear. Nothing is
 fed back: a spring or a damper could drive the vibration that is looked for.

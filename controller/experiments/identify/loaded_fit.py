@@ -1,4 +1,4 @@
-"""Fits a real servo: its effects are fitted together with the model that the guard works with.
+"""Fits inertia, friction and delay of a real servo, and effects that the guard's model lacks.
 
 The start is the fit of motion in one direction, which says what effects there may be. All of them
 are simulated through the turns, and those that the motion does not need are taken out.

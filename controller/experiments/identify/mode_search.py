@@ -1,4 +1,4 @@
-"""Moves a servo to find its vibration mode: cruises over all frequencies, then about what was seen.
+"""Moves a servo to find its vibration mode: sweeps all frequencies, then those near the mode.
 
 An encoder on the output does not see the ratio of the two masses: to both together the motion is
 the same whatever the load's share. Bounds of that ratio come from what was believed.

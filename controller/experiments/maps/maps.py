@@ -205,6 +205,12 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     Raises:
         UserError: It has such an effect.
     """
+    if servo.chain:
+        raise UserError(
+            f"found {len(servo.chain)} masses behind the output, but a map simulates one load",
+            field="servo.chain",
+            advice="leave it out, or use haptic-wall sweep",
+        )
     more = servo.backlash > 0.0 or not Effects.of(servo).none(servo.damping, servo.coulomb)
     if servo.flexible and more:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Fits a model of motion to pieces of a record, each with a beginning of its own.
+"""Fits a motion model to pieces of a record, each with its initial state (multiple shooting).
 
 The parameters are per inertia: friction, load and torque gain over the inertia of all that turns,
 since a motion tells no more. Least squares by Levenberg and Marquardt; one pass over the rows moves

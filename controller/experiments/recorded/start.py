@@ -1,4 +1,4 @@
-"""Finds where a fit begins: a regression on the smoothed motion."""
+"""Computes the initial values of a fit: a regression on the smoothed motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moves a servo with its load under recorded torques, for many parameters and pieces at once.
+"""Simulates a servo and its load under recorded torques, for many parameters and pieces at once.
 
     m x'' = u(t - delay) - weight(x) - b x' - friction(x, x', u)
 

@@ -1,4 +1,4 @@
-"""Formats what a record tells, in words and as JSON for outside tools."""
+"""Formats the fit of a recorded motion, in words and as JSON for outside tools."""
 
 from __future__ import annotations
 

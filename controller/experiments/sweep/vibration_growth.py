@@ -1,4 +1,4 @@
-"""Fits the growth of a vibration while the shaft cruises: a polynomial, and a ringing beside it."""
+"""Fits the growth rate of a vibration while the shaft cruises: polynomial plus growing sinusoid."""
 
 from __future__ import annotations
 

@@ -8,16 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.report.style import (
-    BLUE,
-    FAINT,
-    GREY,
-    ORANGE,
-    PAGE,
-    grid,
-    picture,
-    titled,
-)
+from haptic_wall.controller.report import style
 
 _ROW = 0.24
 """Height of a row [inch]"""
@@ -36,9 +27,9 @@ def plot_acceptance(rows: Sequence[Mapping[str, Any]], name: str, path: Path) ->
         OSError: The file cannot be written.
     """
     shown = [row for row in rows if row["high"]]
-    with picture(path, PAGE, 1.2 + _ROW * max(len(shown), 1)) as figure:
+    with style.picture(path, style.PAGE, 1.2 + _ROW * max(len(shown), 1)) as figure:
         figure.suptitle(
-            f"{titled(name)}: measured over the middle of the prediction",
+            f"{style.titled(name)}: measured over the middle of the prediction",
             fontsize=9,
             ha="left",
             x=0.01,
@@ -48,10 +39,18 @@ def plot_acceptance(rows: Sequence[Mapping[str, Any]], name: str, path: Path) ->
         for place, row in zip(places, shown, strict=True):
             middle = 0.5 * (row["low"] + row["high"])
             low, high = row["low"] / middle, row["high"] / middle
-            ax.barh(place, high - low, left=low, height=0.7, color=FAINT, edgecolor=GREY, lw=0.4)
+            ax.barh(
+                place,
+                high - low,
+                left=low,
+                height=0.7,
+                color=style.FAINT,
+                edgecolor=style.GREY,
+                lw=0.4,
+            )
             for key, colour, mark, off in (
-                ("real", BLUE, "o", -0.14),
-                ("emulated", ORANGE, "s", 0.14),
+                ("real", style.BLUE, "o", -0.14),
+                ("emulated", style.ORANGE, "s", 0.14),
             ):
                 found = row[key]
                 if found is None:
@@ -72,17 +71,19 @@ def plot_acceptance(rows: Sequence[Mapping[str, Any]], name: str, path: Path) ->
         ax.invert_yaxis()
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
         ax.set_xlabel("1 is the middle of the predicted range (grey)")
-        grid(ax)
+        style.grid(ax)
         figure.legend(handles=_legend(), loc="outside upper right", ncols=2, fontsize=7)
 
 
 def _legend() -> list[Any]:
     from matplotlib.lines import Line2D
 
-    style: dict[str, Any] = {"linestyle": " ", "markersize": 4}
+    look: dict[str, Any] = {"linestyle": " ", "markersize": 4}
     return [
-        Line2D([], [], color=BLUE, marker="o", label="this servo, ±2 s.e.", **style),
-        Line2D([], [], color=ORANGE, marker="s", label="emulated as believed, ±2 s.e.", **style),
+        Line2D([], [], color=style.BLUE, marker="o", label="this servo, ±2 s.e.", **look),
+        Line2D(
+            [], [], color=style.ORANGE, marker="s", label="emulated as believed, ±2 s.e.", **look
+        ),
     ]
 
 

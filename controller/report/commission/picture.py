@@ -12,22 +12,10 @@ from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.steps import Plot
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.guard.reasons import LimitName
+from haptic_wall.controller.report import style
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
 from haptic_wall.controller.report.rendered import plot_rendering
-from haptic_wall.controller.report.style import (
-    BLUE,
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE,
-    STIFFNESS,
-    VIRTUAL_DAMPING,
-    grid,
-    picture,
-)
 from haptic_wall.controller.report.sweep import plot_sweep
 
 if TYPE_CHECKING:
@@ -46,23 +34,18 @@ _BEYOND = 1.8
 _BESIDE = 1.15
 """The same as a multiple of a measured ceiling"""
 _LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
-    (LimitName.LINEAR, "linear condition", GREY, "--"),
-    (LimitName.EXACT, "exact", BLUE, "-"),
-    (LimitName.ONE_SIDED, "one-sided", GREEN, "-"),
+    (LimitName.LINEAR, "linear condition", style.GREY, "--"),
+    (LimitName.EXACT, "exact", style.BLUE, "-"),
+    (LimitName.ONE_SIDED, "one-sided", style.GREEN, "-"),
     (LimitName.QUANTISATION, "encoder (quantisation)", "#a5004f", ":"),
-    (LimitName.BACKLASH, "backlash", INK, ":"),
-    (LimitName.FLEXIBLE, "flexible transmission", BLUE, ":"),
-    (LimitName.PASSIVE, "passive", ORANGE, "-"),
+    (LimitName.BACKLASH, "backlash", style.INK, ":"),
+    (LimitName.FLEXIBLE, "flexible transmission", style.BLUE, ":"),
+    (LimitName.PASSIVE, "passive", style.ORANGE, "-"),
 )
 
 
 def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path) -> None:
     """Draw the allowed stiffness, and the report's walls, as PNG.
-
-    Args:
-        question: The servo in its loop.
-        report: The report's data.
-        path: Path of the picture.
 
     Raises:
         OSError: The file cannot be written.
@@ -78,13 +61,13 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
     damping = np.linspace(0.0, last, _POINTS)
     found = question.limits(damping)
     least = found.smallest()
-    with picture(path, PAGE, 3.2) as figure:
+    with style.picture(path, style.PAGE, 3.2) as figure:
         ax = figure.subplots()
         ax.fill_between(
             damping,
             0.0,
             verdict["margin"] * least,
-            color=FAINT,
+            color=style.FAINT,
             linewidth=0,
             label=f"allowed: {verdict['margin']:g} of the smallest",
         )
@@ -96,20 +79,25 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
         _walls(ax, verdict)
         if measured is not None:
             error = 2.0 * (ceiling["uncertainty"] or 0.0)
-            ax.axvspan(measured - error, measured + error, color=ORANGE, alpha=0.3, linewidth=0)
+            ax.axvspan(
+                measured - error, measured + error, color=style.ORANGE, alpha=0.3, linewidth=0
+            )
             ax.axvline(
-                measured, color=ORANGE, linewidth=0.8, label=f"measured ceiling: {measured:.3g}"
+                measured,
+                color=style.ORANGE,
+                linewidth=0.8,
+                label=f"measured ceiling: {measured:.3g}",
             )
         ax.set_xlim(0.0, last)
         ax.set_ylim(0.0, 1.15 * top)
-        ax.set_xlabel(VIRTUAL_DAMPING)
-        ax.set_ylabel(STIFFNESS)
-        grid(ax)
+        ax.set_xlabel(style.VIRTUAL_DAMPING)
+        ax.set_ylabel(style.STIFFNESS)
+        style.grid(ax)
         figure.legend(loc="outside right upper")
 
 
 def _walls(ax: Axes, verdict: Mapping[str, Any]) -> None:
-    style: dict[str, Any] = {"color": INK, "linestyle": " ", "clip_on": False, "zorder": 5}
+    look: dict[str, Any] = {"color": style.INK, "linestyle": " ", "clip_on": False, "zorder": 5}
     for case, marker, size, label in (
         ("plain", "o", 5, "without virtual damping"),
         ("best", "*", 10, "stiffest"),
@@ -118,7 +106,7 @@ def _walls(ax: Axes, verdict: Mapping[str, Any]) -> None:
         wall = verdict[case]["commanded"]
         text = f"{label}: {wall['stiffness']:.3g}"
         ax.plot(
-            wall["damping"], wall["stiffness"], marker=marker, markersize=size, label=text, **style
+            wall["damping"], wall["stiffness"], marker=marker, markersize=size, label=text, **look
         )
 
 
@@ -138,7 +126,7 @@ def _measured(ax: Axes, report: Mapping[str, Any], last: float) -> float:
         [2.0 * (point["stderr"] or 0.0) for point in shown],
         clip_on=False,
         fmt="o",
-        color=ORANGE,
+        color=style.ORANGE,
         markersize=3.5,
         capsize=2.5,
         elinewidth=0.8,

@@ -1,4 +1,4 @@
-"""Words the report: how stiff and why, agreement, unknowns, faults, next steps."""
+"""Formats a commissioning's report in words: stiffness and why, agreement, unknowns, next steps."""
 
 from __future__ import annotations
 

@@ -6,11 +6,7 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
 from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
-from haptic_wall.hw.dynamixel.codec.fast import (
-    FastReply,
-    decode_fast_status,
-    encode_fast_status,
-)
+from haptic_wall.hw.dynamixel.codec.fast import FastReply, decode_fast_status, encode_fast_status
 from haptic_wall.hw.dynamixel.codec.frames import (
     ALERT,
     BROADCAST,

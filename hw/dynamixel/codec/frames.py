@@ -9,6 +9,7 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from functools import cache
 from typing import Final, NamedTuple
@@ -81,18 +82,18 @@ _FACTOR: Final = 0x8003
 
 
 @cache
-def _folds(size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the steps of ``crc16`` for ``size`` bytes, each as (cut, mask, shift)."""
+def folds(size: int) -> tuple[tuple[int, int, int], ...]:
+    """Return the steps of ``remainder`` for ``size`` bytes, each as (cut, mask, shift)."""
     bits = 8 * size + 16
     step = 1 << max(0, (bits // 15).bit_length() - 1)
-    folds = []
+    steps = []
     while step:
         # A few bits above the cut are left to the next step, which is cheaper.
         while bits > (22 * step if step > 1 else 15):
-            folds.append((15 * step, (1 << 15 * step) - 1, step))
+            steps.append((15 * step, (1 << 15 * step) - 1, step))
             bits = max(15 * step, bits - 14 * step)
         step >>= 1
-    return tuple(folds)
+    return tuple(steps)
 
 
 def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
@@ -110,9 +111,19 @@ def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
         crc: Checksum of the preceding bytes; 0 at the start.
     """
     size = len(data)
-    value = int.from_bytes(data, "big") << 16 ^ crc << 8 * size
+    return remainder(int.from_bytes(data, "big") << 16 ^ crc << 8 * size, folds(size))
+
+
+def remainder(value: int, folds: Sequence[tuple[int, int, int]]) -> int:
+    """Return the remainder of a polynomial: the second half of ``crc16``.
+
+    Args:
+        value: The bytes and two zero bytes as one number, with the preceding checksum added in
+            front.
+        folds: ``folds`` of the number of bytes.
+    """
     count = value.bit_count()
-    for cut, mask, shift in _folds(size):
+    for cut, mask, shift in folds:
         above = value >> cut
         value = value & mask ^ above ^ above << shift
     return value ^ _FACTOR if count + value.bit_count() & 1 else value

@@ -23,7 +23,7 @@ class Parser:
     data, when a frame after it is complete.
     """
 
-    __slots__ = ("_buffer", "_joint", "_report_crc", "_skipping", "_unstuffed", "corrupt")
+    __slots__ = ("_buffer", "_joint", "_report_crc", "_skipping", "_unstuffed", "corrupt", "idle")
 
     def __init__(
         self, *, report_crc: bool = False, unstuffed: bool = False, joint: bool = True
@@ -43,18 +43,16 @@ class Parser:
         self._unstuffed = unstuffed
         self._joint = joint
         self._skipping = False
+        self.idle = True
+        """No partial frame is waiting for its rest"""
         self.corrupt = 0
         """Frames with a wrong CRC, truncated frames, and runs of bytes that belong to none."""
-
-    @property
-    def idle(self) -> bool:
-        """Whether no partial frame is waiting for its rest."""
-        return not self._buffer and not self._skipping
 
     def reset(self) -> None:
         """Discard a partial frame. Does not count as corrupt."""
         self._buffer.clear()
         self._skipping = False
+        self.idle = True
 
     def feed(self, data: bytes) -> list[Frame]:
         """Process bytes; return the completed frames, in order."""
@@ -99,6 +97,7 @@ class Parser:
             self._skipping = False
             at = end
         del buffer[:at]
+        self.idle = not buffer and not self._skipping
         return frames
 
     def _skip(self, count: int) -> None:

@@ -93,7 +93,7 @@ def _torque(examined: Examined) -> Iterator[Judgement]:
             not on,
             "on" if on else "off",
             "off",
-            "somebody's program left it on: end that, hold what hangs on the shaft, and switch "
+            "a program left it on: end that program, hold what hangs on the shaft, and switch "
             "its power off and on"
             if on
             else "",

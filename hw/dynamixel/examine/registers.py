@@ -71,11 +71,6 @@ class ServoAccess(NamedTuple):
 def read_all(servo: ServoAccess, model: Model, firmware: int) -> Examined:
     """Read the registers to judge.
 
-    Args:
-        servo: The servo.
-        model: Its model.
-        firmware: Decides which registers it has.
-
     Raises:
         ServoLostError: It stops replying.
     """
@@ -111,13 +106,7 @@ def _decode(image: bytes, register: Register) -> int:
 
 
 def mend(servo: ServoAccess, name: str, repair: Repair) -> Change:
-    """Write one register, or reboot, and read back the result.
-
-    Args:
-        servo: The servo.
-        name: Name of the finding.
-        repair: The repair.
-    """
+    """Write one register, or reboot, and read back the result."""
     table = servo.table
     try:
         if not repair.register:

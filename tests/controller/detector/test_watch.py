@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.backstop import BackstopSettings
-from haptic_wall.controller.detector.oscillation import DetectorSettings, State
+from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Wall
@@ -271,3 +271,35 @@ def test_the_energy_of_a_contact_that_lasts_longer_than_a_bounce_is_a_hands() ->
 
 def test_a_report_ends_no_run_for_energy() -> None:
     assert not contact_with(0.2, 2.0, answer="report").failed
+
+
+@pytest.mark.parametrize("kick", [0.05, 0.3])
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_a_wall_within_its_limit_that_dies_slowly_is_left_alone(
+    tmp_path: Path, damping: float, kick: float
+) -> None:
+    """A servo without friction on the guard's own wall loses one or two percent a cycle."""
+    sets = (f"servo.kick={kick}", f"wall.damping={damping}", "wall.stiffness=1e6")
+    ended, rows = play(tmp_path, *sets)
+    seen = not_none(ended.result)["oscillation"]
+    assert seen["first_alarm_s"] is None and seen["state"] == "decaying"
+    assert set(rows["stiffness"]) == {rows["stiffness"][0]}, "not even probed"
+
+
+@pytest.mark.parametrize("ticks", [1, 5, 13])
+def test_a_change_of_the_stiffness_behind_a_turning_point_gives_no_energy(ticks: int) -> None:
+    """The spring stores less from then on: the torque of before is not held against it."""
+    count = math.tau / 4096
+    detector = Detector(DetectorSettings(1e-3, 0.012, 0.0, 0.0, count, 10.0))
+    detector.balance.surface = 0.0
+    detector.stiffness, speed, position, turned = 18.7, 0.0, 0.05, 0
+    for k in range(600):
+        torque, before = -detector.stiffness * position, speed
+        speed += torque / 0.012 * 1e-3
+        position += speed * 1e-3
+        if k > 100 and (turned or before * speed <= 0.0):
+            turned += 1
+        if turned == ticks:  # as a probe does
+            detector.stiffness = 18.7 / 4.0
+        detector.update(round(position / count) * count, torque)
+        assert not detector.alarm

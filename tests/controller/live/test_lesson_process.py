@@ -145,13 +145,13 @@ def until(condition: Callable[[], Any]) -> None:
         time.sleep(0.005)
 
 
-def asked(run: FakeRun) -> list[str]:
-    """The change that the run is asked for next; it is made."""
+def asked(run: FakeRun, answer: bytes = b'{"applied": true}') -> list[str]:
+    """The change that the run is asked for next, and answers; otherwise it is made."""
     connection, _ = run.listener.accept()
     with connection:
         connection.settimeout(10.0)
         sets: list[str] = json.loads(connection.recv(65536))["set"]
-        connection.sendall(b'{"applied": true}\n')
+        connection.sendall(answer + b"\n")
     return sets
 
 
@@ -173,6 +173,20 @@ def test_each_servo_begins_with_the_soft_wall_and_a_scene_changes_one_servo(page
         until(lambda: hand.look(time.monotonic_ns()) is None)
     with page.connect("guarded") as client:
         assert heard(client, "lesson")["scene"] == "soft"
+
+
+def test_a_change_that_a_run_cannot_take_yet_is_asked_for_again(page: Page) -> None:
+    run = page.runs["guarded"]
+    with page.connect("guarded") as client:
+        client.send('{"scene": "stiff"}')
+        sets = asked(run, b'{"error": "not applied: not started", "exit_status": 3}')
+        assert asked(run) == sets
+        client.send('{"scene": "soft"}')
+        asked(run, b'{"error": "refused: x", "exit_status": 2}')
+        run.listener.settimeout(1.0)
+        with pytest.raises(TimeoutError):
+            run.listener.accept()
+        run.listener.settimeout(10.0)
 
 
 def test_the_map_of_the_unguarded_servo_is_that_of_the_true_one(page: Page) -> None:

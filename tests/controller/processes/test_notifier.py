@@ -3,7 +3,7 @@
 import os
 import threading
 
-from haptic_wall.controller.processes.notifier import Notifier
+from haptic_wall.controller.processes.run import Notifier
 
 
 def test_a_terminal_that_stands_still_holds_nobody_up_and_loses_nothing() -> None:

@@ -42,7 +42,7 @@ RUNS = {
 }
 
 
-class Rehearsed:
+class WarmedUp:
     """A servo before whose every request the caches are warmed up: in the midst of a real tick."""
 
     def __init__(self, servo: Any, warm_up: CacheWarmUp) -> None:
@@ -72,7 +72,7 @@ def rows_of(preset: str, *sets: str, warmed_up: bool) -> tuple[bytes, str, Any, 
         tick = made._run
         made._run = lambda *deadline: ran.append(tick(*deadline))
         made.need_ns = made._most_ns = 0  # whatever time it takes: nobody waits for it
-        return Rehearsed(servo, made)
+        return WarmedUp(servo, made)
 
     telemetry = Telemetry.create()
     result = run_session(

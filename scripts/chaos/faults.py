@@ -1,4 +1,4 @@
-"""Shots that chaos fires at a run, and the stop reasons that each may cause."""
+"""Faults that chaos injects into a run, and the stop reasons that each may cause."""
 
 import contextlib
 import os
@@ -13,7 +13,7 @@ from typing import BinaryIO, Final
 
 from haptic_wall.controller.runtime.safety import Trip
 from scripts.chaos.loads import may_set_clock
-from scripts.chaos.stage import Lasting, Shot, Stage
+from scripts.chaos.stage import Fault, Lasting, Stage
 
 MEMORY_SHARE: Final = 0.2
 """Of the memory that is available, which a load may take"""
@@ -21,8 +21,8 @@ CLOCK_STEP_S: Final = 60.0
 """The furthest that the system's clock is set wrong, for a second"""
 
 
-def somebody_writes(stage: Stage) -> bool:
-    """A killed recorder has been replaced. With its supervisor dead too nobody could do that."""
+def has_recorder(stage: Stage) -> bool:
+    """Whether a killed recorder has been replaced; only a supervisor can do that."""
     return stage.look().get("recorder") not in stage.killed
 
 
@@ -31,29 +31,27 @@ SILENT = frozenset({Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.SERVO_LOST, Trip.TO
 STOPPED = frozenset({Trip.LOOP_HUNG, Trip.TORQUE_LOST})
 """Stop reasons of a loop that does not run"""
 NO_REPORT: Final = "killed"
-"""The stop reason of a run whose supervisor was killed: nobody is left to say one"""
+"""The stop reason of a run whose supervisor was killed: it reports none"""
 
 
-def fault(*specs: str) -> Callable[[Stage], Lasting]:
+def on_bus(*specs: str) -> Callable[[Stage], Lasting]:
     """A fault of the bus, one of several; ``{}`` becomes a length of up to three seconds."""
 
-    def throw(stage: Stage) -> Lasting:
+    def inject(stage: Stage) -> Lasting:
         spec = stage.random.choice(specs)
         seconds = round(stage.random.uniform(1.0, 3.0), 2) if "{}" in spec else 0.5
         spec = spec.format(seconds)
-        assert stage.bus.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            stage.bus.process.stdin.write(spec + "\n")
-            stage.bus.process.stdin.flush()
+            stage.bus.inject(spec)
         return Lasting(seconds, detail=spec)
 
-    return throw
+    return inject
 
 
 def kill(*names: str) -> Callable[[Stage], Lasting]:
     """SIGKILL; of several, all are stopped first, so that none acts on the other's death."""
 
-    def throw(stage: Stage) -> Lasting:
+    def inject(stage: Stage) -> Lasting:
         stage.look()
         struck_s = time.monotonic()
         if len(names) > 1:
@@ -63,18 +61,18 @@ def kill(*names: str) -> Callable[[Stage], Lasting]:
             stage.send(name, signal.SIGKILL)
         return Lasting(0.0, from_s=struck_s)
 
-    return throw
+    return inject
 
 
 def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
     """SIGSTOP, and SIGCONT after a while."""
 
-    def throw(stage: Stage) -> Lasting:
+    def inject(stage: Stage) -> Lasting:
         stage.look()
         seconds = stage.random.uniform(least_s, most_s)
         struck_s = time.monotonic()
         stage.send(name, signal.SIGSTOP)
-        if seconds < 0.1:  # shorter than whoever undoes it may take to come round
+        if seconds < 0.1:  # shorter than a turn of the loop that undoes faults
             time.sleep(seconds)
             stage.send(name, signal.SIGCONT)
             return Lasting(0.0, detail=f"{1e3 * seconds:.0f} ms")
@@ -85,7 +83,7 @@ def stop(name: str, least_s: float, most_s: float) -> Callable[[Stage], Lasting]
             struck_s,
         )
 
-    return throw
+    return inject
 
 
 def load(*arguments: str, output: BinaryIO | int | None = None) -> subprocess.Popen[bytes]:
@@ -115,9 +113,9 @@ def busy(stage: Stage) -> Lasting:
 
 
 def hog(least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
-    """A process above the loop's priority on its core; thrown when it says that it holds it."""
+    """A process above the loop's priority on its core; injected when it says that it holds it."""
 
-    def throw(stage: Stage) -> Lasting:
+    def inject(stage: Stage) -> Lasting:
         seconds = stage.random.uniform(least_s, most_s)
         process = load("hog", str(stage.core), f"{seconds}", output=subprocess.PIPE)
         assert process.stdout is not None
@@ -128,7 +126,7 @@ def hog(least_s: float, most_s: float) -> Callable[[Stage], Lasting]:
             return Lasting(0.0, lambda: end(process), f"{detail}, but it did not begin")
         return Lasting(seconds, lambda: end(process), detail, float(held_s))
 
-    return throw
+    return inject
 
 
 def hostile_clients(stage: Stage) -> Lasting:
@@ -192,9 +190,9 @@ def may_take_priority() -> bool:
 RECORDER_KILLED: Final = "recorder killed"
 CORE_HELD: Final = "loop's core held for 0.1 to 0.4 s"
 GENTLE: Final = (
-    Shot(
+    Fault(
         "replies and requests damaged",
-        fault(
+        on_bus(
             "drop:p=0.05,for={}",
             "corrupt:p=0.05,for={}",
             "corrupt:flips=64,p=0.05,for={}",
@@ -205,61 +203,61 @@ GENTLE: Final = (
             "noise:p=0.05,for={}",
         ),
     ),
-    Shot("both cores busy", busy),
-    Shot("a fifth of the memory taken", memory),
-    Shot("loop's core held for 5 to 20 ms", hog(0.005, 0.02), allowed=may_take_priority),
-    Shot(RECORDER_KILLED, kill("recorder")),
-    Shot("recorder stopped for 1 to 5 s", stop("recorder", 1.0, 5.0)),
-    Shot("live page's server killed", kill("page")),
-    Shot("live page's server stopped for 1 to 5 s", stop("page", 1.0, 5.0)),
-    Shot("live page's server flooded for 1 to 4 s", flood),
-    Shot("dial killed", kill("dial")),
-    Shot("dial stopped for 1 to 5 s", stop("dial", 1.0, 5.0)),
-    Shot("a thousand hostile clients for 2 to 5 s", hostile_clients),
-    Shot("disk full for 1 to 4 s", disk_full),
-    Shot("loop stopped for 3 to 15 ms", stop("loop", 0.003, 0.015)),
-    Shot("supervisor stopped for 1 to 3 s", stop("supervisor", 1.0, 3.0)),
-    Shot("emulator stopped for 3 to 15 ms", stop("emulator", 0.003, 0.015)),
-    Shot("clock set wrong by up to a minute", clock_step, allowed=may_set_clock),
+    Fault("both cores busy", busy),
+    Fault("a fifth of the memory taken", memory),
+    Fault("loop's core held for 5 to 20 ms", hog(0.005, 0.02), allowed=may_take_priority),
+    Fault(RECORDER_KILLED, kill("recorder")),
+    Fault("recorder stopped for 1 to 5 s", stop("recorder", 1.0, 5.0)),
+    Fault("live page's server killed", kill("page")),
+    Fault("live page's server stopped for 1 to 5 s", stop("page", 1.0, 5.0)),
+    Fault("live page's server flooded for 1 to 4 s", flood),
+    Fault("dial killed", kill("dial")),
+    Fault("dial stopped for 1 to 5 s", stop("dial", 1.0, 5.0)),
+    Fault("a thousand hostile clients for 2 to 5 s", hostile_clients),
+    Fault("disk full for 1 to 4 s", disk_full),
+    Fault("loop stopped for 3 to 15 ms", stop("loop", 0.003, 0.015)),
+    Fault("supervisor stopped for 1 to 3 s", stop("supervisor", 1.0, 3.0)),
+    Fault("emulator stopped for 3 to 15 ms", stop("emulator", 0.003, 0.015)),
+    Fault("clock set wrong by up to a minute", clock_step, allowed=may_set_clock),
 )
 """A run must live through these"""
 HARD: Final = (
-    Shot("loop killed", kill("loop"), frozenset({Trip.LOOP_DIED})),
-    Shot("supervisor killed", kill("supervisor"), frozenset({NO_REPORT}), ready=somebody_writes),
-    Shot(
+    Fault("loop killed", kill("loop"), frozenset({Trip.LOOP_DIED})),
+    Fault("supervisor killed", kill("supervisor"), frozenset({NO_REPORT}), ready=has_recorder),
+    Fault(
         "supervisor and loop killed",
         kill("supervisor", "loop"),
         frozenset({NO_REPORT}),
-        ready=somebody_writes,
+        ready=has_recorder,
     ),
-    Shot("loop stopped for 0.1 to 1 s", stop("loop", 0.15, 1.0), STOPPED | SILENT),
-    Shot(
+    Fault("loop stopped for 0.1 to 1 s", stop("loop", 0.15, 1.0), STOPPED | SILENT),
+    Fault(
         CORE_HELD,
         hog(0.1, 0.4),
         STOPPED | SILENT,
         allowed=may_take_priority,
     ),
-    Shot("emulator stopped for 0.1 to 1 s", stop("emulator", 0.15, 1.0), SILENT),
-    Shot("emulator killed", kill("emulator"), frozenset({Trip.SERVO_LOST})),
-    Shot("bus silent", fault("drop:for={}", "drop:way=reply,for={}", "unplug:for={}"), SILENT),
-    Shot("adapter unplugged", fault("unplug-adapter:for={}"), frozenset({Trip.SERVO_LOST})),
-    Shot(
-        "encoder jumps", fault("jump:counts=500", "jump:counts=-900"), frozenset({Trip.OVERSPEED})
+    Fault("emulator stopped for 0.1 to 1 s", stop("emulator", 0.15, 1.0), SILENT),
+    Fault("emulator killed", kill("emulator"), frozenset({Trip.SERVO_LOST})),
+    Fault("bus silent", on_bus("drop:for={}", "drop:way=reply,for={}", "unplug:for={}"), SILENT),
+    Fault("adapter unplugged", on_bus("unplug-adapter:for={}"), frozenset({Trip.SERVO_LOST})),
+    Fault(
+        "encoder jumps", on_bus("jump:counts=500", "jump:counts=-900"), frozenset({Trip.OVERSPEED})
     ),
-    Shot(
+    Fault(
         "servo in error",
-        fault("hardware-error:bits=overload", "hardware-error:bits=voltage+encoder"),
+        on_bus("hardware-error:bits=overload", "hardware-error:bits=voltage+encoder"),
         frozenset({Trip.HARDWARE_ERROR}),
     ),
-    Shot(
+    Fault(
         "supply or temperature out of limits",
-        fault("supply:volts=5,for={}", "ambient:celsius=95,for={}"),
+        on_bus("supply:volts=5,for={}", "ambient:celsius=95,for={}"),
         frozenset({Trip.HARDWARE_ERROR, Trip.SERVO_HEALTH}),
     ),
-    Shot("servo restarts", fault("brown-out"), SILENT),
+    Fault("servo restarts", on_bus("brown-out"), SILENT),
 )
 """Most runs end by these"""
-SHOTS: Final = (*GENTLE, *HARD)
-MAY_END: Final[Mapping[str, frozenset[str]]] = {shot.name: shot.may_end for shot in SHOTS}
+FAULTS: Final = (*GENTLE, *HARD)
+MAY_END: Final[Mapping[str, frozenset[str]]] = {fault.name: fault.may_end for fault in FAULTS}
 HELD_UP: Final = ("emulator stopped for 0.1 to 1 s",)
 """Behind these the witness sees late what was sent in time"""

@@ -1,4 +1,4 @@
-"""A servo with a load behind a transmission: against an integrator, and its limits."""
+"""A servo with masses behind a transmission: against an integrator, and its limits."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State
+from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
+from haptic_wall.hw.plant.masses import Masses
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.plant.two_masses import TwoMasses
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import Link, TrueServo
 from tests.hw.oracles import Coupled, Gear, Stretch, integrate_coupled
 
 MS = 1_000_000
@@ -88,13 +88,38 @@ def drawn(random: np.random.Generator, on: tuple[str, ...]) -> TrueServo:
     return true
 
 
+def with_chain(random: np.random.Generator, true: TrueServo, links: int) -> TrueServo:
+    """Add masses of 0.001 to 100 times the motor's, on joints of 10 to 1e5 N·m/rad.
+
+    The weight is that of the last one, with its centre at least 0.1 m from the axis.
+    """
+    chain: list[Link] = []
+    for _ in range(links):
+        inertia = true.inertia * float(10 ** random.uniform(-3.0, 2.0))
+        stiffness = float(10 ** random.uniform(1.0, 5.0))
+        damping = 2.0 * random.choice([0.0, 1e-4, 0.05]) * math.sqrt(stiffness * inertia)
+        chain.append(Link(inertia, stiffness, float(damping)))
+    gravity = min(true.gravity, 100.0 * chain[-1].inertia) if chain else true.gravity
+    return replace(true, chain=tuple(chain), gravity=gravity)
+
+
 def friction(true: TrueServo) -> PlantParameters:
     return PlantParameters(true.inertia, true.damping, true.coulomb)
 
 
-def error(random: np.random.Generator, on: tuple[str, ...], *, hand: bool, periods: int) -> float:
-    """Return the largest error of a position at the ends of periods [rad]."""
-    true = drawn(random, on)
+def error(
+    random: np.random.Generator, on: tuple[str, ...], *, hand: bool, periods: int, links: int = 0
+) -> float:
+    """Return the largest error of a position at the ends of periods [rad].
+
+    Args:
+        random: Draws servo and torques.
+        on: What the servo has.
+        hand: A hand moves the last mass.
+        periods: Periods of 1 ms.
+        links: Masses behind the output.
+    """
+    true = with_chain(random, drawn(random, on), links)
     scale = true.inertia / 0.012
     grip = (4.0 * scale, 0.2 * scale) if hand else (0.0, 0.0)
     body = Coupled(
@@ -126,6 +151,7 @@ def error(random: np.random.Generator, on: tuple[str, ...], *, hand: bool, perio
         true.transmission_damping,
         true.backlash,
         *grip,
+        true.chain,
     )
     amplitude = scale * float(np.exp(random.uniform(*np.log((0.05, 2.0)))))
     rate, reference = random.uniform(5.0, 60.0), 0.0
@@ -135,13 +161,16 @@ def error(random: np.random.Generator, on: tuple[str, ...], *, hand: bool, perio
         torque = amplitude * (math.sin(k * 1e-3 * rate) + 0.3 * random.normal())
         stretches.append(Stretch(1e-3, torque, reference, slope))
         reference += slope * 1e-3
-    expected = integrate_coupled(body, (0.1, 0.4, 0.1, 0.4), stretches)
-    two, largest = TwoMasses(true), 0.0
-    motor = output = State(0.1, 0.4)
-    for stretch, (x, _, y, _) in zip(stretches, expected, strict=True):
+    count = 2 + links
+    tolerance = 1e-12 if links else 1e-11
+    expected = integrate_coupled(body, [0.1, 0.4] * count, stretches, tolerance)
+    chain, largest = Masses(true), 0.0
+    states: tuple[State, ...] = (State(0.1, 0.4),) * count
+    for stretch, right in zip(stretches, expected, strict=True):
         pull = Pull(*grip, stretch.reference, stretch.slope) if hand else None
-        motor, output = two.step(motor, output, friction(true), stretch.torque, MS, pull)
-        largest = max(largest, abs(motor.position - x), abs(output.position - y))
+        states = chain.step(states, friction(true), stretch.torque, MS, pull)
+        errors = (abs(a.position - b) for a, b in zip(states, right[::2], strict=True))
+        largest = max(largest, *errors)
     return largest
 
 
@@ -151,6 +180,18 @@ def test_random_motion_agrees_with_an_integrator(group: str, hand: bool, thoroug
     count, periods = (20, 200) if thorough else (2, 40)
     random = np.random.default_rng(6)
     found = [error(random, GROUPS[group], hand=hand, periods=periods) for _ in range(count)]
+    assert max(found) < STATED[group]
+
+
+@pytest.mark.parametrize("links", [1, 2, 3])
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_random_chain_agrees_with_an_integrator(group: str, links: int, thorough: bool) -> None:
+    random = np.random.default_rng(links)
+    count, periods = (10, 50) if thorough else (2, 10)
+    found = [
+        error(random, GROUPS[group], hand=bool(k % 2), periods=periods, links=links)
+        for k in range(count)
+    ]
     assert max(found) < STATED[group]
 
 
@@ -167,7 +208,7 @@ def test_a_linear_step_of_any_length_is_the_matrix_exponential() -> None:
     )
     start = (State(0.1, -0.3), State(0.12, 0.5))
     for length_ns in (1, 123_456_789, MS, 3 * MS // 7):
-        motor, output = TwoMasses(LINEAR).step(*start, friction(LINEAR), 0.2, length_ns)
+        motor, output = Masses(LINEAR).step(start, friction(LINEAR), 0.2, length_ns)
         expected = expm(rates * length_ns * 1e-9) @ [*start[0], *start[1], 0.2]
         assert [*motor, *output] == pytest.approx(expected[:4].tolist(), rel=1e-11, abs=1e-12)
 
@@ -198,9 +239,32 @@ def test_a_stiff_transmission_is_none(settings: dict[str, Any]) -> None:
     assert differences[1] < max(0.05 * differences[0], 1e-7)
 
 
+@pytest.mark.parametrize(("load", "stiffness", "damping"), [(1e-7, 1e5, 0.0), (1e-6, 1e3, 1.0)])
+def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
+    load: float, stiffness: float, damping: float
+) -> None:
+    """A feather on a stiff joint vibrates with 1e6 rad/s, or creeps within 1 µs."""
+    true = TrueServo(
+        inertia=0.01,
+        damping=0.01,
+        coulomb=0.05,
+        load_inertia=load,
+        transmission_stiffness=stiffness,
+        transmission_damping=damping,
+    )
+    rigid = State(0.0, 0.0)
+    masses: tuple[State, ...] = (rigid, rigid)
+    plant, one = Masses(true), PlantParameters(0.01 + load, 0.01, 0.05)
+    for k in range(100):
+        torque = 0.4 * math.sin(0.1 * k)
+        masses = plant.step(masses, friction(true), torque, MS)
+        rigid = step(rigid, one, torque, 1e-3)
+        assert masses[0].position == pytest.approx(rigid.position, abs=1e-7)
+
+
 def test_without_friction_a_vibration_keeps_its_energy() -> None:
     true = replace(LINEAR, damping=0.0, transmission_damping=0.0)
-    two, motor, output = TwoMasses(true), State(0.0, 1.0), State(0.0, -1.0)
+    two, motor, output = Masses(true), State(0.0, 1.0), State(0.0, -1.0)
 
     def energy(motor: State, output: State) -> float:
         twist = motor.position - output.position
@@ -209,7 +273,7 @@ def test_without_friction_a_vibration_keeps_its_energy() -> None:
 
     begin = energy(motor, output)
     for _ in range(5_000):
-        motor, output = two.step(motor, output, friction(true), 0.0, MS)
+        motor, output = two.step((motor, output), friction(true), 0.0, MS)
     assert energy(motor, output) == pytest.approx(begin, rel=1e-9)
 
 
@@ -269,6 +333,8 @@ def test_the_instants_at_which_it_is_looked_at_matter_little() -> None:
         ({"load_inertia": 0.0}, "load_inertia is 0"),
         ({"load_inertia": math.nan}, "load_inertia is nan"),
         ({"transmission_damping": -1.0}, "transmission_damping is -1"),
+        ({"chain": (Link(0.0, 100.0, 0.0),)}, "inertia of chain is 0"),
+        ({"chain": (Link(0.01, 100.0, math.nan),)}, "damping of chain is nan"),
     ],
 )
 def test_half_a_transmission_is_refused(settings: dict[str, Any], match: str) -> None:

@@ -49,7 +49,7 @@ class Notes(Witness):
 
 
 @dataclass(frozen=True, slots=True)
-class Rehearsed:
+class MemorySession:
     """The program's result, and the truth."""
 
     result: Result
@@ -61,7 +61,7 @@ class Rehearsed:
     """When the faults were given: the loop's grid begins a period later [ns]"""
 
 
-def rehearse(
+def run_in_memory(
     sets: Sequence[str],
     duration_s: float,
     *,
@@ -69,7 +69,7 @@ def rehearse(
     adapter: tuple[int, int] | None = None,
     shift_ns: int = 0,
     preset: str = "emulated-ideal",
-) -> Rehearsed:
+) -> MemorySession:
     """Run a preset of an emulated servo in memory.
 
     Args:
@@ -127,4 +127,4 @@ def rehearse(
     result = run_session(config, clock, telemetry, duration_s, surroundings=around)
     buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
     ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)
-    return Rehearsed(result, ticks, notes.rows, given_ns[0])
+    return MemorySession(result, ticks, notes.rows, given_ns[0])

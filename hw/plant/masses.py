@@ -1,4 +1,4 @@
-"""Moves a servo whose load lies behind a flexible transmission: two masses, friction on one.
+"""Simulates a servo with a load behind a flexible transmission: masses in a chain, friction on one.
 
 The motion solves, with the motor's position x, the output's y and the transmitted torque F ::
 
@@ -6,25 +6,29 @@ The motion solves, with the motor's position x, the output's y and the transmitt
     J_l y'' = F - G sin(y - angle) + k_h (r - y) + b_h (r' - y')
     F       = k (x - y) + c (x' - y')
 
-With backlash between the masses F is counted from the end of the backlash, only pushes, and is 0
-within it. While the motor keeps its direction, or sticks, and the transmission its contact, the
-equations are linear: matrix exponentials solve them exactly for any duration. An event (the motor
-stops or breaks away, a contact begins or ends) is found to the nanosecond. Events are looked for at
-the ends of substeps, so one that is undone within a substep is missed. Weight, cogging, ripple and
-friction that depends on speed or load are held over a substep at the values of its middle.
+Further masses follow the output on linear joints; operator and weight are then at the last one.
+
+With backlash between motor and output F is counted from the end of the backlash, only pushes, and
+is 0 within it. While the motor keeps its direction, or sticks, and the transmission its contact,
+the equations are linear: matrix exponentials solve them exactly for any duration. An event (the
+motor stops or breaks away, a contact begins or ends) is found to the nanosecond. Events are looked
+for at the ends of substeps, so one that is undone within a substep is missed. Weight, cogging,
+ripple and friction that depends on speed or load are held over a substep at the values of its
+middle.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State
 from haptic_wall.hw.plant.effects import Effects
-from haptic_wall.hw.plant.linear_motion import Inputs, Moving, linear_motion
+from haptic_wall.hw.plant.linear_motion import LinearMotion, linear_motion
 from haptic_wall.hw.plant.substeps import FADED, GRAIN_S, PHASE, TEETH, fall_of
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.settings import Link, TrueServo, vibrations
 
 TURN = 0.5
 """Longest substep, in radians of the transmission's oscillation"""
@@ -33,10 +37,13 @@ LONGEST_S = 5e-4
 FINEST_NS = 50_000
 """Substeps do not get shorter than this [ns]; events do"""
 _ENDLESS = 10**18
+_MOTIONS = 64
+"""Most linear motions that are at hand"""
+_NAMES = "load_inertia", "transmission_stiffness", "transmission_damping"
 
 
-class TwoMasses:
-    """Moves one servo with a load behind a transmission."""
+class Masses:
+    """Moves one servo with a load, or a chain of them, behind a transmission."""
 
     __slots__ = (
         "_cogs",
@@ -50,9 +57,11 @@ class TwoMasses:
         "_gap",
         "_grain",
         "_inertia",
+        "_links",
         "_load",
-        "_load_inertia",
         "_loaded",
+        "_loose",
+        "_motions",
         "_ripples",
         "_static",
         "_stiffness",
@@ -73,26 +82,29 @@ class TwoMasses:
         """
         import scipy.linalg  # noqa: F401 - here, or the first step takes as long as ten replies
 
-        for name in ("load_inertia", "transmission_stiffness"):
-            if not 0.0 < getattr(true, name) < math.inf:
+        for number, link in enumerate(true.links):
+            names = _NAMES if number == 0 else tuple(f"{each} of chain" for each in Link._fields)
+            for name, value in zip(names[:2], link[:2], strict=True):
+                if not 0.0 < value < math.inf:
+                    raise SpecError(
+                        f"{name} is {value}",
+                        advice="give each mass behind the motor a finite inertia above 0, and its"
+                        " joint a finite stiffness above 0",
+                    )
+            if not 0.0 <= link.damping < math.inf:
                 raise SpecError(
-                    f"{name} is {getattr(true, name)}",
-                    advice="give load_inertia and transmission_stiffness finite values above 0, or"
-                    " neither",
+                    f"{names[2]} is {link.damping}", advice="give a finite value from 0 up"
                 )
-        if not 0.0 <= true.transmission_damping < math.inf:
-            raise SpecError(
-                f"transmission_damping is {true.transmission_damping}",
-                advice="give a finite value from 0 up",
-            )
         effects = Effects.of(true)
-        self._inertia, self._load_inertia = true.inertia, true.load_inertia
+        self._inertia, self._links = true.inertia, true.links
+        self._loose = (Link(true.load_inertia, 0.0, 0.0), *true.chain)
         self._stiffness, self._damping = true.transmission_stiffness, true.transmission_damping
         back = effects.damping_back
         self._viscous = (true.damping, true.damping if back is None else back)
         self._coulomb, self._static = true.coulomb, effects.breakaway(true.coulomb)
         self._excess = self._static - self._coulomb if effects.stribeck_speed > 0.0 else 0.0
         self._gap = 0.5 * true.backlash
+        self._motions: dict[tuple[bool, float, float, float, bool], LinearMotion] = {}
         self._effects = effects
         self._cogs = effects.cogging * effects.cogging_periods
         self._ripples = effects.torque_ripple * effects.torque_ripple_periods
@@ -105,69 +117,70 @@ class TwoMasses:
         self._divided = self._uneven or self._gap > 0.0 or not one_way
         self._grain = _ENDLESS
         if self._divided:
-            rate = math.sqrt(self._stiffness * (1.0 / self._inertia + 1.0 / self._load_inertia))
+            rate = vibrations(self._inertia, self._links)[-1].rate
             seconds = min(GRAIN_S if self._uneven else LONGEST_S, TURN / rate)
             cogs = self._cogs + self._ripples * true.torque_limit
             if cogs > 0.0:
                 seconds = min(seconds, PHASE * math.sqrt(self._inertia / cogs))
             if effects.gravity > 0.0:
-                seconds = min(seconds, PHASE * math.sqrt(self._load_inertia / effects.gravity))
+                end = self._links[-1].inertia
+                seconds = min(seconds, PHASE * math.sqrt(end / effects.gravity))
             self._grain = _kept_length(round(max(seconds * 1e9, FINEST_NS) / fineness))
 
     # In one piece for speed: every period of such a servo takes it.
     def step(  # noqa: PLR0915
         self,
-        motor: State,
-        output: State,
+        masses: Sequence[State],
         parameters: PlantParameters,
         torque: float,
         length_ns: int,
         pull: Pull | None = None,
-    ) -> tuple[State, State]:
-        """Return the states of motor and output after a time under a held torque.
+    ) -> tuple[State, ...]:
+        """Return the states of the masses, from the motor on, after a time under a held torque.
 
         Args:
-            motor: State of the motor's side at the start.
-            output: State of the output.
+            masses: States of motor, output and further masses at the start.
             parameters: Parameters of the motor's side as given at the start, but for more damping:
                 that is the fall of the motor's torque with its velocity.
             torque: Torque of the motor at rest, held over the whole step [N·m].
             length_ns: Length of the step [ns], >= 0.
-            pull: The operator, at the output; None: no operator.
+            pull: The operator, at the last mass; None: no operator.
         """
-        (x, v), (y, w) = motor, output
         effects = self._effects
         braking = parameters.damping - self._viscous[0]
-        reference = y if pull is None else pull.reference
+        x, end = masses[0].position, masses[-1].position
+        reference = end if pull is None else pull.reference
         hand_stiffness, hand_damping, _, slope = _NOBODY if pull is None else pull
-        stretch, left = reference - y, length_ns
+        now = [masses[0].velocity]
+        for before, mass in pairwise(masses):
+            now += before.position - mass.position, mass.velocity
+        now.append(reference - end)
+        left = length_ns
         while left:
-            twist = x - y
+            v, twist, w = now[:3]
             side = self._contact(twist, v - w)
             stiffness, damping = (self._stiffness, self._damping) if side else (0.0, 0.0)
             ahead = side * self._gap * stiffness
             passed = stiffness * twist - ahead + damping * (v - w)
             motor_torque = torque - braking * v
             ripple = motor_torque * effects.ripple_at(x)
-            push, weight = torque + ripple + effects.cogging_at(x), effects.weight_at(y)
+            push, weight = torque + ripple + effects.cogging_at(x), effects.weight_at(end)
             made = motor_torque + ripple
             still = v == 0.0 and abs(push - passed) <= self._most(made, passed)
             direction = 0.0 if still else math.copysign(1.0, v or push - passed)
             viscous = self._viscous[direction < 0.0] + braking
-            motion = linear_motion(
-                self._inertia,
-                self._load_inertia,
-                stiffness,
-                damping,
-                viscous,
-                hand_stiffness,
-                hand_damping,
-                still and self._divided,
-            )
+            sticks = still and self._divided
+            kind = side == 0, viscous, hand_stiffness, hand_damping, sticks
+            motion = self._motions.get(kind)
+            if motion is None:
+                links = self._links if side else self._loose
+                motion = linear_motion(self._inertia, links, *kind[1:])
+                if len(self._motions) > _MOTIONS:
+                    self._motions.clear()
+                self._motions[kind] = motion
             friction, excess = self._friction(abs(v), made, passed)
             friction *= direction
-            now = Moving(twist, v, w, stretch)
-            held = Inputs(push - friction + ahead, weight - ahead, slope)
+            held = push - friction + ahead, -ahead, weight, slope
             longest = min(left, self._grain)
             if self._uneven:
                 gain = (push - passed - friction - viscous * v) / self._inertia
@@ -175,18 +188,18 @@ class TwoMasses:
                 took = _kept_length(longest)
                 half = _kept_length(max(took // 2, 1))
                 middle = motion.after(now, held, half)
-                there = y + slope * half * 1e-9 + stretch - middle.stretch
-                passed = stiffness * middle.twist - ahead + damping * (middle.motor - middle.output)
-                at = there + middle.twist
-                motor_torque = torque - braking * middle.motor
+                there = end + slope * half * 1e-9 + now[-1] - middle[-1]
+                passed = stiffness * middle[1] - ahead + damping * (middle[0] - middle[2])
+                at = there + sum(middle[1:-1:2])
+                motor_torque = torque - braking * middle[0]
                 ripple = motor_torque * effects.ripple_at(at)
                 made = motor_torque + ripple
                 push = torque + ripple + effects.cogging_at(at)
                 weight = effects.weight_at(there)
-                friction = direction * self._friction(abs(middle.motor), made, passed)[0]
+                friction = direction * self._friction(abs(middle[0]), made, passed)[0]
                 if v == 0.0 and direction * (push - friction - passed) < 0.0:
                     friction = push - passed  # it breaks away just now
-                held = Inputs(push - friction + ahead, weight - ahead, slope)
+                held = push - friction + ahead, -ahead, weight, slope
             if not self._divided or longest == self._grain:
                 took = _kept_length(longest)
                 after = motion.after(now, held, took)
@@ -199,18 +212,19 @@ class TwoMasses:
                     course = motion.course(now, held, took)
                     took = min(max(course.until(*value) for value in each) for each in ends)
                     after = course.at(took)
-                v = after.motor if direction * after.motor > 0.0 else 0.0
-            else:
-                v = after.motor
-            w = after.output
-            y += slope * took * 1e-9 + stretch - after.stretch
-            x, stretch = y + after.twist, after.stretch
-            left -= took
-        return State(x, v), State(y, w)
+                if not direction * after[0] > 0.0:
+                    after[0] = 0.0
+            end += slope * took * 1e-9 + now[-1] - after[-1]
+            now, left = after, left - took
+            x = end + sum(now[1:-1:2])
+        found = [State(x, now[0])]
+        for twist, speed in zip(now[1:-1:2], now[2:-1:2], strict=True):
+            found.append(State(found[-1].position - twist, speed))
+        return tuple(found)
 
     def _ends(
         self,
-        after: Moving,
+        after: Sequence[float],
         direction: float,
         side: int,
         push: float,
@@ -220,24 +234,24 @@ class TwoMasses:
         """Return the conditions of the present motion that do not hold after a step.
 
         Each is one or two values of which one must stay positive: a constant, and multiples of
-        twist, the motor's speed and the output's.
+        the motor's speed, the twist and the output's speed.
         """
         stiffness, damping, gap = self._stiffness, self._damping, self._gap
-        twist, motor, output, _ = after
+        motor, twist, output = after[:3]
         ends: list[Sequence[tuple[float, float, float, float]]] = []
         passed = 0.0
         if side:
             passed = stiffness * twist - ahead + damping * (motor - output)
             if gap and side * passed <= 0.0:
                 rate = side * damping
-                ends.append(((-side * ahead, side * stiffness, rate, -rate),))
+                ends.append(((-side * ahead, rate, side * stiffness, -rate),))
         elif touched := self._contact(twist, motor - output):
-            deep = gap, -float(touched), 0.0, 0.0
+            deep = gap, 0.0, -float(touched), 0.0
             rate = touched * damping
-            ends.append((deep, (stiffness * gap, -touched * stiffness, -rate, rate)))
+            ends.append((deep, (stiffness * gap, -rate, -touched * stiffness, rate)))
         if direction:
             if direction * motor <= 0.0:
-                ends.append(((0.0, 0.0, direction, 0.0),))
+                ends.append(((0.0, direction, 0.0, 0.0),))
             return ends
         most = self._most(made, passed)
         if abs(push - passed) > most:
@@ -248,7 +262,7 @@ class TwoMasses:
             if not side:
                 stiffness = damping = ahead = 0.0
             rest = most + grown * passed - sign * push - lever * ahead
-            ends.append(((rest, lever * stiffness, 0.0, -lever * damping),))
+            ends.append(((rest, 0.0, lever * stiffness, -lever * damping),))
         return ends
 
     def _contact(self, twist: float, rate: float) -> int:

@@ -1,4 +1,4 @@
-"""Shots at a run: each strikes one process, or several, while a hand leans on the wall."""
+"""Faults of a run: each strikes one process, or several, while a hand leans on the wall."""
 
 import contextlib
 import os
@@ -13,13 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from scripts.whole_program import PROGRAM, Bus, child_of
+from scripts.whole_program import PROGRAM, Bus, children_of
 
-CHILDREN = {
-    "loop": "processes.loop_process",
-    "recorder": "processes.recorder",
-    "dial": "processes.dial",
-}
 TELEMETRY = "haptic-wall-telemetry"
 HANGS = """
 import os, signal, sys
@@ -43,7 +38,7 @@ COMPUTE, WRITE = signal.SIGUSR1, signal.SIGUSR2
 
 @dataclass(slots=True)
 class Target:
-    """A run that is shot at."""
+    """A run into which faults are injected."""
 
     run: subprocess.Popen[bytes]
     bus: Bus
@@ -56,17 +51,14 @@ class Target:
 
     def find(self) -> bool:
         """Look for its processes; whether all are there."""
-        self.pids = {"supervisor": self.run.pid}
-        for name, module in CHILDREN.items():
-            if (pid := child_of(self.run.pid, module)) is not None:
-                self.pids[name] = pid
+        self.pids = {"supervisor": self.run.pid, **children_of(self.run.pid)}
         with contextlib.suppress(OSError):
             for link in Path(f"/proc/{self.run.pid}/fd").iterdir():
                 if self.words is None and TELEMETRY in str(link.readlink()):
                     self.words = Telemetry(os.open(link, os.O_RDWR)).words
         return (
             self.run.poll() is None
-            and len(self.pids) == 1 + len(CHILDREN)
+            and self.pids.keys() >= {"loop", "recorder", "dial"}
             and self.words is not None
         )
 
@@ -79,12 +71,6 @@ class Target:
         for name in names:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pids[name], number)
-
-    def fault(self, spec: str) -> None:
-        """Have something go wrong on the bus."""
-        assert self.bus.process.stdin is not None
-        self.bus.process.stdin.write(spec + "\n")
-        self.bus.process.stdin.flush()
 
     def end_survivors(self, patience_s: float) -> int:
         """How many processes of a run that is over do not end in time; they are ended here."""
@@ -115,6 +101,7 @@ def target(bus: Bus, folder: Path, arguments: list[str]) -> Iterator[Target]:
     (folder / "sitecustomize.py").write_text(HANGS)
     log = folder / "run.hwlog"
     log.unlink(missing_ok=True)
+    paths = (str(folder), os.environ.get("PYTHONPATH"))
     ours, theirs = pty.openpty()
     with (folder / "output").open("wb") as output, (folder / "said").open("wb") as said:
         run = subprocess.Popen(
@@ -122,34 +109,30 @@ def target(bus: Bus, folder: Path, arguments: list[str]) -> Iterator[Target]:
             stdin=theirs,
             stdout=output,
             stderr=said,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *_python_path()])},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         )
     os.close(theirs)
-    aimed_at = Target(run, bus, log, ours)
+    struck = Target(run, bus, log, ours)
     try:
-        yield aimed_at
+        yield struck
     finally:
         if run.poll() is None:
             run.send_signal(signal.SIGCONT)
             run.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             run.wait(30)
-        if aimed_at.terminal >= 0:
-            os.close(aimed_at.terminal)
-
-
-def _python_path() -> list[str]:
-    return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
+        if struck.terminal >= 0:
+            os.close(struck.terminal)
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class Fault:
     """A way to strike a run."""
 
     name: str
-    fire: Callable[[Target], object]
+    inject: Callable[[Target], object]
     then: Callable[[Target], object] = lambda _: None
-    """Shot that follows"""
+    """Fault that follows"""
     later_s: float = 1.0
     """How much later [s]"""
     goes_on: bool = False
@@ -157,7 +140,7 @@ class Shot:
 
     @property
     def strikes_the_torque(self) -> bool:
-        """Whether nobody renders the wall any more: a time for the torque to be gone counts."""
+        """Whether no loop renders the wall any more, so that the torque must end in time."""
         return not self.goes_on and (
             "loop" in self.name or not self.name.startswith(("supervisor", "recorder", "dial"))
         )
@@ -171,11 +154,11 @@ def sent(number: signal.Signals, *names: str) -> Callable[[Target], None]:
 def killed_together(*names: str) -> Callable[[Target], None]:
     """SIGKILL to several, stopped first: none may act on the other's death."""
 
-    def fire(target: Target) -> None:
+    def inject(target: Target) -> None:
         target.send(signal.SIGSTOP, *names)
         target.send(signal.SIGKILL, *names)
 
-    return fire
+    return inject
 
 
 def killed_unwatched(target: Target) -> None:
@@ -185,15 +168,15 @@ def killed_unwatched(target: Target) -> None:
 
 
 def orphaned(number: signal.Signals) -> Callable[[Target], None]:
-    """The loop hangs, and who watches it is killed."""
+    """The loop hangs, and its supervisor is killed."""
 
-    def fire(target: Target) -> None:
+    def inject(target: Target) -> None:
         target.send(signal.SIGSTOP, "supervisor")
         target.send(number, "loop")
         time.sleep(0.005)
         target.send(signal.SIGKILL, "supervisor")
 
-    return fire
+    return inject
 
 
 def full_disk(target: Target) -> None:
@@ -215,34 +198,36 @@ def room_again(target: Target) -> None:
 
 STOP, CONT, KILL = signal.SIGSTOP, signal.SIGCONT, signal.SIGKILL
 ALL = ("supervisor", "loop", "recorder")
-SHOTS = (
-    Shot("loop: SIGKILL", sent(KILL, "loop")),
-    Shot("loop: SIGSTOP", sent(STOP, "loop")),
-    Shot("loop: SIGSTOP, SIGCONT after 100 ms", sent(STOP, "loop"), sent(CONT, "loop"), 0.1),
-    Shot("loop: computes for ever", sent(COMPUTE, "loop")),
-    Shot("loop: blocked in a write", sent(WRITE, "loop")),
-    Shot("supervisor: SIGKILL", sent(KILL, "supervisor")),
-    Shot("supervisor: SIGTERM", sent(signal.SIGTERM, "supervisor")),
-    Shot("supervisor: SIGHUP, its terminal closed", Target.hang_up),
-    Shot("supervisor: Ctrl-Z", sent(signal.SIGTSTP, "supervisor")),
-    Shot(
+FAULTS = (
+    Fault("loop: SIGKILL", sent(KILL, "loop")),
+    Fault("loop: SIGSTOP", sent(STOP, "loop")),
+    Fault("loop: SIGSTOP, SIGCONT after 100 ms", sent(STOP, "loop"), sent(CONT, "loop"), 0.1),
+    Fault("loop: computes for ever", sent(COMPUTE, "loop")),
+    Fault("loop: blocked in a write", sent(WRITE, "loop")),
+    Fault("supervisor: SIGKILL", sent(KILL, "supervisor")),
+    Fault("supervisor: SIGTERM", sent(signal.SIGTERM, "supervisor")),
+    Fault("supervisor: SIGHUP, its terminal closed", Target.hang_up),
+    Fault("supervisor: Ctrl-Z", sent(signal.SIGTSTP, "supervisor")),
+    Fault(
         "supervisor: SIGSTOP for 1 s",
         sent(STOP, "supervisor"),
         sent(CONT, "supervisor"),
         goes_on=True,
     ),
-    Shot("supervisor: SIGSTOP for 1 s; loop: SIGKILL", killed_unwatched, sent(CONT, "supervisor")),
-    Shot("supervisor and loop: SIGKILL", killed_together("supervisor", "loop")),
-    Shot("supervisor: SIGKILL; loop: stopped", orphaned(STOP)),
-    Shot("supervisor: SIGKILL; loop: computes for ever", orphaned(COMPUTE)),
-    Shot("supervisor, loop and recorder: SIGKILL", killed_together(*ALL)),
-    Shot("recorder: SIGKILL", sent(KILL, "recorder"), goes_on=True),
-    Shot("recorder: SIGSTOP for 1 s", sent(STOP, "recorder"), sent(CONT, "recorder"), goes_on=True),
-    Shot("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
-    Shot("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
-    Shot("dial: SIGKILL", sent(KILL, "dial"), goes_on=True),
-    Shot("dial: SIGSTOP until the end", sent(STOP, "dial"), goes_on=True),
-    Shot("dial: a thousand hostile clients for 1 s", hostile_clients, goes_on=True),
-    Shot("adapter: unplugged", lambda target: target.fault("unplug-adapter")),
-    Shot("cable: no byte arrives any more", lambda target: target.fault("drop")),
+    Fault("supervisor: SIGSTOP for 1 s; loop: SIGKILL", killed_unwatched, sent(CONT, "supervisor")),
+    Fault("supervisor and loop: SIGKILL", killed_together("supervisor", "loop")),
+    Fault("supervisor: SIGKILL; loop: stopped", orphaned(STOP)),
+    Fault("supervisor: SIGKILL; loop: computes for ever", orphaned(COMPUTE)),
+    Fault("supervisor, loop and recorder: SIGKILL", killed_together(*ALL)),
+    Fault("recorder: SIGKILL", sent(KILL, "recorder"), goes_on=True),
+    Fault(
+        "recorder: SIGSTOP for 1 s", sent(STOP, "recorder"), sent(CONT, "recorder"), goes_on=True
+    ),
+    Fault("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
+    Fault("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
+    Fault("dial: SIGKILL", sent(KILL, "dial"), goes_on=True),
+    Fault("dial: SIGSTOP until the end", sent(STOP, "dial"), goes_on=True),
+    Fault("dial: a thousand hostile clients for 1 s", hostile_clients, goes_on=True),
+    Fault("adapter: unplugged", lambda target: target.bus.inject("unplug-adapter")),
+    Fault("cable: no byte arrives any more", lambda target: target.bus.inject("drop")),
 )

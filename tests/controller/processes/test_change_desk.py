@@ -1,0 +1,95 @@
+"""A change that is asked for before the servo has been started."""
+
+import os
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from haptic_wall.controller.processes import change_desk as module
+from haptic_wall.controller.processes.change_desk import ChangeDesk
+from haptic_wall.controller.processes.run_socket import Peer
+from haptic_wall.controller.runtime.change import KnownServo
+from haptic_wall.controller.runtime.handover import Inbox, Offers
+from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
+from haptic_wall.controller.settings.load import load_config
+from haptic_wall.hw.servo import Facts
+
+NOT_YET = "the servo has not been started yet"
+
+
+@dataclass
+class Side:
+    """A desk, and the loop's side of its socket."""
+
+    desk: ChangeDesk
+    telemetry: Telemetry
+    inbox: Inbox
+    told: list[dict[str, Any]]
+
+    def begin(self, wait_s: float) -> dict[str, Any] | None:
+        return self.desk.begin(["wall.stiffness=1"], wait_s, Peer(os.getpid(), os.getuid()))
+
+    def start(self) -> None:
+        """Start the servo."""
+        self.inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, True))
+        self.telemetry.words[Word.STATE] = LoopState.RUNNING
+
+
+@pytest.fixture
+def side() -> Iterator[Side]:
+    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, loops:
+        telemetry = Telemetry.create()
+        told: list[dict[str, Any]] = []
+        config = load_config("simulated", ("servo.hand=none",)).config
+        desk = ChangeDesk(config, telemetry, Offers(ours, telemetry.words), told.append)
+        yield Side(desk, telemetry, Inbox(loops, telemetry.words), told)
+
+
+def test_it_waits_for_the_start_and_says_so(side: Side) -> None:
+    assert side.begin(60.0) is None
+    assert side.desk.look() is None and side.desk.obstacle() == NOT_YET
+    side.start()
+    assert side.desk.look() is None and side.desk.obstacle() == ""
+    offered = side.telemetry.words[Word.OFFERED]
+    assert offered > 0, "the loop gets it"
+    while side.inbox.change is None:
+        side.inbox.take()
+    side.inbox.settle(0, 0)
+    answer = side.desk.look()
+    assert answer is not None and answer["applied"]
+    assert answer["changed"] == {"wall.stiffness": 1.0}
+
+
+def test_it_is_not_made_where_the_start_takes_too_long(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "START_S", 0.0)
+    assert side.begin(0.0) is None
+    time.sleep(1e-3)
+    answer = side.desk.look()
+    assert answer is not None and answer["error"] == f"not applied: {NOT_YET}"
+    assert [each["outcome"] for each in side.told] == ["not applied"]
+    assert side.desk.look() is None
+
+
+def test_it_is_not_made_where_the_run_ends_before(side: Side) -> None:
+    assert side.begin(60.0) is None
+    side.telemetry.words[Word.STOP] = 1
+    answer = side.desk.look()
+    assert answer is not None and answer["error"] == "not applied: the run is over"
+
+
+def test_it_is_given_up_with_whoever_asked(side: Side) -> None:
+    assert side.begin(60.0) is None
+    side.desk.withdraw()
+    side.start()
+    answer = side.desk.look()
+    assert answer is not None and answer["error"].startswith("not applied: ")
+    assert side.telemetry.words[Word.OFFERED] == 0
+    assert side.begin(60.0) is None
+    assert side.desk.give_up("the run is over")["error"] == "not applied: the run is over"
