@@ -16,7 +16,8 @@ from haptic_wall.controller.bench import two_cores
 from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import BLOCK, Walls
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock

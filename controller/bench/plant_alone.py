@@ -20,7 +20,8 @@ import numpy as np
 
 from haptic_wall.controller.bench.rows import Measurement, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import BLOCK, Loops, Walls
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import BLOCK, Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import HandName, TrueServo

@@ -13,7 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 
 ROUNDS = 15

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from haptic_wall.controller.cli.experiment import Asked, dask_option, experiment, folder_option
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
+from haptic_wall.controller.cli.map_files import FILES, json_parts, report_of, write_map
 from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
-from haptic_wall.controller.cli.options import as_json, say, writing
+from haptic_wall.controller.cli.options import answer, answer_in_parts, say
 from haptic_wall.controller.cli.places import new_stem, take_folder
-from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, table
-from haptic_wall.controller.system.whole_file import whole
+from haptic_wall.controller.system.file_kinds import RESULT
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapQuestion, MapSettings
@@ -35,20 +33,7 @@ _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _KICK = 0.01
 """Of a servo without friction, encoder and backlash, to which the kick does not matter [rad]."""
 _DAMPINGS = 12
-_COLUMNS = (
-    *("virtual_damping", "delay_steps", "delay_s", "kick_rad"),
-    *("simulated", "outcome", "exact", "linear", "one_sided"),
-)
-_NOT_MAPPED = (
-    *("load_inertia", "transmission_stiffness", "transmission_damping", "encoder"),
-    "chain",
-    *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
-    *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
-    *("position", "hand", "hand_origin", "hand_direction"),
-)
-"""Truths of a servo that a map does not name: it refuses them, or has no use for them"""
-_FILES = {"map.csv": table(",".join(_COLUMNS[:5])), "map.json": RESULT, "map.png": PICTURE}
-_KINDS = {**_FILES, "map.rows": RESULT}
+_KINDS = {**FILES, "map.rows": RESULT}
 
 
 @click.command()
@@ -110,6 +95,7 @@ def command(
 
     setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
+    _refuse_long(setting, max(chosen_steps))
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
@@ -129,12 +115,14 @@ def command(
     if interrupted and not found.begun:
         text = "interrupted before anything was computed: nothing is written"
         raise EndedEarlyError(text, INTERRUPTED)
-    report = _report(found, asked.name)
-    files = _write(found, report, folder, force=asked.force)
+    report = report_of(found, asked.name)
+    files = write_map(found, report, folder, force=asked.force)
     if not interrupted:
         store.remove()
-    report["files"] = files
-    asked.answer(report, lambda: _text(found, files))
+    if asked.json:
+        answer_in_parts(json_parts(found, {**report, "files": files}))
+    else:
+        answer(_text(found, files))
     if interrupted:
         say(
             "interrupted: what was done until then is kept, the rest is empty; the same command"
@@ -162,7 +150,7 @@ def _computed(
         if wanted.points >= LARGE:
             many = workers or cores() if pool is None else pool.size
             with working("planning"):
-                plan = planned(wanted, store, many, lambda part: as_json(_report(part, "")))
+                plan = planned(wanted, store, many)
             check_room(folder, plan)
         during.enter_context(working("computing", _POINT_S * wanted.points, lambda: share))
         try:
@@ -182,88 +170,35 @@ def _computed(
     return found, False
 
 
+def _refuse_long(setting: MapSettings, steps: int) -> None:
+    """Refuse delays for which no limits of a servo with a load are known.
+
+    Raises:
+        UserError: They are too long.
+    """
+    import numpy as np
+
+    from haptic_wall.controller.theory.flexible import MOST_PERIODS
+
+    periods = float(setting.delay(np.array(steps))) / setting.period
+    if setting.servo.flexible and periods > MOST_PERIODS:
+        raise UserError(
+            f"found {periods:.4g} periods of delay",
+            field="--delay-steps",
+            wanted=f"with servo.load_inertia at most {MOST_PERIODS}, servo.delay included",
+        )
+
+
 def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:
     import numpy as np
 
-    from haptic_wall.controller.theory import max_virtual_damping
+    from haptic_wall.controller.experiments.maps.limits import ceiling
 
-    servo = setting.servo
-    delay = setting.delay(np.array(max(steps)))
-    ceiling = max_virtual_damping(
-        servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
-    )
+    delay = float(setting.delay(np.array(max(steps))))
+    most = ceiling(setting.servo, setting.period, delay, setting.velocity_samples)
     # Denser at small values, where walls are used and the limits rise steeply.
     shares = np.linspace(0.0, 1.0, _DAMPINGS) ** 2
-    return [float(f"{value:.4g}") for value in shares * float(ceiling)]
-
-
-def _points(found: CriticalMap) -> list[dict[str, Any]]:
-    points = []
-    for i, steps in enumerate(found.delay_steps.tolist()):
-        for j, damping in enumerate(found.virtual_damping.tolist()):
-            for k, kick in enumerate(found.kick.tolist()):
-                simulated = float(found.stiffness[i, j, k])
-                points.append(
-                    {
-                        "virtual_damping": damping,
-                        "delay_steps": steps,
-                        "delay_s": float(found.delay[i]),
-                        "kick_rad": kick,
-                        "simulated": simulated if math.isfinite(simulated) else None,
-                        "outcome": _outcome(simulated),
-                        "exact": float(found.exact[i, j]),
-                        "linear": float(found.linear[i, j]),
-                        "one_sided": float(found.one_sided[i, j]),
-                    }
-                )
-    return points
-
-
-def _outcome(simulated: float) -> str:
-    """Describe the result of the search."""
-    if math.isnan(simulated):
-        return "not computed"
-    if math.isinf(simulated):
-        return "never grows"
-    return "grows above" if simulated > 0.0 else "always grows"
-
-
-def _report(found: CriticalMap, name: str) -> dict[str, Any]:
-    return {
-        **RESULT_MARK,
-        "name": name,
-        "side": "one" if found.setting.one_sided else "both",
-        "period_s": found.setting.period,
-        "velocity_samples": found.setting.velocity_samples,
-        "servo": {k: v for k, v in asdict(found.setting.servo).items() if k not in _NOT_MAPPED},
-        "complete": found.complete,
-        "points": _points(found),
-    }
-
-
-def _write(found: CriticalMap, report: dict[str, Any], out: Path, *, force: bool) -> list[Path]:
-    from haptic_wall.controller.report.maps import plot_map
-
-    def csv_table(path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, _COLUMNS)
-            writer.writeheader()
-            writer.writerows(report["points"])
-
-    def json_text(path: Path) -> None:
-        path.write_text(as_json(report) + "\n", encoding="utf-8")
-
-    def picture(path: Path) -> None:
-        plot_map(found, report["name"], path)
-
-    files = [out / name for name in _FILES]
-    drawing = working("drawing the picture", DRAWING_S)
-    with drawing, writing("--out", out), ExitStack() as all_or_none:
-        for file, kind, write in zip(
-            files, _FILES.values(), (csv_table, json_text, picture), strict=True
-        ):
-            write(all_or_none.enter_context(whole(file, kind, force=force)))
-    return files
+    return [float(f"{value:.4g}") for value in shares * most]
 
 
 def _text(found: CriticalMap, files: list[Path]) -> str:

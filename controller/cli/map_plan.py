@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import time
-import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,19 @@ from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.errors import UserError
 
 if TYPE_CHECKING:
-    from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapQuestion, Task
+    from haptic_wall.controller.experiments.maps.maps import MapQuestion, Task
     from haptic_wall.controller.experiments.maps.store import MapStore
 
 LARGE = 5000
 """Number of points from which a map is planned: a smaller one is done in minutes"""
+_USUAL = 250e6
+"""Memory of the command before its points, where it cannot be asked [bytes]"""
+_DRAWING = 60e6
+"""Memory of Matplotlib and of the theory's limits that are computed together [bytes]"""
+_POINT = 100.0
+"""Memory of a point in arrays, tasks and picture [bytes]"""
+_LIMITS_S = 8e-4
+"""Approximate time of the theory's limits of one damping and delay, in this process [s]"""
 _SAMPLE = 3
 """Number of measured tasks: from the slowest to the quickest"""
 
@@ -31,7 +40,7 @@ class MapPlan:
     seconds: float
     """Time on the given number of processes [s]"""
     memory: float
-    """Memory of this process for points and report [bytes]"""
+    """Of this process, the largest [bytes]"""
     size: float
     """Size of the files [bytes]"""
 
@@ -42,24 +51,19 @@ class MapPlan:
         )
 
 
-def planned(
-    question: MapQuestion,
-    store: MapStore,
-    processes: int,
-    encoded: Callable[[CriticalMap], str],
-) -> MapPlan:
+def planned(question: MapQuestion, store: MapStore, processes: int) -> MapPlan:
     """Compute some tasks of a map, which are stored, and conclude what all will take.
 
     Args:
         question: The map.
         store: Its finished tasks.
         processes: Number of them that will compute.
-        encoded: Makes the report's text of a map.
     """
+    from haptic_wall.controller.cli.map_files import json_parts, report_of, write_csv
     from haptic_wall.controller.experiments.maps.maps import Task, critical_map
 
     left = [task for task in question.tasks() if task not in store.done]
-    seconds, some, text, memory = 0.0, 0, 0, 0
+    seconds, some, written = 0.0, 0, StringIO()
     for task in _spread(left):
         begun = time.perf_counter()
         found = question.call(task)()
@@ -70,14 +74,22 @@ def planned(
         steps = [question.delay_steps[task.delay]]
         known = {Task(0, 0, task.size): found}
         sample = critical_map(question.setting, part, steps, question.kicks, done=known)
-        tracemalloc.start()
-        text += len(encoded(sample))
-        memory += tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
+        write_csv(sample, written)
+        written.writelines(json_parts(sample, report_of(sample, "")))
     rest = sum(task.size for task in left) * len(question.kicks) - some
     share = question.points / max(some, 1)
     time_s = seconds / max(some, 1) * rest / processes
-    return MapPlan(question.points, time_s, share * memory, share * text)
+    time_s += _LIMITS_S * len(question.dampings) * len(question.delay_steps)
+    memory = _held() + _DRAWING + _POINT * question.points
+    return MapPlan(question.points, time_s, memory, share * written.tell())
+
+
+def _held() -> float:
+    """Return the most memory that this process has held [bytes]."""
+    if sys.platform != "linux":
+        return _USUAL
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def check_room(folder: Path, made: MapPlan) -> None:

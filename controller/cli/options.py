@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -168,10 +168,17 @@ def answer(text: str) -> None:
 
     Where a file goes there (``-``), the answer goes to standard error.
     """
+    answer_in_parts([text])
+
+
+def answer_in_parts(parts: Iterable[str]) -> None:
+    """Print an answer whose text is made in parts, as ``answer``; they end where lines may."""
     _command.answered = True
     try:
         with aside():
-            click.echo(printable(text), err=_command.output_taken)
+            for part in parts:
+                click.echo(printable(part), err=_command.output_taken, nl=False)
+            click.echo(err=_command.output_taken)
             sys.stdout.flush()
     except OSError as error:
         # ``| head``, or a closed terminal: the exit status remains

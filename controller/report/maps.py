@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps.limits import (
+    ceiling,
+    exact_limit,
+    one_sided_limit_of,
+)
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory import (
-    critical_stiffness,
-    linear_limit,
-    max_virtual_damping,
-    one_sided_limit,
-)
+from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.friction import onset_amplitude
 
@@ -72,22 +72,18 @@ def _over_damping(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None
     across = np.clip(_signed_square(np.linspace(ends[0], ends[1], _POINTS)), low, high)
     for i, colour in colours.items():
         delay = float(found.delay[i])
-        ceiling = float(
-            max_virtual_damping(
-                servo.inertia, servo.damping, setting.period, delay, setting.velocity_samples
-            )
-        )
+        most = ceiling(servo, setting.period, delay, setting.velocity_samples)
         # The curve is drawn down to zero at the ceiling.
-        damping = np.unique(np.append(across, ceiling * (1 - np.geomspace(1e-4, 0.2, 20))))
+        damping = np.unique(np.append(across, most * (1 - np.geomspace(1e-4, 0.2, 20))))
         damping = damping[(damping >= low) & (damping <= high)]
-        loop = (servo.inertia, servo.damping, damping, setting.period, delay)
+        loop = (damping, setting.period, np.array([[delay]]), setting.velocity_samples)
         linear = linear_limit(servo.damping, damping, setting.period, delay)
         dotted = (0, (1, 2))
         _curve(ax, damping, linear, color=colour, linewidth=0.6, linestyle=dotted)
-        exact = critical_stiffness(*loop, setting.velocity_samples)
+        exact = exact_limit(servo, *loop)[0]
         _curve(ax, damping, exact, color=colour, linewidth=0.9)
         if setting.one_sided:
-            limit = one_sided_limit(*loop, setting.velocity_samples, tolerance=0.01)
+            limit = one_sided_limit_of(servo, *loop, tolerance=0.01)[0]
             _curve(ax, damping, limit, color=colour, linewidth=0.9, linestyle="--")
         for k, look in _shown_kicks(found).items():
             ax.plot(found.virtual_damping, _drawn(found.stiffness[i, :, k]), color=colour, **look)
@@ -137,6 +133,8 @@ def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
         finite = simulated[np.isfinite(simulated)]
         if servo.coulomb == 0.0 or setting.one_sided or not finite.size or found.exact[i, 0] == 0:
             continue
+        if servo.flexible:
+            continue  # its onset is not known
         stiffness = np.geomspace(1.001 * found.exact[i, 0], 2.0 * finite.max(), _POINTS)
         onset = onset_amplitude(
             servo.inertia,
@@ -198,7 +196,8 @@ def _legend(found: CriticalMap, colours: dict[int, str]) -> list[Any]:
             [], [], color=style.GREY, linewidth=0.6, linestyle=(0, (1, 2)), label="linear condition"
         )
     )
-    if setting.servo.coulomb > 0.0 and not setting.one_sided and _many_kicks(found):
+    unknown = setting.one_sided or setting.servo.flexible
+    if setting.servo.coulomb > 0.0 and not unknown and _many_kicks(found):
         label = "onset amplitude $A^*$ (theory)"
         handles.append(Line2D([], [], color=style.INK, linewidth=0.8, linestyle="-.", label=label))
     return handles
@@ -210,6 +209,10 @@ def _title(found: CriticalMap, name: str) -> str:
     device = [f"$m$ {servo.inertia:.3g} kg·m²", f"$b$ {servo.damping:.3g} N·m·s/rad"]
     if servo.coulomb:
         device.append(f"Coulomb friction {servo.coulomb:.3g} N·m")
+    if servo.flexible:
+        device.append(
+            f"load {servo.load_inertia:.3g} kg·m² on {servo.transmission_stiffness:.3g} N·m/rad"
+        )
     if servo.backlash:
         device.append(f"backlash {servo.backlash:.3g} rad")
     limits = [f"{1.0 / found.setting.period:.4g} Hz"]

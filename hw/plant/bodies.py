@@ -108,6 +108,16 @@ class Bodies:
         self._push, self._work, self._moved, self._direction = np.empty((4, inertia.size))
         self._mask, self._stuck = np.empty((2, inertia.size), dtype=np.bool_)
 
+    @property
+    def motor_velocity(self) -> Floats:
+        """Return the velocity of the motors [rad/s]: the bodies' own."""
+        return self.velocity
+
+    @property
+    def motor_position(self) -> Floats:
+        """Return the position of the motors [rad]: the bodies' own."""
+        return self.position
+
     def held(self, duration: Floats) -> Held:
         """Return the responses over steps of these lengths [s], >= 0, shape (n,)."""
         decay = self._decay

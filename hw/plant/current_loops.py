@@ -43,7 +43,7 @@ class CurrentLoopParameters:
 class CurrentLoops:
     """The current loops of many servos; the caller moves the bodies."""
 
-    __slots__ = ("_lost", "_parameters", "_rate", "_speed", "_u")
+    __slots__ = ("_lost", "_parameters", "_rate", "state")
 
     def __init__(self, parameters: CurrentLoopParameters, velocity: Floats) -> None:
         """Create loops without torque, on bodies that move.
@@ -57,8 +57,21 @@ class CurrentLoops:
         with np.errstate(divide="ignore", invalid="ignore"):
             lost = parameters.droop * parameters.back_emf**2 / parameters.stall_torque
         self._lost = np.where(parameters.back_emf > 0.0, lost, 0.0)
-        self._u = parameters.back_emf * velocity
-        self._speed = velocity.copy()
+        self.state = np.array([parameters.back_emf * velocity, velocity])
+        """Voltage [N·m] and velocity [rad/s] at the start of the last step, shape (2, n)"""
+
+    @property
+    def parameters(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return back-EMF, its lost share for each speed, stall torque and dead band."""
+        p = self._parameters
+        return p.back_emf, self._lost, p.stall_torque, p.dead_band
+
+    def shares(self, duration: Floats) -> tuple[Floats, Floats]:
+        """Return what is left of a gap over a step [s] in the mean, and at its end."""
+        y = self._rate * duration
+        fraction = np.ones_like(y)
+        np.divide(-np.expm1(-y), y, out=fraction, where=y > 0.0)
+        return fraction, np.exp(-y)
 
     def held(self, goal: Floats, velocity: Floats, duration: Floats) -> Floats:
         """Return the torques to hold over the next step [N·m].
@@ -69,16 +82,16 @@ class CurrentLoops:
             duration: Its length [s], > 0; for the prediction, also that of the last one.
         """
         p = self._parameters
-        middle = velocity + 0.5 * (velocity - self._speed)
-        self._speed = velocity.copy()
+        voltage, speed = self.state
+        middle = velocity + 0.5 * (velocity - speed)
+        np.copyto(speed, velocity)
         back_emf = p.back_emf * middle
         wanted = np.copysign(np.maximum(np.abs(goal) - p.dead_band, 0.0), goal)
         wanted += back_emf - self._lost * np.abs(middle) * middle
         limited = np.clip(wanted, -p.stall_torque, p.stall_torque)
         target = np.where(p.back_emf > 0.0, limited, wanted)
-        y = self._rate * duration
-        fraction = np.ones_like(y)
-        np.divide(-np.expm1(-y), y, out=fraction, where=y > 0.0)
-        gap = np.where(y > 0.0, self._u - target, 0.0)
-        self._u = target + gap * np.exp(-y)
-        return target + gap * fraction - back_emf
+        fraction, rest = self.shares(duration)
+        gap = np.where(rest < 1.0, voltage - target, 0.0)
+        np.copyto(voltage, target + gap * rest)
+        result: Floats = target + gap * fraction - back_emf
+        return result

@@ -25,7 +25,7 @@ from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.servo_fit import fitted_servo
 from haptic_wall.controller.detector.tuning import ANY, MANY, TUNING, Origin, Tuning
 from haptic_wall.controller.detector.wall_fit import fitted_wall
-from haptic_wall.controller.experiments.maps.many_walls import Walls
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.asked_numbers import Asked, asked_tuning
 from scripts.study import ROOT, Found, Option, Part, Study, table

@@ -10,6 +10,7 @@ import importlib
 import itertools
 import math
 import os
+import re
 import subprocess
 import tempfile
 import time
@@ -20,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.cli.map import _report, _write
-from haptic_wall.controller.cli.options import as_json
+from haptic_wall.controller.cli.map_files import json_parts, report_of, write_map
 from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings, critical_map
 from haptic_wall.controller.settings.load import load_config
 from scripts.study import Found, Given, Option, Part, Study, length, table
@@ -54,10 +54,12 @@ class Cost:
     processor_s: float | None
     """Of all its processes; None: a cluster's are not counted"""
     largest_mb: float
-    """Memory of the largest process that the command started, or of itself"""
+    """Memory of the largest process: the command, or one that it started"""
     disk_bytes: int
     load: float
     """Processes that ran or waited on the machine just before"""
+    announced_mb: float | None = None
+    """The memory of the plan at its start; None: it is too small for a plan"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,7 @@ def cost(case: Case) -> Cost:
             options = ["--dask", during.enter_context(local_cluster(case.workers))]
         numpy_alone = "1" if "NumPy" in case.how else "0"
         began, load = time.perf_counter(), os.getloadavg()[0]
+        said = during.enter_context(tempfile.TemporaryFile("w+"))
         command = subprocess.Popen(
             [
                 *PROGRAM,
@@ -118,18 +121,22 @@ def cost(case: Case) -> Cost:
                 *options,
             ],
             stdout=subprocess.DEVNULL,
+            stderr=said,
             env={**os.environ, "NUMBA_DISABLE_JIT": numpy_alone},
         )
         _, status, usage = os.wait4(command.pid, 0)
         command.returncode = os.waitstatus_to_exitcode(status)
         if command.returncode:
             raise RuntimeError(f"{case}: haptic-wall map ended with {command.returncode}")
+        said.seek(0)
+        announced = re.search(r"(\d+) MB of memory", said.read())
         return Cost(
             time.perf_counter() - began,
             None if case.how == "dask" else usage.ru_utime + usage.ru_stime,
             usage.ru_maxrss / 1024.0,
             sum(file.stat().st_size for file in folder.iterdir()),
             load,
+            None if announced is None else float(announced[1]),
         )
 
 
@@ -148,11 +155,12 @@ def writing(points: int) -> Writing:
         question.setting, question.dampings, question.delay_steps, question.kicks, done=done
     )
     times.append(time.process_time())
-    report = _report(found, "simulated")
-    as_json(report)
+    report = report_of(found, "simulated")
+    for _ in json_parts(found, report):
+        pass
     times.append(time.process_time())
     with tempfile.TemporaryDirectory() as folder:
-        _write(found, report, Path(folder), force=False)
+        write_map(found, report, Path(folder), force=False)
     times.append(time.process_time())
     return Writing(*(after - before for before, after in itertools.pairwise(times)))
 
@@ -167,13 +175,15 @@ def cost_lines(found: Found[Case, Cost]) -> list[str]:
             f"{one.wall_s:.1f}",
             "" if one.processor_s is None else f"{one.processor_s:.1f}",
             f"{one.largest_mb:.0f}",
+            "" if one.announced_mb is None else f"{one.announced_mb:.0f}",
             f"{one.disk_bytes / 1e6:.2f}",
             f"{one.load:.1f}",
         )
         for case, one in found
     ]
-    head = "points|computed by|workers|time [s]|processor time [s]|largest process [MB]|files [MB]"
-    return [*table([*head.split("|"), "load before"], *rows), "", *growth_lines(found)]
+    head = "points|computed by|workers|time [s]|processor time [s]|largest process [MB]"
+    more = ("announced [MB]", "files [MB]", "load before")
+    return [*table([*head.split("|"), *more], *rows), "", *growth_lines(found)]
 
 
 def growth_lines(found: Found[Case, Cost]) -> list[str]:

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.rebound import rebound

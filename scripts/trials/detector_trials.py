@@ -14,8 +14,8 @@ import numpy as np
 
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
-from haptic_wall.controller.experiments.maps.many_walls import Walls, split_delay
 from haptic_wall.controller.experiments.maps.onset import onset
+from haptic_wall.controller.experiments.maps.walls import Walls, split_delay
 from haptic_wall.controller.theory import max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.servos import SERVOS

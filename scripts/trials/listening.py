@@ -9,7 +9,7 @@ import numpy as np
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
-from haptic_wall.controller.experiments.maps.many_walls import Walls
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.trials.watched import Trace
 

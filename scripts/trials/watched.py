@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 _TOGETHER = 80

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import json
+import math
 import os
 import signal
 import subprocess
@@ -16,15 +17,18 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.cli.map_files import json_parts, report_of
+from haptic_wall.controller.cli.options import as_json
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.claim import claimed
-from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.typed import status_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -105,6 +109,28 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(
     assert "1 ms" in out
     assert str(tmp_path / "new" / "map.png") in out
     assert "from servo" not in out
+
+
+def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    load = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
+    load += ["servo.transmission_damping=0.03", "wall.side=both"]
+    load += ["servo.coulomb=0", "servo.counts_per_rev=0"]
+    sets = [part for each in load for part in ("--set", each)]
+    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.05", "--delay-steps=1", *sets]
+    status, out, _ = run(capsys, *few, "--json")
+    assert status == 0
+    report = json.loads(out)
+    (point,) = report["points"]
+    exact = flexible_boundary(0.012, 0.0117, 0.003, 200.0, 0.03, 0.05, 1e-3, 1e-3).stiffness
+    assert point["exact"] == pytest.approx(float(exact), rel=0.02), (
+        "the servo's damping is about this"
+    )
+    assert point["simulated"] == pytest.approx(point["exact"], rel=2e-3)
+    assert report["servo"]["load_inertia"] == 0.003
+    assert (tmp_path / "map.png").read_bytes().startswith(PNG)
+    status, _, err = run(capsys, *few, "--delay-steps=31")
+    assert status == 2
+    assert "--delay-steps: found 31 periods of delay" in err
 
 
 @pytest.mark.parametrize(
@@ -365,3 +391,17 @@ def test_a_large_map_is_planned_and_refused_where_there_is_no_room(
     status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
     assert status == 0
     assert left.tasks == 0, "all tasks of this small map were its sample"
+
+
+def test_parts_of_the_report_are_its_json_whatever_its_texts(tmp_path: Path) -> None:
+    setting = maps.MapSettings.of(load_config("simulated", ()).config)
+    steps, kicks = np.array([0, 2]), np.array([0.01, 0.1])
+    found = maps._theory(setting, np.array([0.0, 0.1]), steps, kicks)
+    found.stiffness[0] = [[12.0, 0.0], [math.inf, math.nan]]
+    report = {**report_of(found, 'x\n  "points": []\x7f'), "files": [tmp_path]}
+    text = "".join(json_parts(found, report))
+    points = json.loads(text)["points"]
+    assert text == as_json({**report, "points": points})
+    assert [point["outcome"] for point in points[:4]] == [
+        "grows above", "always grows", "never grows", "not computed"
+    ]  # fmt: skip

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.response import held_response
+from haptic_wall.hw.plant.many_two_masses import ManyTwoMasses
 
 _PHASES = (17, 9, 9)
 """Numbers of tried instants of entry: over the whole period, then twice around the worst one"""
@@ -30,7 +32,8 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
 
     The servo moves freely and enters with the speed that the spring alone would stop within
     ``kick``. It starts outside, early enough for the velocity estimate. The exit speed is the
-    greatest one outside, until the last commanded torque has ended.
+    greatest one outside, until the last commanded torque has ended. With a load it includes the
+    vibration: it is that of a rigid servo of the same energy.
 
     Args:
         walls: One-sided walls with stiffness > 0.
@@ -43,7 +46,7 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
     """
     middle, reach = np.full((walls.size, 1), 0.5), 0.5
     worst = np.full(walls.size, -np.inf)
-    speed = unsaturated(walls, kick) * np.sqrt(walls.stiffness / walls.inertia)
+    speed = unsaturated(walls, kick) * np.sqrt(walls.stiffness / walls.moved)
     for points in _PHASES:
         phase = np.clip(middle + reach * np.linspace(-1.0, 1.0, points), _JUST, 1.0 - _JUST)
         each = walls.take(np.repeat(np.arange(walls.size), points))
@@ -61,14 +64,14 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
 
 def _returned(walls: Walls, speed: FloatArray, phase: FloatArray) -> FloatArray:
     lead = walls.velocity_samples + 1.0 + phase
-    m, period = walls.inertia, walls.period
+    m, period = walls.moved, walls.period
     free = held_response(walls.damping * period / m, -lead)
     braked = walls.coulomb * period / m
     position = free.position_per_speed * speed - free.position_per_torque * braked
     before = free.speed_per_speed * speed - free.position_per_speed * braked
     loops = Loops(walls, position * period, before)
     contact = _Contact(loops, walls)
-    half = np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
+    half = np.pi * np.sqrt(walls.moved / walls.stiffness) / walls.period
     length = float(np.max(_CONTACTS * (half + walls.whole) + lead))
     while loops.k < length:
         contact.run(_LOOK)
@@ -105,10 +108,10 @@ class _Contact:
         if memory is None:
             self._loops.run(periods, self.at_sample, self.at_switch)
             return
-        self._loops.run_watched(periods, lanes.CONTACTS, memory)
-        self.leaving = memory[lanes.LEAVING]
-        np.not_equal(memory[lanes.ENTERED], 0.0, self.entered)
-        np.copyto(self._outside_for, memory[lanes.OUTSIDE], casting="unsafe")
+        self._loops.run_watched(periods, lane_rows.CONTACTS, memory)
+        self.leaving = memory[lane_rows.LEAVING]
+        np.not_equal(memory[lane_rows.ENTERED], 0.0, self.entered)
+        np.copyto(self._outside_for, memory[lane_rows.OUTSIDE], casting="unsafe")
 
     def at_sample(self) -> None:
         """Record the state at the end of a period."""
@@ -127,7 +130,10 @@ class _Contact:
         inside = x > 0.0
         self.entered |= inside
         out = ~inside & self.entered
-        if out.any():
+        if isinstance(self._loops.bodies, ManyTwoMasses):
+            speed = np.maximum(self.leaving, self._loops.bodies.rigid_speed)
+            self.leaving = np.where(out, speed, 0.0)
+        elif out.any():
             speed = np.maximum(self.leaving, -v)
             # In the step in which it left it may have been faster than at the end. The push
             # outwards follows from momentum, the speed at the wall from energy, with friction at

@@ -6,18 +6,34 @@ first map on a machine waits for the compiler.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import (
+    lane_bodies,
+    lane_drives,
+    lane_loop,
+    lane_observers,
+    lane_rest,
+    lane_rows,
+    lane_two_masses,
+    lanes,
+)
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 Run = Callable[..., int]
+_MODULES = (
+    *(lane_rows, lane_rest, lane_bodies, lane_two_masses),
+    *(lane_drives, lane_loop, lane_observers, lanes),
+)
+"""What is compiled"""
 _OFF = "NUMBA_DISABLE_JIT"
 """Numba's own variable; 1: nothing is compiled"""
 
@@ -35,14 +51,35 @@ def compiled() -> Run | None:
         from numba.extending import register_jitable
     except ImportError:  # also where it is too old for this NumPy
         return None
-    for part in vars(lanes).values():
-        if isinstance(part, FunctionType) and part is not lanes.run:
-            register_jitable(part)
+    for module in _MODULES:
+        for part in vars(module).values():
+            if isinstance(part, FunctionType) and part.__module__ == module.__name__:
+                register_jitable(part)
     how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    run = _keyed(fingerprint())
     try:
-        return _typed(numba.njit(cache=True, **how)(lanes.run))
+        return _typed(numba.njit(cache=True, **how)(run))
     except RuntimeError:  # no place for the cache
-        return _typed(numba.njit(**how)(lanes.run))
+        return _typed(numba.njit(**how)(run))
+
+
+def fingerprint() -> int:
+    """Return a number that changes with the source of what is compiled."""
+    texts = [Path(str(module.__file__)).read_bytes() for module in _MODULES]
+    return int.from_bytes(hashlib.sha256(b"".join(texts)).digest()[:7], "big")
+
+
+def _keyed(sources: int) -> Run:
+    """Return ``lanes.run`` with a key for the cache.
+
+    Numba keeps compiled code by the file of the function and by the values in its closure; it does
+    not look at the files of the functions that this one calls.
+    """
+
+    def keyed(*given: Any) -> int:  # noqa: ANN401 - as ``lanes.run``
+        return lanes.run(*given) if sources else 0
+
+    return keyed
 
 
 def _typed(run: Run) -> Run:
@@ -53,25 +90,38 @@ class Lanes:
     """A block of walls for the compiled loop; the state stays with the caller.
 
     Args:
-        traits: By name in ``lanes``.
+        traits: By name in ``lane_rows``.
         delays: Whole periods, first and last wall of each delay, shape (delays, 3).
         fixed: What does not change, shape (FIXED, n).
+        loads: The same of servos with a load, shape (LOADS, n); None: they are rigid.
+        drives: The same of servos with a current loop, shape (DRIVES, n); None: they have none.
+        table: Positions and elongations of a law, shape (2, rows); None: walls.
     """
 
     def __init__(
-        self, run: Run, traits: dict[int, int], delays: IntArray, fixed: FloatArray
+        self,
+        run: Run,
+        traits: dict[int, int],
+        delays: IntArray,
+        fixed: FloatArray,
+        loads: FloatArray | None,
+        drives: FloatArray | None,
+        table: FloatArray | None,
     ) -> None:
         self._run = run
-        self._traits = np.zeros(lanes.TRAITS, dtype=np.int64)
+        self._traits = np.zeros(lane_rows.TRAITS, dtype=np.int64)
         for which, value in traits.items():
             self._traits[which] = value
         self._delays = delays
         self.fixed = fixed
         self._nothing = np.empty((0, 0))
+        self._loads = self._nothing if loads is None else loads
+        self._table = self._nothing if table is None else table
+        self._drives = self._nothing if drives is None else drives
 
     def seen(self, *first: FloatArray) -> FloatArray:
         """Return the memory of an observer, which begins with these rows."""
-        memory = np.zeros((lanes.SEEN, self.fixed.shape[1]))
+        memory = np.zeros((lane_rows.SEEN, self.fixed.shape[1]))
         for row, values in zip(memory, first, strict=False):
             row[:] = values
         return memory
@@ -85,13 +135,15 @@ class Lanes:
         torques: FloatArray,
         *,
         hands: FloatArray | None = None,
-        observer: int = lanes.NOBODY,
+        observer: int = lane_rows.NOBODY,
         seen: FloatArray | None = None,
         turned: FloatArray | None = None,
         course: FloatArray | None = None,
+        masses: FloatArray | None = None,
+        currents: FloatArray | None = None,
     ) -> int:
         """Simulate some periods in place; see ``lanes.run``."""
-        self._traits[lanes.OBSERVER] = observer
+        self._traits[lane_rows.OBSERVER] = observer
         return self._run(
             k,
             periods,
@@ -105,4 +157,9 @@ class Lanes:
             torques,
             self._nothing if turned is None else turned,
             self._nothing if course is None else course,
+            self._loads,
+            self._nothing if masses is None else masses,
+            self._drives,
+            self._nothing if currents is None else currents,
+            self._table,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps.many_walls import Walls
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory.checks import FloatArray
 
 _SHARE = 0.5

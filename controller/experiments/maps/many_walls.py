@@ -3,139 +3,29 @@
 Each wall is simulated to the last bit as the program would run it alone on the simulated clock with
 the simulated servo (without guard, safety and operator): the same operations in the same order, on
 blocks of walls that fit into the processor's cache. Where Numba is installed, blocks without
-current loops, further effects and encoder errors run compiled (``compiled``), with equal results.
-
-With friction, counts and one-sidedness the last bit decides whether a count is crossed, and then
-two simulations diverge: a tolerance would hold for short runs only. One-sided contacts assume a
-constant acceleration at the surface: with heavy viscous friction the limit is up to 0.1 % low.
+further effects and encoder errors run compiled (``compiled``), with equal results.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.compiled import Lanes, compiled
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.experiments.maps.walls import Walls
+from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.bodies import Bodies, Held
-from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoopParameters, CurrentLoops
-from haptic_wall.hw.plant.encoders import ManyEncoderErrors
-from haptic_wall.hw.plant.many_substeps import ManyEffects
+from haptic_wall.hw.plant.current_loops import STEP_S, CurrentLoops
+from haptic_wall.hw.plant.many_two_masses import HeldTwo, ManyTwoMasses, Transmissions
 
-BLOCK = 4096
-"""Walls simulated together: their arrays fit into the processor's second-level cache."""
-_DELAYS = 8
-"""Largest number of different delays in one block: each costs a copy per period."""
 _WORTH = 8
 """Least number of periods that are worth a compiled call: it copies all walls"""
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
-
-
-@dataclass(frozen=True, slots=True)
-class Walls:
-    """Many walls on many servos; flat arrays of one length.
-
-    The walls are at position 0; one-sided ones fill the positions above and push down.
-    """
-
-    inertia: FloatArray
-    """m > 0 [kg·m²]"""
-    damping: FloatArray
-    """Viscous friction b >= 0 [N·m·s/rad]"""
-    coulomb: FloatArray
-    """Coulomb friction c >= 0 [N·m]"""
-    counts_per_radian: FloatArray
-    """Counts per radian of the encoder; 0: the position is not quantised"""
-    backlash: FloatArray
-    """Between shaft and encoder, full width, >= 0 [rad]"""
-    torque_limit: FloatArray
-    """[N·m], > 0, may be infinite"""
-    torque_step: FloatArray
-    """Torques are rounded to multiples of it [N·m]; 0: none"""
-    stiffness: FloatArray
-    """K [N·m/rad]"""
-    virtual_damping: FloatArray
-    """B [N·m·s/rad]"""
-    period: FloatArray
-    """T [s]"""
-    whole: IntArray
-    """Whole periods of the delay"""
-    lag: FloatArray
-    """Remainder of the delay beyond them [s], from 0 to less than T"""
-    rest: FloatArray
-    """T - lag [s]"""
-    velocity_samples: IntArray
-    """N of the velocity difference"""
-    one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    """Whether the wall never pulls"""
-    current_loop: CurrentLoopParameters | None = None
-    """Current loop of the servos; None: their torque follows at once"""
-    effects: ManyEffects | None = None
-    """Effects beside inertia, viscous and Coulomb friction; None: none"""
-    encoder: ManyEncoderErrors | None = None
-    """Errors of their encoders besides counting; None: none"""
-
-    @property
-    def size(self) -> int:
-        """Return the number of walls."""
-        return self.inertia.size
-
-    def take(self, index: IntArray | slice) -> Walls:
-        """Return the walls at ``index``."""
-        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        parts = [values.pop(name) for name in ("current_loop", "effects", "encoder")]
-        loop, effects, encoder = (part if part is None else part.take(index) for part in parts)
-        return Walls(
-            **{name: array[index] for name, array in values.items()},
-            current_loop=loop,
-            effects=effects,
-            encoder=encoder,
-        )
-
-    def with_stiffness(self, stiffness: FloatArray) -> Walls:
-        """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
-        copies = stiffness.size // max(self.size, 1)
-        many = self.take(np.repeat(np.arange(self.size), copies))
-        values = {field.name: getattr(many, field.name) for field in fields(self)}
-        return Walls(**{**values, "stiffness": stiffness.ravel()})
-
-
-def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Split a delay [s] into whole periods, the remainder, and the rest of that period [s]."""
-    periods = delay / period
-    whole = np.floor(periods + _SNAP)
-    lag = np.where(periods - whole > _SNAP, delay - whole * period, 0.0)
-    return whole.astype(np.int64), lag, period - lag
-
-
-def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
-    """Yield indices of walls that can be simulated together: alike in what controls the simulation.
-
-    Walls of one block may have a few different whole periods of delay.
-    """
-    kind = walls.whole // _DELAYS
-    kind = kind * (int(walls.velocity_samples.max(initial=0)) + 1) + walls.velocity_samples
-    for trait in (
-        walls.one_sided,
-        walls.lag > 0.0,
-        walls.coulomb > 0.0,
-        walls.counts_per_radian > 0.0,
-        walls.backlash > 0.0,
-        np.isfinite(walls.torque_limit),
-        walls.torque_step > 0.0,
-    ):
-        kind = 2 * kind + trait
-    order = np.lexsort((walls.whole, kind))
-    cuts = np.flatnonzero(np.diff(kind[order])) + 1
-    for alike in np.split(order, cuts):
-        for start in range(0, alike.size, size):
-            yield alike[start : start + size]
+Over = Held | HeldTwo
 
 
 class Loops:
@@ -167,9 +57,7 @@ class Loops:
     ) -> None:
         n = walls.size
         velocity = np.zeros(n) if velocity is None else velocity
-        self.bodies = Bodies(
-            walls.inertia, walls.damping, walls.coulomb, position, velocity, walls.effects
-        )
+        self.bodies = _bodies(walls, position, velocity)
         self.k = 0
         self.hand: FloatArray | None = None
         self._walls = walls
@@ -180,7 +68,7 @@ class Loops:
             for first, last in itertools.pairwise(cuts)
         ]
         self._acting = np.empty(n)
-        self._one_sided = bool(walls.one_sided[0])
+        self._one_sided = walls.law is None and bool(walls.one_sided[0])
         self._rounded = bool(walls.counts_per_radian[0] > 0.0)
         self._limited = bool(np.isfinite(walls.torque_limit[0]))
         self._stepped = bool(walls.torque_step[0] > 0.0)
@@ -188,7 +76,7 @@ class Loops:
         lagging = bool(walls.lag[0] > 0.0)
         loop = walls.current_loop
         self._current = None if loop is None else CurrentLoops(loop, velocity)
-        self._late: Held | None = self._over(walls.lag) if lagging else None
+        self._late = self._over(walls.lag) if lagging else None
         self._held = self._over(walls.rest)
         self._half = 0.5 * walls.backlash
         self._followed = position.copy()
@@ -200,6 +88,7 @@ class Loops:
         self._errors = walls.encoder
         self._period_ns = np.rint(walls.period * 1e9).astype(np.int64)
         self._separate = self._rounded or self._play or self._errors is not None
+        self._separate |= walls.transmission is not None
         if not self._separate:
             self._measured[0] = position
             self.bodies.position = self._measured[0]
@@ -208,40 +97,75 @@ class Loops:
     def _in_lanes(self) -> Lanes | None:
         """Return the compiled loop of these walls; None: they have what it lacks, or no Numba."""
         walls = self._walls
-        if (walls.effects, walls.current_loop, walls.encoder) != (None, None, None):
+        if walls.effects is not None or walls.encoder is not None:
             return None
         run = compiled()
         if run is None:
             return None
-        fixed = np.zeros((lanes.FIXED, walls.size))
-        fixed[lanes.INERTIA] = walls.inertia
-        fixed[lanes.DECAY] = walls.damping / walls.inertia
-        fixed[lanes.COULOMB] = walls.coulomb
-        fixed[lanes.FRICTION] = walls.coulomb / walls.inertia
-        fixed[lanes.COUNTS] = walls.counts_per_radian
-        fixed[lanes.HALF] = self._half
-        fixed[lanes.LIMIT] = walls.torque_limit
-        fixed[lanes.STEP] = walls.torque_step
-        fixed[lanes.SOFTNESS] = self._minus_stiffness
-        fixed[lanes.VIRTUAL] = walls.virtual_damping
-        fixed[lanes.PERIOD] = walls.period
-        fixed[lanes.HELD : lanes.HELD + 4] = self._held
-        if self._late is not None:
-            fixed[lanes.LATE : lanes.LATE + 4] = self._late
-        fixed[lanes.FULL] = walls.torque_limit - walls.torque_step
-        fixed[lanes.GONE] = walls.whole + 2
+        fixed = np.zeros((lane_rows.FIXED, walls.size))
+        fixed[lane_rows.INERTIA] = walls.inertia
+        fixed[lane_rows.DECAY] = walls.damping / walls.inertia
+        fixed[lane_rows.COULOMB] = walls.coulomb
+        fixed[lane_rows.FRICTION] = walls.coulomb / walls.inertia
+        fixed[lane_rows.COUNTS] = walls.counts_per_radian
+        fixed[lane_rows.HALF] = self._half
+        fixed[lane_rows.LIMIT] = walls.torque_limit
+        fixed[lane_rows.STEP] = walls.torque_step
+        fixed[lane_rows.SOFTNESS] = self._minus_stiffness
+        fixed[lane_rows.VIRTUAL] = walls.virtual_damping
+        fixed[lane_rows.PERIOD] = walls.period
+        fixed[lane_rows.FULL] = walls.torque_limit - walls.torque_step
+        fixed[lane_rows.GONE] = walls.whole + 2
         traits = {
-            lanes.ONE_SIDED: self._one_sided,
-            lanes.IS_LIMITED: self._limited,
-            lanes.STEPPED: self._stepped,
-            lanes.ROUNDED: self._rounded,
-            lanes.PLAY: self._play,
-            lanes.FRICTIONAL: bool((walls.coulomb > 0.0).any()),
-            lanes.LAGS: self._late is not None,
-            lanes.SAMPLES: self._samples,
+            lane_rows.ONE_SIDED: self._one_sided,
+            lane_rows.IS_LIMITED: self._limited,
+            lane_rows.STEPPED: self._stepped,
+            lane_rows.ROUNDED: self._rounded,
+            lane_rows.PLAY: self._play,
+            lane_rows.FRICTIONAL: bool((walls.coulomb > 0.0).any()),
+            lane_rows.LAGS: self._late is not None,
+            lane_rows.SAMPLES: self._samples,
         }
+        loads = drives = None
+        if walls.transmission is not None:
+            loads = self._loads(walls.transmission)
+        if self._current is not None:
+            drives = np.zeros((lane_rows.DRIVES, walls.size))
+            drives[: lane_rows.SHARES] = self._current.parameters
+        for part, (over, whole) in enumerate(((self._late, walls.lag), (self._held, walls.rest))):
+            if isinstance(over, Held):
+                row = (lane_rows.LATE, lane_rows.HELD)[part]
+                fixed[row : row + 4] = over
+            elif over is not None:
+                assert loads is not None
+                row = lane_rows.RESPONSES + part * lane_rows.RESPONSE
+                loads[row : row + 16] = over.slide.reshape(16, -1)
+                loads[row + 16 : row + 20] = over.stick.reshape(4, -1)
+                loads[row + 20] = over.duration / over.parts
+                traits[lane_rows.PARTS + part] = over.parts
+            if self._current is not None and over is not None:
+                assert drives is not None
+                traits[lane_rows.STEPS + part] = _steps(whole)
+                row = lane_rows.SHARES + 2 * part
+                drives[row : row + 2] = self._current.shares(over.duration)
         delays = [(whole, part.start, part.stop) for whole, part in self._delays]
-        return Lanes(run, traits, np.array(delays, dtype=np.int64), fixed)
+        law = walls.law
+        table = None
+        if law is not None:
+            table = np.array([law.positions, law.elongations])
+            traits[lane_rows.IN_CONTACT] = not law.everywhere
+        each = np.array(delays, dtype=np.int64)
+        return Lanes(run, traits, each, fixed, loads, drives, table)
+
+    def _loads(self, transmission: Transmissions) -> FloatArray:
+        """Return what does not change of servos with a load; the responses are still missing."""
+        loads = np.zeros((lane_rows.LOADS, self._walls.size))
+        loads[lane_rows.LOAD] = transmission.load_inertia
+        loads[lane_rows.SPRING] = transmission.stiffness
+        loads[lane_rows.LOSS] = transmission.damping
+        loads[lane_rows.VISCOUS] = self._walls.damping
+        loads[lane_rows.ON_MOTOR] = transmission.on_motor
+        return loads
 
     def run(
         self,
@@ -256,7 +180,8 @@ class Loops:
             watch: Called after each.
             at_switch: Called where the torque changes within a period, if it does.
         """
-        if self.lanes is not None and watch is None and at_switch is None and periods >= _WORTH:
+        alone = watch is None and at_switch is None and not self._pushed
+        if self.lanes is not None and alone and periods >= _WORTH:
             self._run_in_lanes(periods)
             return
         for _ in range(periods):
@@ -271,7 +196,7 @@ class Loops:
 
         Args:
             periods: Number of periods.
-            observer: ``lanes.TURNINGS`` or ``lanes.CONTACTS``.
+            observer: ``lane_rows.TURNINGS`` or ``lane_rows.CONTACTS``.
             seen: Its memory, from ``Lanes.seen``.
             turned: Gets the turning points, shape (5, room); see ``lanes.run``.
 
@@ -287,7 +212,7 @@ class Loops:
             The positions at the ends of the periods [rad], same shape.
         """
         course = np.empty(hands.shape)
-        if self.lanes is not None:
+        if self.lanes is not None and self._current is None:
             self._run_in_lanes(len(hands), hands=hands, course=course)
             return course
         for given, position in zip(hands, course, strict=True):
@@ -300,7 +225,7 @@ class Loops:
         self,
         periods: int,
         *,
-        observer: int = lanes.NOBODY,
+        observer: int = lane_rows.NOBODY,
         seen: FloatArray | None = None,
         turned: FloatArray | None = None,
         hands: FloatArray | None = None,
@@ -324,6 +249,8 @@ class Loops:
             seen=seen,
             turned=turned,
             course=course,
+            masses=bodies.state if isinstance(bodies, ManyTwoMasses) else None,
+            currents=None if self._current is None else self._current.state,
         )
         self.k += periods
         if not self._separate:  # the next measured position
@@ -335,6 +262,11 @@ class Loops:
         elif self._separate:
             self._followed = bodies.position
         return count
+
+    @property
+    def _pushed(self) -> bool:
+        """Whether an operator pushes behind current loops, which run in arrays then."""
+        return self.hand is not None and self._current is not None
 
     @property
     def walls(self) -> Walls:
@@ -377,7 +309,7 @@ class Loops:
         self._move(self._delayed(0), self._held, self._walls.rest, out)
         self.k = k + 1
 
-    def _over(self, duration: FloatArray) -> Held:
+    def _over(self, duration: FloatArray) -> Over:
         """Return the responses over this time; with current loops over a step of it."""
         return self.bodies.held(duration if self._current is None else duration / _steps(duration))
 
@@ -395,7 +327,9 @@ class Loops:
         """Store the wall's torque, limited and rounded, in ``torque``."""
         walls, estimate = self._walls, self._estimate
         back = min(self.k, self._samples)
-        np.multiply(self._minus_stiffness, measured, torque)
+        law = walls.law
+        away = measured if law is None else law.elongation(measured)
+        np.multiply(self._minus_stiffness, away, torque)
         if back:
             earlier = self._measured[(self.k - back) % self._measured.shape[0]]
             np.subtract(measured, earlier, estimate)
@@ -403,6 +337,8 @@ class Loops:
             np.divide(estimate, over, estimate)
             np.multiply(walls.virtual_damping, estimate, estimate)
             np.subtract(torque, estimate, torque)
+        if law is not None and not law.everywhere:
+            torque[(away == 0.0) | (away * torque >= 0.0)] = 0.0
         if self._one_sided:
             np.minimum(torque, 0.0, out=torque)
             np.less_equal(measured, 0.0, self._outside)
@@ -420,20 +356,26 @@ class Loops:
             np.multiply(torque, walls.torque_step, torque)
 
     def _move(
-        self, torque: FloatArray, over: Held, duration: FloatArray, out: FloatArray | None
+        self, torque: FloatArray, over: Over, duration: FloatArray, out: FloatArray | None
     ) -> None:
         """Move for ``duration`` [s] under commanded torques."""
         if self._current is None:
             self._step(torque, over, out)
             return
         for _ in range(_steps(duration)):
-            acting = self._current.held(torque, self.bodies.velocity, over.duration)
+            acting = self._current.held(torque, self.bodies.motor_velocity, over.duration)
             self._step(acting, over, out)
             out = None
 
-    def _step(self, torque: FloatArray, over: Held, out: FloatArray | None) -> None:
+    def _step(self, torque: FloatArray, over: Over, out: FloatArray | None) -> None:
         bodies, followed = self.bodies, self._followed
         outside = 0.0 if self.hand is None else self.hand
+        if isinstance(bodies, ManyTwoMasses):
+            assert isinstance(over, HeldTwo)
+            bodies.step(torque, over, outside)
+            self._followed = bodies.position
+            return
+        assert isinstance(over, Held)
         if not self._play:
             bodies.step(torque, over, out, outside)
             if self._separate:
@@ -446,6 +388,20 @@ class Loops:
         np.maximum(followed, self._estimate, out=followed)
         np.add(bodies.position, self._half, self._estimate)
         np.minimum(followed, self._estimate, out=followed)
+
+
+def _bodies(walls: Walls, position: FloatArray, velocity: FloatArray) -> Bodies | ManyTwoMasses:
+    """Return the servos of walls.
+
+    Raises:
+        ValueError: A value is out of range, or they have a load and what it leaves out.
+    """
+    parts = (walls.inertia, walls.damping, walls.coulomb)
+    if walls.transmission is None:
+        return Bodies(*parts, position, velocity, walls.effects)
+    if walls.effects is not None or walls.backlash.any():
+        raise ValueError("servos with a transmission have backlash or effects; give none of them")
+    return ManyTwoMasses(*parts, walls.transmission, position, velocity)
 
 
 def _steps(duration: FloatArray) -> int:

@@ -17,23 +17,28 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.maps.many_walls import Walls
+from haptic_wall.controller.experiments.maps.limits import exact_limit, one_sided_limit_of
 from haptic_wall.controller.experiments.maps.onset import onset
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.controller.theory import critical_stiffness, linear_limit, one_sided_limit
+from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.effects import Effects
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
+from haptic_wall.hw.plant.many_two_masses import Transmissions
 from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
 """Default relative accuracy of a map."""
 _TASK = 64
 """Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
+
+_LIMITS = 1000
+"""Settings whose theoretical limits are computed together: they take some 80 kB each meanwhile"""
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished points, and the total."""
@@ -152,6 +157,7 @@ class MapSettings:
             current_loop=_current_loop(servo, one.size),
             effects=alike,
             encoder=_encoder(servo, one.size),
+            transmission=_transmission(servo, one.size),
         )
 
 
@@ -199,11 +205,19 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     Raises:
         UserError: It has such an effect.
     """
-    if servo.load_inertia != 0.0:
+    if servo.chain:
         raise UserError(
-            f"found {servo.load_inertia:g}, but a map simulates servos without it",
-            field="servo.load_inertia",
+            f"found {len(servo.chain)} masses behind the output, but a map simulates one load",
+            field="servo.chain",
             advice="leave it out, or use haptic-wall sweep",
+        )
+    more = servo.backlash > 0.0 or not Effects.of(servo).none(servo.damping, servo.coulomb)
+    if servo.flexible and more:
+        raise UserError(
+            f"found {servo.load_inertia:g} beside backlash or other mechanics: with a load a map "
+            "counts friction, encoder and drive only",
+            field="servo.load_inertia",
+            advice="leave the load or the others out, or use haptic-wall sweep",
         )
     tick_ns = round(servo.current_period * 1e9)
     if tick_ns and period_ns % tick_ns:
@@ -227,6 +241,18 @@ def _encoder(servo: TrueServo, count: int) -> ManyEncoderErrors | None:
         noise=servo.encoder_noise * one,
         seed=np.full(count, servo.noise_seed, dtype=np.uint64),
         offset=0.0 * one,
+    )
+
+
+def _transmission(servo: TrueServo, count: int) -> Transmissions | None:
+    """Return the transmissions of so many servos alike; None: they are rigid."""
+    if not servo.flexible:
+        return None
+    return Transmissions(
+        load_inertia=np.full(count, servo.load_inertia),
+        stiffness=np.full(count, servo.transmission_stiffness),
+        damping=np.full(count, servo.transmission_damping),
+        on_motor=np.full(count, servo.encoder == "motor"),
     )
 
 
@@ -389,10 +415,11 @@ def _theory(
     setting: MapSettings, damping: FloatArray, steps: IntArray, kick: FloatArray
 ) -> CriticalMap:
     """Return the map with the theory's limits filled in."""
-    servo, period, samples = setting.servo, setting.period, setting.velocity_samples
     delay = setting.delay(steps)
     column = delay[:, None]
-    loop = (servo.inertia, servo.damping, damping, period, column, samples)
+    cuts = range(0, damping.size, max(1, _LIMITS // steps.size))
+    parts = [_limits(setting, part, column) for part in np.split(damping, cuts[1:])]
+    linear, exact, one_sided = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     return CriticalMap(
         setting=setting,
         virtual_damping=damping,
@@ -400,7 +427,17 @@ def _theory(
         delay=delay,
         kick=kick,
         stiffness=np.full((steps.size, damping.size, kick.size), np.nan),
-        linear=linear_limit(servo.damping, damping, period, column),
-        exact=critical_stiffness(*loop),
-        one_sided=one_sided_limit(*loop),
+        linear=linear,
+        exact=exact,
+        one_sided=one_sided,
     )
+
+
+def _limits(
+    setting: MapSettings, damping: FloatArray, delay: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the linear, the exact and the one-sided limit, delays × dampings [N·m/rad]."""
+    servo, period = setting.servo, setting.period
+    loop = (servo, damping, period, delay, setting.velocity_samples)
+    linear = linear_limit(servo.damping, damping, period, delay)
+    return linear, exact_limit(*loop), one_sided_limit_of(*loop)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.many_walls import Walls, split_delay
+from haptic_wall.controller.experiments.maps.limits import first_guess
 from haptic_wall.controller.experiments.maps.turning import growth
-from haptic_wall.controller.theory import critical_stiffness
+from haptic_wall.controller.experiments.maps.walls import Walls, split_delay
 from haptic_wall.controller.theory.checks import (
     FloatArray,
     broadcast,
@@ -131,16 +131,9 @@ def onset(walls: Walls, kick: FloatArray, tolerance: float) -> FloatArray:
         kick: Shape (n,), > 0 [rad].
         tolerance: Wanted relative accuracy.
     """
-    unit = walls.inertia / walls.period**2
+    unit = walls.moved / walls.period**2
     softest, stiffest = _SOFTEST * unit, _STIFFEST * unit
-    start = critical_stiffness(
-        walls.inertia,
-        walls.damping,
-        walls.virtual_damping,
-        walls.period,
-        walls.whole * walls.period + walls.lag,
-        walls.velocity_samples,
-    )
+    start = first_guess(walls)
     softest = np.where(start > 0.0, np.minimum(softest, 0.5 * start), softest)
     bracket = _Brackets(np.zeros_like(start), np.full_like(start, np.inf))
     ladder = np.maximum(start, softest)[:, None] * _FIRST

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.maps import lanes
+from haptic_wall.controller.experiments.maps import lane_rows
 from haptic_wall.controller.experiments.maps.kicks import unsaturated
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 _LEAST_PERIODS = 1000
@@ -34,6 +35,8 @@ _LATE = 0.4
 """Fraction of the time after which the growth without friction is fitted: fast modes have decayed.
 With friction the growth depends on the amplitude, and the kick's own counts; with counts or
 backlash the late amplitude itself is compared with that at the start."""
+_STILL = 1e-12
+"""Rounding of the position of a motor that stands still before a load that moves [rad]"""
 _FADING = 0.01
 """A saturating motion that loses less than this fraction per oscillation late in its run persists.
 """
@@ -68,7 +71,7 @@ def growth(walls: Walls, kick: FloatArray, cycles: float) -> FloatArray:
 
 def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
     loops = Loops(walls, start)
-    cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
+    cycle = 2.0 * np.pi * np.sqrt(walls.moved / walls.stiffness) / walls.period
     length = float(np.max(cycles * cycle)) + _LEAST_PERIODS
     length += float(np.max(walls.whole)) + float(np.max(walls.velocity_samples))
     length = min(length, _MOST_PERIODS)
@@ -81,9 +84,11 @@ def _growth(walls: Walls, start: FloatArray, cycles: float) -> FloatArray:
         turnings.gather()
         up = turnings.greatest > _DECIDED * start
         down = turnings.least < floor
-        position = loops.bodies.position
-        # No motion since the last check, longer than the delay: stuck for ever.
-        stuck = (loops.bodies.velocity == 0.0) & (position == resting) & (loops.k > 2 * _SEGMENT)
+        position = loops.bodies.motor_position
+        # No motion since the last check, longer than the delay: stuck for ever. A load may still
+        # swing behind its transmission, and only fades.
+        still = np.abs(position - resting) <= (0.0 if walls.transmission is None else _STILL)
+        stuck = (loops.bodies.motor_velocity == 0.0) & still & (loops.k > 2 * _SEGMENT)
         resting = position.copy()
         if np.all(up | down | stuck):
             break
@@ -201,14 +206,14 @@ class Turnings:
             return
         memory = self._memory
         turned = np.empty((5, memory.shape[1] * periods))  # room for all; hardly any is touched
-        count = self._loops.run_watched(periods, lanes.TURNINGS, memory, turned)
+        count = self._loops.run_watched(periods, lane_rows.TURNINGS, memory, turned)
         if count:
             index, when, before, after, position = turned[:, :count]
             self._seen.append((index.astype(np.intp), before, after, position))
             self._when.append(when)
         if self._limited is not None:
-            np.not_equal(memory[lanes.LIMITED], 0.0, self._limited)
-            memory[lanes.LIMITED] = 0.0
+            np.not_equal(memory[lane_rows.LIMITED], 0.0, self._limited)
+            memory[lane_rows.LIMITED] = 0.0
 
     def watch(self) -> None:
         """Process the period that has just passed."""

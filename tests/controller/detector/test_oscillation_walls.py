@@ -9,7 +9,8 @@ import pytest
 from haptic_wall.controller.detector.detection import detect
 from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.wall_fit import fitted_wall
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import Walls
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.trials.detector_trials import kick_trials

@@ -4,18 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps import lanes, many_walls
+from haptic_wall.controller.experiments.maps import lane_rest, lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.compiled import Run, compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.compiled import Run, compiled, fingerprint
+from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.experiments.maps.turning import growth
+from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
+from haptic_wall.controller.laws.profile import Profile
+from haptic_wall.controller.laws.shape import Shape
+from haptic_wall.controller.laws.shaped import ShapedLaw
+from haptic_wall.controller.laws.stops import Stops
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
+from haptic_wall.hw.plant.many_two_masses import Transmissions
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.settings import TrueServo
 
 PERIOD = 1e-3
 SOME = 7
@@ -105,6 +117,115 @@ def test_random_walls_move_as_the_arrays_do(
         for one, other in zip(states(found), states(expected), strict=True):
             np.testing.assert_array_equal(one, other)
     assert np.ptp(found.bodies.position) > 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_servos_with_a_current_loop_move_as_in_the_arrays(
+    run: Run, arrays: pytest.MonkeyPatch, seed: int
+) -> None:
+    few = run is lanes.run
+    walls = drawn(seed, 3 if few else 150)
+    random, one = np.random.default_rng(seed), np.ones(walls.size)
+    back_emf, dead, lagging = (bool(seed & bit) for bit in (1, 2, 4))
+    stall = 40.0 * walls.inertia
+    parameters = CurrentLoopParameters(
+        bandwidth=random.uniform(50.0, 300.0, walls.size) * (lagging or not back_emf),
+        dead_band=0.2 * walls.inertia * dead,
+        back_emf=stall / 5.0 * back_emf,
+        stall_torque=stall,
+        droop=0.1 * one,
+    )
+    walls = replace(walls, current_loop=parameters)
+    start, velocity = random.normal(0.0, 0.1, (2, walls.size))
+    expected = Loops(walls, start, velocity)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, start, velocity)
+    assert found.lanes is not None
+    for part in (1, 8 if few else 200, 3):
+        expected.run(part)
+        found.run(part)
+        for one, other in zip(states(found), states(expected), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+LAWS: dict[str, Shape] = {
+    "profile": Profile([-0.2, -0.05, 0.1, 0.3], [0.4, 0.1, 0.0, -2.0]),
+    "stops": Stops(-0.05, 0.08),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("loaded", [False, True], ids=["rigid", "load"])
+def test_laws_from_a_table_move_as_each_alone_and_compiled(
+    run: Run, arrays: pytest.MonkeyPatch, name: str, loaded: bool
+) -> None:
+    random, count = np.random.default_rng(8), 3 if run is lanes.run else 40
+    servos = [
+        TrueServo(
+            inertia=0.012,
+            damping=0.02,
+            counts_per_rev=4096,
+            position=float(x),
+            load_inertia=0.004 if loaded else 0.0,
+            transmission_stiffness=300.0 if loaded else 0.0,
+            transmission_damping=0.05 if loaded else 0.0,
+        )
+        for x in random.uniform(-0.3, 0.3, count)
+    ]
+    law: Shape = LAWS[name]
+    one = np.ones(count)
+    loads = Transmissions(0.004 * one, 300.0 * one, 0.05 * one, one < 0.0)
+    walls = replace(
+        drawn(0, count),
+        inertia=0.012 * one,
+        damping=0.02 * one,
+        coulomb=0.0 * one,
+        counts_per_radian=4096 / math.tau * one,
+        backlash=0.0 * one,
+        torque_limit=4.1 * one,
+        torque_step=0.0 * one,
+        stiffness=8.0 * one,
+        virtual_damping=0.02 * one,
+        whole=np.zeros(count, dtype=np.int64),
+        lag=0.0 * one,
+        rest=PERIOD * one,
+        velocity_samples=np.ones(count, dtype=np.int64),
+        law=Table.of(law, np.array([-0.2, -0.05, 0.08, 0.1, 0.3])),
+        transmission=loads if loaded else None,
+    )
+    if name == "stops":
+        walls = replace(walls, law=Table.of(law, np.array([-9.0, -0.05, 0.08, 9.0])))
+    starts = np.array([servo.position for servo in servos])
+    periods = 12 if run is lanes.run else 150
+    expected = Loops(walls, starts)
+    expected.run(periods)
+    for i, servo in enumerate(servos[:3]):
+        rendered, before = ShapedLaw(name, law, 0.0), math.nan
+        rendered.stiffness, rendered.damping = 8.0, 0.02
+        mechanism = Mechanism(servo, 0)
+        for k in range(periods):
+            mechanism.advance(k * 1_000_000)
+            position = mechanism.measured_position()
+            speed = (position - before) / PERIOD if k else 0.0
+            before = position
+            mechanism.command(rendered.torque(position, speed), k * 1_000_000)
+        mechanism.advance(periods * 1_000_000)
+        assert expected.bodies.position[i] == pytest.approx(mechanism.position, abs=1e-9)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, starts)
+    assert found.lanes is not None
+    found.run(periods)
+    np.testing.assert_array_equal(found.bodies.position, expected.bodies.position)
+    np.testing.assert_array_equal(found.torque, expected.torque)
+    assert np.ptp(found.torque) > 0.0
+
+
+def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    before = fingerprint()
+    changed = tmp_path / "lane_rest.py"
+    changed.write_text(Path(str(lane_rest.__file__)).read_text() + "# more")
+    monkeypatch.setattr(lane_rest, "__file__", str(changed))
+    assert fingerprint() != before
 
 
 def test_the_draws_have_every_trait_and_its_absence() -> None:

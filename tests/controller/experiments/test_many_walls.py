@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.walls import PARTS, Walls, blocks, split_delay
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.velocity import velocity_estimator
 from haptic_wall.controller.laws.wall import Wall
@@ -54,7 +55,7 @@ def make(n: int, **given: object) -> Walls:
 def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> list[float]:
     """The measured positions of one wall, from the program's own scalar parts."""
     assert walls.current_loop is None
-    names = Walls.__dataclass_fields__.keys() - {"current_loop", "effects", "encoder"}
+    names = Walls.__dataclass_fields__.keys() - set(PARTS)
     w = {name: getattr(walls, name)[i].item() for name in names}
     body = PlantParameters(w["inertia"], w["damping"], w["coulomb"])
     state, followed, half = State(start, velocity), start, 0.5 * w["backlash"]

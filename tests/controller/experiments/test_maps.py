@@ -265,8 +265,20 @@ def test_an_encoder_errs_on_a_map_as_it_does_on_a_servo_alone(counts: int) -> No
     ("setting", "words"),
     [
         (
-            ("servo.load_inertia=0.02", "servo.transmission_stiffness=200"),
+            (
+                "servo.load_inertia=0.02",
+                "servo.transmission_stiffness=200",
+                "servo.backlash=0.01",
+            ),
             ["servo.load_inertia", "0.02", "sweep"],
+        ),
+        (
+            (
+                "servo.load_inertia=0.02",
+                "servo.transmission_stiffness=200",
+                "servo.chain=[[0.002, 300, 0.03]]",
+            ),
+            ["servo.chain", "1 masses", "sweep"],
         ),
         (("servo.current_period=0.0007",), ["servo.current_period", "0.001 s"]),
     ],

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops, Walls, split_delay
+from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
+from haptic_wall.controller.experiments.maps.walls import Walls, split_delay
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.friction import onset_amplitude
