@@ -113,10 +113,10 @@ def lines(found: Found[Task, Trials]) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|",
         *(_hand_row(hand, [t for t in hands if t.hand == hand]) for hand in HANDS),
         "",
-        "Whether motion goes on is looked up in the simulation: at the alarm the hand lets go,"
-        " holds still, or pushes on steadily with its mean force, none of which feeds an"
-        " oscillation. It goes on if after one of them at least half of the amplitude is left,"
-        " and no more than 7 % is lost in the last twelve of 60 cycles.",
+        "The simulation tells whether the motion goes on. At the alarm the hand lets go, holds"
+        " still, or keeps pushing with its mean force, none of which feeds an oscillation. The"
+        " motion goes on if after one of them at least half of the amplitude is left, and no more"
+        " than 7 % is lost in the last twelve of 60 cycles.",
     ]
 
 

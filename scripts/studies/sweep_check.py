@@ -141,8 +141,8 @@ def linear(found: Found[Case, PointResult]) -> list[str]:
         f"- error: median {100 * statistics.median(errors):.2g} %, largest"
         f" {100 * max(errors):.2g} % ({worst.servo}, B = {worst.virtual_damping:.3g},"
         f" {1e3 * worst.lag + worst.delay_steps:.2f} ms)",
-        f"- boundary within two standard errors: {sure}. What is left is not scatter but the bend"
-        " of growth over stiffness, in motions that are otherwise without noise",
+        f"- boundary within two standard errors: {sure}. The remaining error is no scatter: growth"
+        " over stiffness is a curve, and these motions have no noise",
     ]
 
 

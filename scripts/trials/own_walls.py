@@ -79,13 +79,13 @@ def jobs(given: Given, number: int) -> list[Job]:
 def told(cells: list[Cell]) -> Made:
     """Return the section of the detector's page."""
     lines = [
-        "The guard's own K, two-sided, let go at 0.02 to 0.5 rad; truths and lags beyond the"
-        " believed bounds by their upper bound. A wall oscillates by itself if, with `report`, its"
-        " half-cycles stay above 1 degree or 10 counts to the end of 8 s. The deadline is six"
-        " cycles of the slowest frequency that K allows, at most 5 s, from where the motion no"
-        " longer decays. `unseen`: at the end, with"
+        "Two-sided walls with the guard's own K, released at 0.02 to 0.5 rad. *Lag*: within the"
+        " believed bounds, or a multiple of the upper one; other believed values hold the truth. A"
+        " wall oscillates by itself if, with `report`, its half-cycles stay above 1 degree or 10"
+        " counts to the end of 8 s. The deadline is six cycles of the slowest frequency that K"
+        " allows, at most 5 s, from where the motion no longer decays. `unseen`: at the end, with"
         " `reduce`, the motion sustains itself above four counts and is called quiet or decaying."
-        " The trip by speed is off; the walls that are late are tried again with it.",
+        " The trip by speed is off; walls that are late are tried again with it.",
     ]
     for preset in PRESETS:
         here = [one for one in cells if one.preset == preset]

@@ -86,11 +86,11 @@ def told(results: list[Result]) -> Made:
     cells = [one for one in results if isinstance(one, Cell)]
     trials = [one for some in results if not isinstance(some, Cell) for one in some]
     lines = [
-        "Servos moved by the program's own plant, with every effect at sizes drawn from those"
-        " found on real servos: friction at rest that fades, viscous friction of its own each way,"
-        " load in motion and at rest, a weight, cogging, ripple, backlash, an eccentric and noisy"
-        " encoder, a current loop with a period, back-EMF with droop, a dead band. The rest as"
-        " above; walls first, then operators.",
+        "The program's own plant moves these servos. It has every effect, with sizes drawn from"
+        " those of real servos: Stribeck friction, different viscous friction each way, load"
+        " friction in motion and at rest, a weight, cogging, ripple, backlash, an eccentric and"
+        " noisy encoder, a current loop with a period, back-EMF with droop, a dead band. The rest"
+        " is as above; walls first, then operators.",
         "",
         *WALL_HEAD,
     ]

@@ -103,10 +103,10 @@ def told(results: list[list[Recorded]]) -> Made:
     every = [one for some in results for one in some]
     lines = [
         f"Two-sided walls with B = 0 and {SHARES[0]} to {SHARES[1]} times the K that is stable for"
-        " their kick, written down as a CSV is: times, counted positions, commanded torques. The"
-        " wall is estimated from torque against position. The servo and its delay are given, a"
-        " fifth wrong at most in each value; or only the delay is; or nothing. An alarm is early"
-        " before the amplitude was twice the kick, or 10 counts.",
+        " their kick, recorded as a CSV: times, counted positions, commanded torques. The detector"
+        " estimates the wall from torque against position. The study gives it the servo and its"
+        " delay, each value at most a fifth wrong; or only the delay; or nothing. An alarm is"
+        " early if it comes before the amplitude was twice the kick, or 10 counts.",
         "",
         f"| servo | recordings | {' | '.join(f'{g}: alarm | early' for g in GIVEN)} |",
         f"|---|---|{'---|---|' * len(GIVEN)}",
