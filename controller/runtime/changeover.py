@@ -21,7 +21,7 @@ from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.wall import Law
 
 MOST_J: Final = 1e-4
-"""Energy that counts as none [J]: a spring of 60 N·m/rad holds it at one count of 4096"""
+"""Energy that counts as none [J]: a spring of 85 N·m/rad holds it at one count of 4096"""
 MOST_WITH_HAND_J: Final = 1e-3
 """Energy that a longer delay may give a shaft that a hand sets in motion meanwhile [J]"""
 HAND: Final = 30.0
