@@ -49,8 +49,7 @@ def ask(
                 if "waits" in told:
                     tell(f"waits: {told['waits']}")
                 elif "error" in told:
-                    problem = Problem(str(told["error"]), field=None)
-                    raise NotAppliedError(problem, int(told.get("exit_status", 2)))
+                    raise _not_applied(told)
                 else:
                     return told
     except OSError as error:
@@ -61,6 +60,14 @@ def ask(
         field="--run",
         advice="its report says what was applied",
     )
+
+
+def _not_applied(told: dict[str, Any]) -> NotAppliedError:
+    """Return the error of an answer: its sentence names field and advice already."""
+    text = str(told["error"])
+    error = NotAppliedError(Problem(text), int(told.get("exit_status", 2)))
+    error.problem = Problem(text, field=told.get("field"), advice=told.get("advice") or "")
+    return error
 
 
 def _lines(connection: socket.socket) -> Iterator[dict[str, Any]]:

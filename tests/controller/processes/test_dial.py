@@ -45,7 +45,8 @@ class ScriptedDesk:
         assert peer.pid == os.getpid() and wait_s >= 0.0
         self.asked.append(sets)
         self._left = self.looks
-        return {"error": "refused: x", "exit_status": 2} if sets == ["x"] else None
+        refused = {"error": "refused: x: y", "field": "x", "advice": "wanted y", "exit_status": 2}
+        return refused if sets == ["x"] else None
 
     def look(self) -> dict[str, Any] | None:
         self._left -= 1
@@ -131,7 +132,9 @@ def test_what_is_refused_is_an_error_with_its_status(served: Served) -> None:
     client = Client(served.run, "x")
     served.until(lambda: client.answer)
     assert isinstance(client.answer, NotAppliedError)
-    assert (str(client.answer), client.answer.exit_status) == ("refused: x", 2)
+    assert (str(client.answer), client.answer.exit_status) == ("refused: x: y", 2)
+    problem = client.answer.problem
+    assert (problem.field, problem.remedy) == ("x", "wanted y"), "as --json names them"
 
 
 def test_a_change_that_waits_says_so_once(served: Served) -> None:
