@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
 
 UNTRACKED = {
+    "backstop.loss_half_cycles",
     "belief.least_counts",
     "belief.sustained",
     "belief.bounces",
