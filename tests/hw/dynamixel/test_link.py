@@ -14,7 +14,7 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.samples import QUARANTINE, Sample
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.servo import Outcome
 from tests.hw.dynamixel.lines import MS, US, ClockLine, Fate, TroubledLine, unharmed
@@ -127,6 +127,24 @@ def test_late_replies_are_counted_and_never_used(cycles: float, run: int) -> Non
         assert number in delayed or is_its_own(sample)
     counts = bench.link.counts
     assert (counts.lost, counts.late, counts.corrupt) == (run, run, 0)
+
+
+def test_the_length_of_a_lost_reply_is_free_again_after_ten_requests(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench(only({5}, lost))
+    lengths: list[int] = []
+    write = bench.line.write
+
+    def noted(frame: bytes) -> None:
+        lengths.append(frame[10])  # of the read instruction: address, then length
+        write(frame)
+
+    monkeypatch.setattr(bench.line, "write", noted)
+    for _ in range(20):
+        bench.cycle()
+    gone, free = lengths[5], 6 + QUARANTINE
+    assert gone not in lengths[6:free] and gone in lengths[free : free + 2]
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 3])
