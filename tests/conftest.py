@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,6 +39,9 @@ for pid in filter(str.isdigit, os.listdir("/proc")):
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
+    )
+    parser.addoption(
+        "--whole", action="store_true", help="also run the longest commands to their end"
     )
     parser.addoption(
         "--browser", action="store_true", help="also look at the live page in a headless Chromium"
@@ -84,6 +88,17 @@ def pytest_collection_finish() -> None:
 def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: some tests wait for processes more than they compute."""
     return len(os.sched_getaffinity(0)) + 1
+
+
+@pytest.fixture(scope="session")
+def whole(pytestconfig: pytest.Config, thorough: bool) -> Callable[[], None]:
+    """Leaves a test of one of the longest commands out, unless it is asked for."""
+
+    def wanted() -> None:
+        if not (thorough or pytestconfig.getoption("whole")):
+            pytest.skip("half a minute of a command: run with --whole, as .ci/run does")
+
+    return wanted
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import re
 import shutil
 import socket
 import zipfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -62,8 +63,9 @@ def quicker(patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def accepted(whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole acceptance of the simulated servo, in the home of somebody."""
+    whole()
     home = tmp_path_factory.mktemp("home") / USER
     folder = home / "bench" / "accepted"
     home.mkdir()

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +40,11 @@ def answered(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str
 
 
 @pytest.fixture(scope="module")
-def frictionless(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def frictionless(
+    whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
     """The measured Z-width of a servo without friction, so that theory is exact."""
+    whole()
     folder = tmp_path_factory.mktemp("zwidth") / "here"
     assert call(*PLAIN, "--velocity-samples=1,3", "--out", folder) == 0
     return folder, json.loads((folder / "zwidth.json").read_text())
