@@ -165,7 +165,8 @@ def _keep(place: Path, *folders: Path | None) -> None:
     place.mkdir(parents=True, exist_ok=True)
     for folder in folders:
         for file in folder.iterdir() if folder else ():
-            (place / file.name).write_bytes(file.read_bytes())
+            if file.is_file():  # a killed run may leave its socket
+                (place / file.name).write_bytes(file.read_bytes())
 
 
 class Planned(NamedTuple):
