@@ -33,7 +33,7 @@ _MODULES = (
     *(lane_rows, lane_rest, lane_bodies, lane_two_masses),
     *(lane_drives, lane_loop, lane_observers, lanes),
 )
-"""What is compiled"""
+"""Modules whose functions are compiled"""
 _OFF = "NUMBA_DISABLE_JIT"
 """Numba's own variable; 1: nothing is compiled"""
 
