@@ -2,7 +2,8 @@
 
     python -m scripts.live_clients ADDRESS COUNT SECONDS
 
-They speak the protocol by hand, so that they cost the machine little.
+They speak the protocol by hand, and stand back as the page does: they are for clients on another
+machine, which take no time from the threads that carry the loop's bytes on this one.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 from urllib.parse import urlsplit
 
 from haptic_wall.controller.live.gate import ROWS_PATH
+from haptic_wall.controller.runtime.realtime import stand_back
 
 CONNECT_S = 30.0
 """Longest wait for the server's first answer [s]"""
@@ -78,4 +80,5 @@ def read_all(address: str, count: int, seconds: float) -> int:
 
 
 if __name__ == "__main__":
+    stand_back()
     print(read_all(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))

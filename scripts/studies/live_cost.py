@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ import numpy as np
 from haptic_wall.controller.logs.file import read_log
 from scripts.chromium import Tab, chromium, program
 from scripts.live_clients import client
-from scripts.page_and_loop import address_of, cheap, cost, cost_lines, percentiles, turns
+from scripts.page_and_loop import SERVOS, address_of, cheap, cost, cost_lines, percentiles, turns
 from scripts.page_times import ages_ms, close, opening, pictures, prepare
 from scripts.study import Found, Option, Part, Study, table
 from scripts.whole_program import PROGRAM, children_of
@@ -269,7 +270,18 @@ def memory_lines(found: Found[float, Memory]) -> list[str]:
 STUDY = Study(
     "evidence/live-cost.md",
     (
-        Part("loop", turns, cost, cost_lines, case_s=10.0, in_turn=True, wanted=cheap),
+        *(
+            Part(
+                name,
+                partial(turns, servo=servo),
+                cost,
+                cost_lines,
+                case_s=10.0,
+                in_turn=True,
+                wanted=cheap,
+            )
+            for name, servo in SERVOS.items()
+        ),
         Part(
             "opening",
             lambda given: [
@@ -304,7 +316,7 @@ STUDY = Study(
         ),
     ),
     (
-        Option("rounds", 5, "rounds of all modes on both servos", quick=1),
+        Option("rounds", 5, "rounds of all modes, for each servo", quick=1),
         Option("seconds", 7.0, "duration of each run [s]", quick=4.0),
         Option("openings", 3, "openings of each kind", quick=1),
         Option("follow", 15.0, "time for which pictures are followed [s]", quick=4.0),
