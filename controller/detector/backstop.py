@@ -10,10 +10,9 @@ uses no belief about the servo.
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
 from enum import IntEnum
 
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.detector.evidence import (
     NEVER,
     Sighting,
@@ -22,15 +21,14 @@ from haptic_wall.controller.detector.evidence import (
     explains,
     is_limit_cycle,
     lasts,
-    same_period,
     saturates,
     sighting,
 )
 from haptic_wall.controller.detector.half_cycles import Repeated
+from haptic_wall.controller.detector.known_hand import KnownHand
 from haptic_wall.controller.detector.load_hold import LoadHold
+from haptic_wall.controller.detector.persistence import Persistence
 from haptic_wall.controller.detector.probe import Probe, Verdict
-from haptic_wall.controller.detector.steady import Steadiness
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
 
 
 class Phase(IntEnum):
@@ -54,46 +52,6 @@ class Cause(IntEnum):
     """No hand moves a shaft so fast, so sharply, or so regularly."""
 
 
-@dataclass(frozen=True, slots=True)
-class BackstopSettings:
-    """Settings of the backstop: thresholds, and permitted actions."""
-
-    period: float
-    """T [s]"""
-    position_step: float
-    """Encoder count [rad]; 0: none"""
-    threshold: float
-    """Amplitude from which a motion is probed [rad]"""
-    small: float
-    """Amplitude from which a suspected or steady motion is probed [rad]"""
-    light: float
-    """Least plausible apparent inertia, in commanded torque [kg·m²]. With ``heavy`` it only decides
-    how soon a motion is probed."""
-    heavy: float
-    """Largest plausible one [kg·m²]"""
-    heaviest: float
-    """Largest believed inertia, in commanded torque: decides the slowest motion at K [kg·m²]"""
-    rest_torque: float
-    """The gains return where the change of the elastic torque is less [N·m]."""
-    torque_limit: float
-    """[N·m]"""
-    acts: bool = True
-    """It may change the wall; else it only reports."""
-    bounces: bool = False
-    """It watches contacts, not half-cycles."""
-    unprobed: int = TUNING.steadiness.half_cycles
-    """Regular half-cycles after which a motion that must not be probed counts as steady"""
-    tuning: Tuning = TUNING
-
-
-def sizes(position_step: float, tuning: Tuning) -> tuple[float, float]:
-    """Return ``threshold`` and ``small`` [rad] for an encoder count [rad]; 0: no encoder step."""
-    least = tuning.backstop
-    if not position_step:
-        return least.large_rad, least.small_rad
-    return least.large_counts * position_step, least.small_counts * position_step
-
-
 class Backstop:
     """Finds persisting motion, probes the wall, reduces it, and gives up if that fails.
 
@@ -103,7 +61,6 @@ class Backstop:
         damping_scale: Of the damping [1].
         damping: B without this object's scale [N·m·s/rad]; set by the caller.
         alarm: The wall feeds the motion.
-        steady: The motion is more regular than a hand's; or it is regular, and must not be probed.
         failed: Reducing does not help: the run must end.
         moved: Number of probes that found a hand.
         probes: Number of probes.
@@ -119,33 +76,25 @@ class Backstop:
     __slots__ = (
         "_asks_again",
         "_begun",
-        "_beyond",
         "_bounce",
         "_cause",
         "_count",
         "_elongation",
-        "_evenly",
         "_evidence",
         "_gaining",
-        "_gentle",
-        "_hands",
+        "_hand",
         "_hold",
-        "_largest",
-        "_largest_before",
+        "_lasting",
         "_motion",
         "_probe",
         "_probing",
         "_settings",
         "_settled",
-        "_since",
-        "_sizes",
-        "_steadiness",
         "_step",
         "_stiffness",
         "_still",
         "_stop",
         "_stops",
-        "_streak",
         "_time",
         "_tuning",
         "_whole",
@@ -160,7 +109,6 @@ class Backstop:
         "reductions",
         "returned",
         "small_cycle",
-        "steady",
         "stiffness_scale",
         "suspected",
     )
@@ -181,21 +129,20 @@ class Backstop:
         tuning = settings.tuning
         self._tuning, self._evidence = tuning.backstop, tuning.evidence
         self._probing, self._still = tuning.probe, tuning.half_cycles.still
-        self._evenly, self._bounce = tuning.steadiness.half_cycles, tuning.contacts.bounce
-        self._steadiness = Steadiness(settings.period, settings.position_step, tuning.steadiness)
-        self._time = self._since = self._begun = 0.0
+        self._bounce = tuning.contacts.bounce
+        self._lasting = Persistence(settings)
+        self._time = self._begun = 0.0
         self._stiffness = self._elongation = self.damping = 0.0
-        self._gentle = self._stops = 0
+        self._stops = 0
         self._asks_again = False
-        self._streak = self._count = self._step = self._whole = self._gaining = 0
+        self._count = self._step = self._whole = self._gaining = 0
         self._cause = Cause.STOPPED
         self._probe = Probe(settings.threshold, tuning, contacts=settings.bounces)
-        self._hands = self._stop = NEVER
-        self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
-        self._sizes: deque[float] = deque(maxlen=self._tuning.loss_half_cycles + 2)
+        self._hand = KnownHand(self._tuning)
+        self._stop = NEVER
         self.phase = Phase.WATCHING
         self.stiffness_scale = self.damping_scale = 1.0
-        self.alarm = self.steady = self.failed = self.small_cycle = self.backlash = False
+        self.alarm = self.failed = self.small_cycle = self.backlash = False
         self._settled = False
         self.suspected = False
         self.moved = self.probes = self.reductions = self.returned = 0
@@ -235,6 +182,11 @@ class Backstop:
             self._gaining = self._motion.gaining
             if self._gaining >= self._tuning.throws:
                 self._probe_what_throws()
+
+    @property
+    def steady(self) -> bool:
+        """Whether the motion is more regular than a hand's; or regular, and must not be probed."""
+        return self._lasting.steady
 
     @property
     def asked(self) -> Sighting:
@@ -280,12 +232,13 @@ class Backstop:
         """Restore the gains as soon as the spring is at rest, and restart the watch."""
         self.phase = Phase.RETURNING
         self.alarm = self.small_cycle = self.suspected = False
-        self._hands = self._stop = NEVER
-        self._streak = 0
+        self._hand.forget()
+        self._stop = NEVER
+        self._lasting.streak = 0
 
     def resume(self) -> None:
         """Restart the watch after a pause; reductions stay."""
-        self._streak = self._count = 0
+        self._lasting.streak = self._count = 0
         self.alarm = False
         if self._hold is not None:
             self._hold.drop()
@@ -297,21 +250,7 @@ class Backstop:
         motion, settings = self._motion, self._settings
         self._count += 1
         size = min(motion.amplitude, motion.amplitude_2)
-        self._steadiness.take(motion)
-        self.steady = self._steadiness.count >= self._evenly and size >= settings.small
-        undying = lasts(motion, self._evidence)
-        even = undying and same_period(motion, self._evidence)
-        self._streak = self._streak + 1 if even else 0
-        gentle = even and motion.amplitude < self._tuning.gentle * motion.amplitude_3
-        self._gentle = self._gentle + 1 if gentle else 0
-        if not settings.acts and size >= settings.threshold:
-            self.steady = self.steady or self._streak >= settings.unprobed
-        self._sizes.append(motion.amplitude)
-        if not same_period(motion, self._evidence):
-            while len(self._sizes) > 4:
-                self._sizes.popleft()
-        if not self._streak:
-            self._since = self._time - motion.duration - motion.duration_2
+        self._lasting.take(motion, self._time)
         self._whole += 1
         if self.phase == Phase.WATCHING:
             if self.suspected:
@@ -323,9 +262,9 @@ class Backstop:
         elif self.phase == Phase.PROBING:
             self._answer(self._probe.ended(motion, sighting(motion, self._time)))
         elif self.phase == Phase.REDUCED:
-            self._judge(undying)
+            self._judge()
         elif self.steady and size >= settings.threshold:
-            self._begun = self._since
+            self._begun = self._lasting.since
             self._probe.before = sighting(motion, self._time)
             self._alarm(Cause.BEYOND_HANDS)  # the wall still waits for its spring to be at rest
 
@@ -340,45 +279,26 @@ class Backstop:
             regular = self.steady
         else:
             before = min(motion.amplitude_3, motion.amplitude_4)
-            even = self._streak >= self._tuning.regular and before >= settings.threshold
-            even = even and not self._dies
+            even = self._lasting.streak >= self._tuning.regular and before >= settings.threshold
+            even = even and not self._lasting.dies
             regular = even or saturates(motion, settings.torque_limit, self._evidence)
         if regular and motion.gain > self._tuning.least_gain:
             self._consider()
         elif size >= settings.threshold and self._goes_on_beyond_hands():
-            self._since = self._time
+            self._lasting.since = self._time
             self._consider()
         else:
             self.alarm = False
 
-    @property
-    def _dies(self) -> bool:
-        """Whether a regular motion has become smaller by more than the encoder's rounding."""
-        sizes, tuning = self._sizes, self._tuning
-        first, last = 0.5 * (sizes[0] + sizes[1]), 0.5 * (sizes[-1] + sizes[-2])
-        cycles = 0.5 * (len(sizes) - 2)
-        return first - last > max(
-            tuning.loss_counts * self._settings.position_step, tuning.loss * cycles * last
-        )
-
     def _goes_on_beyond_hands(self) -> bool:
-        """Whether a motion beyond hands persists, regular or not: that of two modes is not."""
+        """Whether a motion beyond hands persists."""
         seen = sighting(self._motion, self._time)
-        if not self._beyond_hands(seen):
-            self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
-            return False
-        self._beyond += 1
-        self._largest = max(self._largest, seen.amplitude)
-        if self._beyond % self._tuning.beyond_half_cycles:
-            return False
-        goes_on = self._largest > self._evidence.dying * self._largest_before
-        self._largest, self._largest_before = 0.0, self._largest
-        return goes_on
+        return self._lasting.goes_on(seen.amplitude, beyond_hands=self._beyond_hands(seen))
 
     def _consider(self) -> None:
         """Decide how to react to a regular motion that does not decay."""
-        motion, settings = self._motion, self._settings
-        self._begun = self._since
+        motion, settings, lasting = self._motion, self._settings, self._lasting
+        self._begun = lasting.since
         self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
         self._probe.before = seen = sighting(motion, self._time)
         if self._beyond_hands(seen):
@@ -388,21 +308,21 @@ class Backstop:
             return
         elif self._loaded:
             servos = settings.light < seen.inertia < settings.heavy
-            own = servos and self._streak >= self._tuning.regular_long
-            weight = seen.inertia > settings.light and self._gentle >= self._tuning.gentle_loaded
+            own = servos and lasting.streak >= self._tuning.regular_long
+            weight = seen.inertia > settings.light and lasting.gentle >= self._tuning.gentle_loaded
             if (self.steady or own or weight) and seen.amplitude >= settings.threshold:
                 self._alarm(Cause.BEYOND_HANDS)
                 self.failed = True  # a softer wall would give way
-        elif self.steady and self._like_hands(seen) and seen.amplitude >= settings.threshold:
+        elif self.steady and self._hand.made(seen) and seen.amplitude >= settings.threshold:
             self._alarm(Cause.BEYOND_HANDS)  # a probe took it for a hand's; no hand is so regular
-        elif self._nearly_steady:
+        elif lasting.nearly_steady:
             return
-        elif self._held_off(seen):
-            if self._streak and self._streak % self._tuning.regular_long == 0:
+        elif self._hand.holds_off(seen):
+            if lasting.streak and lasting.streak % self._tuning.regular_long == 0:
                 self._ask(within=False)  # a hand seldom goes on so regularly
         elif (
             self.steady
-            or self._streak >= self._tuning.regular_unlikely
+            or lasting.streak >= self._tuning.regular_unlikely
             or settings.light < seen.inertia < settings.heavy
         ):
             self._ask(within=False)
@@ -420,7 +340,7 @@ class Backstop:
         seen = sighting(motion, self._time)
         if known < 2:
             seen = Sighting(2.0 * motion.duration, motion.amplitude, motion.inertia, self._time)
-        if self._recent_hand(seen):
+        if self._hand.recent(seen):
             return
         self._begun = self._time - motion.elapsed - motion.duration
         self._settled = is_limit_cycle(motion, settings.torque_limit, self._evidence)
@@ -449,10 +369,10 @@ class Backstop:
             not self._settings.acts
             or self._motion.amplitude < self._settings.small
             or self._whole < 2
-            or self._held_off(seen)
+            or self._hand.holds_off(seen)
         ):
             return
-        self._begun = self._since
+        self._begun = self._lasting.since
         self._settled = False
         self._probe.before = seen
         if not self._loaded:
@@ -490,32 +410,6 @@ class Backstop:
         pull = min(self._motion.pull, self._motion.pull_2, self._motion.pull_3)
         return not self._settings.bounces and beyond_hands(
             seen.cycle, seen.amplitude, pull, self._evidence
-        )
-
-    @property
-    def _nearly_steady(self) -> bool:
-        """Whether it has been steady for half of what no hand is: a probe would disturb it."""
-        return not self.steady and 2 * self._steadiness.count > self._evenly
-
-    def _held_off(self, seen: Sighting) -> bool:
-        """Whether a hand was recently found to make a similar motion."""
-        return self._recent_hand(seen) and self._like_hands(seen)
-
-    def _like_hands(self, seen: Sighting) -> bool:
-        """Whether the last hand that was found made a motion like this."""
-        hands, tuning = self._hands, self._tuning
-        return (
-            hands.at > -math.inf
-            and abs(math.log(seen.cycle / hands.cycle)) < tuning.other_period
-            and seen.amplitude < tuning.other_amplitude * hands.amplitude
-        )
-
-    def _recent_hand(self, seen: Sighting) -> bool:
-        """Whether a hand was found not long ago to make a motion about as large."""
-        hands, tuning = self._hands, self._tuning
-        return (
-            seen.at - hands.at < tuning.held_off_s
-            and seen.amplitude < tuning.other_amplitude * hands.amplitude
         )
 
     def _ask(self, *, within: bool) -> None:
@@ -582,7 +476,7 @@ class Backstop:
         self.stiffness_scale = self._probing.scale
         self.damping_scale = self._probing.scale if cause == Cause.STOPPED else 1.0
 
-    def _judge(self, undying: bool) -> None:
+    def _judge(self) -> None:
         """Continue to reduce a persisting motion; restore the gains if a hand makes it."""
         motion, settings = self._motion, self._settings
         size = min(motion.amplitude, motion.amplitude_2)
@@ -598,7 +492,8 @@ class Backstop:
         if self.small_cycle and size >= settings.threshold:
             self.small_cycle = False  # it has become a large motion, whose time begins now
             self._begun = self._time
-        if self.small_cycle and not (undying and self._count >= self._evenly):
+        evenly = self._settings.tuning.steadiness.half_cycles
+        if self.small_cycle and not (lasts(motion, self._evidence) and self._count >= evenly):
             return
         self.alarm = True
         seen = sighting(motion, self._time)
@@ -635,7 +530,7 @@ class Backstop:
         return (
             self._cause == Cause.STOPPED
             and not self.steady
-            and self._streak >= tuning.regular
+            and self._lasting.streak >= tuning.regular
             and least < ratio < most
         )
 
@@ -651,7 +546,7 @@ class Backstop:
             tuning = self._tuning
             ratios = tuning.own_first, tuning.own_second, tuning.own_third
             longer = seen.cycle / before.cycle > ratios[min(self._step, 3) - 1]
-            return explained and longer and self._streak > 0
+            return explained and longer and self._lasting.streak > 0
         if self._cause == Cause.BEYOND_HANDS:
             return explained or self.steady or self._beyond_hands(seen)
         return self.steady
@@ -688,5 +583,5 @@ class Backstop:
         """Restore the gains, and ignore this motion for a while."""
         self.moved += 1
         self.suspected = False
-        self._hands = self._probe.before._replace(at=self._time)
+        self._hand.found(self._probe.before, self._time)
         self.phase = Phase.RETURNING

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings, sizes
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.tuning import TUNING, RecordingTuning

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
+from haptic_wall.controller.detector.backstop import Backstop, Phase
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.detector.contacts import Contacts
 from haptic_wall.controller.detector.evidence import Sighting
 from haptic_wall.controller.detector.half_cycles import HalfCycles, Repeated

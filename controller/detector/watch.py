@@ -16,7 +16,7 @@ from math import isnan
 from typing import Literal
 
 from haptic_wall.controller.detector.acting import ActingTorque
-from haptic_wall.controller.detector.backstop import BackstopSettings
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.laws.wall import Law

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from haptic_wall.controller.detector.backstop import BackstopSettings, sizes
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings, sizes
 from haptic_wall.controller.detector.oscillation import DetectorSettings
 from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import Answer, WatchSettings

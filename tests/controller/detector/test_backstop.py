@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase
+from haptic_wall.controller.detector.backstop import Backstop, Phase
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.laws.wall import Side
 from scripts.trials.draws import bench_of
 from scripts.trials.judges import own_oscillation

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from haptic_wall.controller.detector.backstop import BackstopSettings, Phase
+from haptic_wall.controller.detector.backstop import Phase
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from tests.typed import not_none
 

@@ -5,7 +5,8 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
-from haptic_wall.controller.detector.backstop import Backstop, BackstopSettings, Phase, sizes
+from haptic_wall.controller.detector.backstop import Backstop, Phase
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings, sizes
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
 from haptic_wall.controller.detector.tuning import TUNING, Origin, Tuning

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.backstop import BackstopSettings
+from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
