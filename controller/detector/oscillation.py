@@ -48,9 +48,9 @@ class DetectorSettings:
     """Encoder count q [rad]; 0: not quantised"""
     torque_limit: float = math.inf
     """[N·m]"""
+    tuning: Tuning = TUNING
     torque_step: float = 0.0
     """Torques are rounded to multiples of it [N·m]; 0: not rounded"""
-    tuning: Tuning = TUNING
 
 
 class Detector:
