@@ -129,7 +129,8 @@ def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str
     header = [name.strip() for name in first]
     absent = [name for name in NEEDED if name not in header]
     if absent:
-        if found := habits([first, *islice(reader, 2)]):
+        if habits([first]):
+            found = habits([first, *islice(reader, 2)])
             raise UserError(replace(file, what=f"found {found}", wanted=WANTED, advice=ADVICE))
         found = in_line(", ".join(header[:8])) if any(header) else "nothing"
         raise UserError(
