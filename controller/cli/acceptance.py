@@ -163,8 +163,9 @@ def _accepted(asked: Asked, out: Path, hung: Weight | None, seconds: float, fres
                     Bench(config=twin_of(config), folder=out / "emulated", tell=_quiet, **common)
                 )
         if real.interrupted or twin.interrupted:
-            say(f"interrupted: what is done is kept; the same command with --out {out} goes on")
-            return INTERRUPTED
+            advice = f"the same command with --out {out} goes on"
+            kept = Problem("interrupted: what is done is kept", advice=advice)
+            raise EndedEarlyError(kept, INTERRUPTED)
         with working("writing the report", DRAWING_S):
             report = _written(asked, out, predicted, real, twin)
     asked.answer(report, lambda: _text(report))

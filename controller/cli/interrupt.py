@@ -1,4 +1,4 @@
-"""Handles Ctrl-C where no clean-up is needed: ends the process at once.
+"""Handles Ctrl-C and SIGTERM where no clean-up is needed: ends the process at once.
 
 Most code needs no clean-up. Python's KeyboardInterrupt is not reliable there: a library that is
 being imported may turn it into another error, or print it and continue. Code with clean-up sets a
@@ -20,27 +20,31 @@ INTERRUPTED = 130
 """Exit status"""
 _OBJECT = b'{"error": "interrupted", "field": null, "advice": null, "exit_status": 130}\n'
 """The answer for ``--json``, as from ``failure.tell``, without imports"""
+_LEAVING = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""The signals, and what handles them in a new process"""
 _answered: list[Callable[[], bool]] = []
 _first: list[Callable[[], None]] = []
 
 
 def leave_at_once() -> None:
-    """End the process on Ctrl-C from now on, unless Ctrl-C is ignored or already handled.
+    """End the process on Ctrl-C and SIGTERM from now on, unless they are ignored or handled.
 
     A Ctrl-C that the launcher has blocked acts now.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _leave)
+    for number, default in _LEAVING.items():
+        if signal.getsignal(number) is default:
+            signal.signal(number, _leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def leave_to_the_system() -> None:
-    """Let the system end the process on Ctrl-C: while Python shuts down, a handler is not safe.
+    """Let the system end the process: while Python shuts down, a handler is not safe.
 
-    It changes nothing if Ctrl-C is ignored, or if another handler is set.
+    It changes nothing where a signal is ignored, or has another handler.
     """
-    if signal.getsignal(signal.SIGINT) is _leave:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for number in _LEAVING:
+        if signal.getsignal(number) is _leave:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def end_without_python(status: int) -> NoReturn:
@@ -57,7 +61,7 @@ def end_without_python(status: int) -> NoReturn:
 
 
 def say_nothing_after(answered: Callable[[], bool]) -> None:
-    """On Ctrl-C print no ``--json`` error object if the command has printed its answer.
+    """On these signals print no ``--json`` error object if the command has printed its answer.
 
     Args:
         answered: Returns whether the command has printed its answer.
@@ -66,8 +70,8 @@ def say_nothing_after(answered: Callable[[], bool]) -> None:
 
 
 def do_first(action: Callable[[], None]) -> None:
-    """Call ``action`` before a Ctrl-C ends the process; it must not block."""
-    _first[:] = [action]
+    """Call ``action`` before one of these signals ends the process; it must not block."""
+    _first.append(action)
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:

@@ -17,10 +17,11 @@ from haptic_wall.controller.cli.map_files import FILES, json_parts, report_of, w
 from haptic_wall.controller.cli.map_plan import LARGE, check_room, planned
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
 from haptic_wall.controller.cli.options import answer, answer_in_parts, say
-from haptic_wall.controller.cli.places import new_stem, take_folder
+from haptic_wall.controller.cli.places import new_folder, take_folder
 from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import RESULT
+from haptic_wall.controller.system.signals import interrupting
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.maps.maps import CriticalMap, MapQuestion, MapSettings
@@ -103,14 +104,13 @@ def command(
     if asked.out is None:
         if resume:
             raise UserError("found no folder", field="--resume", wanted="the map's, as --out DIR")
-        folder = new_stem("--out", "map")
-        folder.mkdir()
+        folder = new_folder("--out", "map")
     else:
         folder = asked.out
         take_folder("--out", folder, _KINDS, force=asked.force)
     wanted = MapQuestion(setting, chosen_dampings, chosen_steps, chosen_kicks)
     say(f"{asked.name}: {wanted.points} points")
-    with MapStore(folder, wanted, resume=resume, force=asked.force) as store:
+    with interrupting(), MapStore(folder, wanted, resume=resume, force=asked.force) as store:
         found, interrupted = _computed(wanted, store, folder, workers, dask)
     if interrupted and not found.begun:
         text = "interrupted before anything was computed: nothing is written"

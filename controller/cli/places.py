@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import Command, refuse_no_folder, refuse_same_file, writing
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.claim import ClaimedError, claimed
@@ -23,6 +24,8 @@ from haptic_wall.controller.system.whole_file import remove_leftovers
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")
 """Suffixes that may follow a new name in an existing file"""
+_made: list[Path] = []
+"""Folders that the command has made, the outer ones first"""
 
 
 def force_option(command: Command) -> Command:
@@ -80,7 +83,7 @@ def take_folder(
 
     Args:
         option: Option that names it.
-        folder: Made if necessary.
+        folder: Made if necessary, and removed if it is empty at the end.
         kinds: Names and kinds of the files.
         force: Replace any files.
         has_force: The command has that option.
@@ -91,7 +94,7 @@ def take_folder(
     """
     refuse_no_folder(option, folder)
     with writing(option, folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        _make_new(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
             "found a folder without leave to write",
@@ -111,6 +114,7 @@ def take_folder(
         _refuse_foreign(option, folder / name, kind, force=force, has_force=has_force)
     with writing(option, folder):
         _claim(option, folder)
+        _until_the_end(_remove_empty)
         for name in kinds:
             remove_leftovers(folder / name)
 
@@ -152,6 +156,23 @@ def new_stem(option: str, what: str) -> Path:
     while not _is_new(stem):  # second run within a second
         stem = stem.with_name(stem.name + "+")
     return stem
+
+
+def new_folder(option: str, what: str) -> Path:
+    """Make a folder with a name from ``new_stem``; it is removed if it is empty at the end.
+
+    Args:
+        option: Option that would name another place.
+        what: End of the name, after date and time.
+
+    Raises:
+        UserError: It cannot be made.
+    """
+    folder = new_stem(option, what)
+    with writing(option, folder):
+        _make_new(folder)
+    _until_the_end(_remove_empty)
+    return folder
 
 
 def _is_new(stem: Path) -> bool:
@@ -206,3 +227,19 @@ def _claim(option: str, path: Path, *, follow: bool = True) -> None:
 
 def _until_the_end(close: Callable[[], None]) -> None:
     click.get_current_context().call_on_close(close)
+
+
+def _make_new(folder: Path) -> None:
+    """Make a folder, with those above it, for ``_remove_empty`` to remove."""
+    _made.extend(reversed([each for each in (folder, *folder.parents) if not each.exists()]))
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _remove_empty() -> None:
+    """Remove the folders that the command has made, where they are still empty."""
+    while _made:
+        with suppress(OSError):
+            _made.pop().rmdir()
+
+
+interrupt.do_first(_remove_empty)

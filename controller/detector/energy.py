@@ -49,6 +49,7 @@ class EnergyBalance:
         "_period",
         "_step",
         "_stiffness",
+        "_torque_step",
         "_tuning",
         "elongation",
         "growth",
@@ -72,6 +73,7 @@ class EnergyBalance:
         position_step: float,
         limit: float,
         tuning: EnergyTuning,
+        torque_step: float = 0.0,
     ) -> None:
         """Store the believed values of the servo; see ``DetectorSettings``."""
         self._tuning = tuning
@@ -82,6 +84,7 @@ class EnergyBalance:
         self._coulomb = 0.0 if math.isnan(coulomb) else coulomb
         self._step = 0.0 if math.isnan(position_step) else position_step
         self._limit = limit
+        self._torque_step = torque_step
         self._stiffness = self._natural = math.nan
         self.surface = math.nan
         self.virtual_damping = self.held = 0.0
@@ -154,7 +157,8 @@ class EnergyBalance:
             left -= 0.5 * lent * speed * speed
         # Over a whole half-cycle both terms are the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
-        if not left > tuning.clear * energy + tuning.counts * self._stiffness * step * way:
+        rounding = max(self._stiffness * step, self._torque_step)
+        if not left > tuning.clear * energy + tuning.counts * rounding * way:
             return False  # also where the surface is not known
         self.growth = 0.5 * (given - lost) / (energy * elapsed)
         return True

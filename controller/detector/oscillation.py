@@ -49,6 +49,8 @@ class DetectorSettings:
     torque_limit: float = math.inf
     """[N·m]"""
     tuning: Tuning = TUNING
+    torque_step: float = 0.0
+    """Torques are rounded to multiples of it [N·m]; 0: not rounded"""
 
 
 class Detector:
@@ -69,8 +71,7 @@ class Detector:
         self._step = step if step > 0.0 else 0.0
         tuning = settings.tuning
         self._tuning, self._still = tuning.belief, tuning.half_cycles.still
-        least = tuning.belief.least_counts * self._step
-        self._least = math.log(least) if step > 0.0 else -math.inf
+        self._rounding = self._step
         self.balance = EnergyBalance(
             settings.period,
             settings.inertia,
@@ -79,6 +80,7 @@ class Detector:
             settings.position_step,
             settings.torque_limit,
             tuning.energy,
+            settings.torque_step,
         )
         self._motion: HalfCycleSums | None = None
         self._before: HalfCycle | None = None
@@ -100,6 +102,9 @@ class Detector:
         if value == known or (math.isnan(value) and math.isnan(known)):
             return
         self.balance.stiffness = value
+        # A torque that is rounded to u moves as a spring does whose elongation is rounded to u/K.
+        of_torque = self.settings.torque_step / value if value > 0.0 else 0.0
+        self._rounding = max(self._step, of_torque)
         self._mixed = True  # the spring's energy is not what it was at the turning point
         if self._motion is not None:
             self._changed_at = self._motion.time
@@ -109,6 +114,12 @@ class Detector:
         natural, tuning = self.balance.natural, self._tuning
         if self._motion is not None and natural > 0.0:
             self._motion.filter(min(tuning.filter / natural, tuning.filter_s))
+
+    @property
+    def _least(self) -> float:
+        """Return the logarithm of the amplitude from which growth is told from rounding."""
+        least = self._tuning.least_counts * self._rounding
+        return math.log(least) if least > 0.0 else -math.inf
 
     @property
     def energy(self) -> tuple[float, float]:
@@ -130,7 +141,7 @@ class Detector:
         self.growth = math.nan
         self._patience = math.inf
         self._gives = True  # whether nothing speaks against it that the wall gives out energy
-        self._way = self._tuning.first_counts * self._step
+        self._way = self._tuning.first_counts * self._rounding
         self._streaks.clear()
         self._before = None
         self._sizes.clear()
@@ -223,7 +234,7 @@ class Detector:
             fine=fine,
         )
         streaks.went_outward(self._outward(half_cycle) if streaks.explained else 0.0)
-        self._way = self._tuning.later_counts * self._step
+        self._way = self._tuning.later_counts * self._rounding
         if balance.side:
             self._gives = streaks.moved > 1
         else:
@@ -239,7 +250,7 @@ class Detector:
         if self.alarm:
             self._alarmed(fine)
         elif self._regular(fine) or (not (blind or balance.side) and self._grown()):
-            self.alarm = half_cycle.amplitude >= self._tuning.alarm_counts * self._step
+            self.alarm = half_cycle.amplitude >= self._tuning.alarm_counts * self._rounding
             self.state = State.SUSTAINED
             if self.alarm:
                 self._alarmed(fine)
@@ -252,7 +263,7 @@ class Detector:
         """Return the growth of the distance from a two-sided wall, as a logarithm."""
         surface = self.balance.surface
         start, end = half_cycle.start - surface, half_cycle.end - surface
-        least = self._tuning.least_counts * self._step
+        least = self._tuning.least_counts * self._rounding
         if start * end < 0.0 and abs(start) > least and abs(end) > least:
             return math.log(abs(end / start))
         return 0.0

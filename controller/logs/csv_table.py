@@ -10,6 +10,7 @@ import re
 from array import array
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
@@ -18,6 +19,7 @@ import numpy as np
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.reader import SUFFIX
 from haptic_wall.controller.logs.recording import Floats
+from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.system.regular_file import opened
 from haptic_wall.hw.errors import Problem
@@ -123,9 +125,13 @@ def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str
     """Return the names of the known columns, and their numbers row by row."""
     lines = _Lines(file, text)
     reader = csv.reader(lines)
-    header = [name.strip() for name in next(reader, [])]
+    first = next(reader, [])
+    header = [name.strip() for name in first]
     absent = [name for name in NEEDED if name not in header]
     if absent:
+        if habits([first]):
+            found = habits([first, *islice(reader, 2)])
+            raise UserError(replace(file, what=f"found {found}", wanted=WANTED, advice=ADVICE))
         found = in_line(", ".join(header[:8])) if any(header) else "nothing"
         raise UserError(
             replace(
@@ -152,11 +158,15 @@ def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str
             try:
                 numbers.append(_number(cell) if cell else math.nan)
             except ValueError:
+                comma = has_decimal_comma(cell)
                 raise UserError(
                     replace(
                         file,
                         what=f"line {lines.number}, column {name}: found {cell[:40]!r}",
-                        wanted=f"a number up to {_LARGEST:g} or an empty cell",
+                        wanted="a point"
+                        if comma
+                        else f"a number up to {_LARGEST:g} or an empty cell",
+                        advice=ADVICE if comma else "",
                     )
                 ) from None
     return names, numbers

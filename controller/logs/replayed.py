@@ -41,6 +41,7 @@ class _Facts:
     torque_limit: float = math.inf
     stall_torque: float = math.inf
     position_step: float = 0.0
+    torque_step: float = 0.0
 
 
 def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
@@ -115,6 +116,7 @@ def _facts(pieces: Sequence[Piece], first: NDArray[np.void]) -> _Facts:
         torque_limit=_above_0(told.get("torque_limit"), math.inf),
         stall_torque=_above_0(told.get("stall_torque"), math.inf),
         position_step=math.tau / counts,
+        torque_step=_above_0(told.get("torque_step"), 0.0),
     )
 
 

@@ -320,6 +320,7 @@ def _facts(servo: Servo) -> dict[str, float | None]:
     facts = servo.facts
     return {
         "counts_per_rev": facts.counts_per_rev,
+        "torque_step": facts.torque_step,
         "torque_limit": facts.torque_limit if math.isfinite(facts.torque_limit) else None,
         "stall_torque": facts.stall_torque if math.isfinite(facts.stall_torque) else None,
     }

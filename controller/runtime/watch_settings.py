@@ -28,6 +28,10 @@ class WatchFacts(Protocol):
     def position_step(self) -> float:
         """Return one count of the encoder [rad]; 0: the position is not quantised."""
 
+    @property
+    def torque_step(self) -> float:
+        """Return the unit of its torques [N·m]; 0: they are not rounded."""
+
 
 def watch_settings(
     config: Config, facts: WatchFacts, law: Law, tuning: Tuning = TUNING
@@ -55,6 +59,7 @@ def watch_settings(
             coulomb=belief.coulomb.value / gain,
             position_step=facts.position_step,
             torque_limit=min(facts.torque_limit, law.clip),
+            torque_step=facts.torque_step,
             tuning=tuning,
         ),
         answer=answer if law.guarded else "report",

@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from haptic_wall.controller.settings.refusal import refusal
 from haptic_wall.controller.system import regular_file
+from haptic_wall.controller.system.csv_habits import ADVICE, WANTED, habits, has_decimal_comma
 from haptic_wall.hw.errors import Problem
 
 COLUMNS = ("position_rad", "torque_nm")
@@ -43,6 +44,9 @@ def profile_of(source: str) -> tuple[tuple[float, float], ...]:
     names = [name.strip() for name in table[0][1]] if table else []
     missing = [name for name in COLUMNS if name not in names]
     if missing:
+        if found := habits([row for _, row in table[:3]]):
+            problem = Problem(f"found {source} with {found}", wanted=WANTED, advice=ADVICE)
+            raise refusal(problem)
         raise _refusal(f"found {source} without the column {' and '.join(missing)}")
     if len(table) - 1 > MOST_ROWS:
         raise _refusal(f"found {source} with {len(table) - 1} rows", f"at most {MOST_ROWS} rows")
@@ -54,6 +58,9 @@ def _pair(source: str, line: int, row: list[str], places: list[int]) -> tuple[fl
     try:
         position, torque = (float(row[place]) for place in places)
     except (IndexError, ValueError):
+        if any(map(has_decimal_comma, row)):
+            found = f"found {source}, whose line {line} holds decimal commas"
+            raise refusal(Problem(found, wanted="points", advice=ADVICE)) from None
         raise _refusal(f"found {source}, whose line {line} holds no two numbers") from None
     for number in (position, torque):
         if not abs(number) <= LARGEST:

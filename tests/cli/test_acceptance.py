@@ -252,8 +252,13 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setitem(steps.RUN, "identify", interrupted)
-    assert call("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out") == 130
-    assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
+    words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
+    assert call(*words, "--json") == 130
+    said = capsys.readouterr()
+    assert f"--out {tmp_path / 'out'} goes on" in said.err
+    answer = json.loads(said.out)
+    assert answer["error"].startswith("interrupted: what is done is kept")
+    assert answer["exit_status"] == 130
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "acceptance.zip").exists()
 

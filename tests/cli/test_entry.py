@@ -46,9 +46,11 @@ def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module: str) ->
     assert (done.returncode, done.stderr.strip()) == (130, "")
 
 
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("module", ["haptic_wall.controller.cli.main", "yaml"])
-def test_with_json_a_ctrl_c_is_one_object(module: str) -> None:
+def test_with_json_a_signal_is_one_object(module: str, number: str) -> None:
     program = INTERRUPTING.replace('"simulated"', '"simulated", "--json"').format(module=module)
+    program = program.replace("SIGINT", number)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )

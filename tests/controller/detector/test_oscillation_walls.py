@@ -11,12 +11,17 @@ from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.wall_fit import fitted_wall
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.walls import Walls
+from haptic_wall.controller.runtime.session import Result, run_session
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.clock import SimulatedClock
 from scripts.trials.detector_trials import kick_trials
 from scripts.trials.hands import HANDS, draw_hands, goes_on, handled
 from scripts.trials.listening import COUNT, listen
 from scripts.trials.watched import Trace, kicked, steady_oscillation
+from tests.typed import not_none
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3
 EXACTLY = np.ones(4)
@@ -227,3 +232,57 @@ def test_belief_without_numbers_makes_none_of_the_estimates_invalid() -> None:
     detector = listen(walls, 0, trace, belief, once=False).detector
     assert math.isfinite(detector.amplitude)
     assert detector.alarm
+
+
+# Torques that are rounded to the servo's unit
+
+ROUNDED = (
+    *("loop.clock=simulated", "wall.side=both", "servo.hand=none", "servo.coulomb=0"),
+    "safety.on_oscillation=trip",
+)
+UNIT = 0.0048
+
+
+@pytest.mark.parametrize(
+    ("counts", "unit", "friction", "stiffness", "wall_damping", "kick"),
+    [
+        (0, UNIT, 0.0117, 1e6, 0.02, 0.001),  # as much as the guard allows
+        (0, 4.0 * UNIT, B_SERVO, 1e6, 0.02, 0.001),
+        (0, 4.0 * UNIT, B_SERVO, 1e6, 0.0, 0.001),
+        (0, UNIT, 0.002, 1.0, 0.002, 0.7 * UNIT),
+        (4096, UNIT, 0.0, 0.1, 0.002, 7.0 * UNIT),  # softer than one unit for each count
+    ],
+)
+def test_what_the_rounding_of_torques_keeps_up_is_no_alarm(
+    counts: int, unit: float, friction: float, stiffness: float, wall_damping: float, kick: float
+) -> None:
+    """A torque unit moves a stable wall's spring by unit / K; about so much goes on for ever."""
+    result = rounded_run(
+        f"servo.counts_per_rev={counts}",
+        f"servo.torque_step={unit}",
+        f"servo.damping={friction}",
+        f"wall.stiffness={stiffness}",
+        f"wall.damping={wall_damping}",
+        f"servo.kick={kick}",
+    )
+    assert result.stop_reason == "duration"
+    assert not_none(result.oscillation)["first_alarm_s"] is None
+
+
+def test_the_rounding_of_torques_hides_no_unstable_wall() -> None:
+    alarms = []
+    for unit in (0.0, UNIT):
+        result = rounded_run(
+            *("servo.counts_per_rev=0", f"servo.torque_step={unit}", "servo.delay=0.006"),
+            *("model.delay=0.002", "wall.stiffness=30", "servo.kick=0.02"),
+        )
+        assert result.stop_reason == "trip:oscillation"
+        alarms.append(not_none(result.oscillation))
+    plain, rounded = alarms
+    half_cycle = 0.5 / rounded["frequency_hz"]
+    assert rounded["first_alarm_s"] <= plain["first_alarm_s"] + half_cycle
+
+
+def rounded_run(*sets: str) -> Result:
+    config = load_config("simulated", [*ROUNDED, *sets]).config
+    return run_session(config, SimulatedClock(), Telemetry.create(), 8.0)

@@ -23,7 +23,7 @@ from haptic_wall.controller.runtime.lateness.causes import Cause, Machine
 from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader, Counters
 from haptic_wall.controller.runtime.lateness.ticks import WORST, LateTicks
 from haptic_wall.controller.runtime.session import Surroundings, run_session
-from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import TorqueLostError
@@ -265,6 +265,21 @@ def test_a_run_tells_when_and_how_long(
     assert worst["time_s"] == pytest.approx(0.699)
     assert worst["work_us"] == pytest.approx(7000.0)
     assert worst["missed"] == (6 if error is None else 0)
+
+
+@pytest.mark.parametrize("at", [100, 700])
+def test_late_ticks_begin_with_the_loop(at: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in a run that ends in its warm-up; their times are those of the log's rows."""
+    clock, telemetry = SimulatedClock(), Telemetry.create()
+    Stall(monkeypatch, clock, at, TorqueLostError("the watchdog came first"))
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
+    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
+        surroundings = Surroundings(take_real_time=lambda: late)
+        result = run_session(config, clock, telemetry, 2.0, surroundings=surroundings)
+    rows, _ = telemetry.read(0)
+    before = int(rows["deadline_ns"][-1]) - telemetry.words[Word.BEGAN_NS]
+    (worst,) = not_none(result.timing)["worst"]
+    assert round(worst["time_s"] * 1e9) == before + config.period_ns == (at - 1) * PERIOD
 
 
 STALL_S = 0.0015

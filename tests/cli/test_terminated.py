@@ -1,0 +1,69 @@
+"""A command that SIGTERM ends in its middle says so in JSON, and leaves no empty folder."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PENDULUM = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
+PROGRAM = """
+import os, signal, sys, time
+import haptic_wall.controller.{module} as module
+
+def ended(*args, **kwargs):
+    os.kill(os.getpid(), signal.{number})
+    time.sleep(60)
+
+module.{function} = ended
+sys.argv = ["haptic-wall", *{words!r}, "--json"]
+from haptic_wall.controller.cli.entry import main
+sys.exit(main())
+"""
+SIMULATED = ("simulated", "--set=loop.clock=simulated")
+OUT = "--out=new/out"
+MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "boundary": (
+        *("cli.boundary", "report"),
+        ("boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002", "--virtual-damping=0"),
+    ),
+    "map, before its rows": ("cli.map", "say", ("map", "simulated", OUT)),
+    "map, theory": ("experiments.maps.maps", "_theory", ("map", "simulated", OUT)),
+    "map, in ./runs/": ("experiments.maps.maps", "_theory", ("map", "simulated")),
+    "map, plan": (
+        *("cli.map", "planned"),
+        ("map", "simulated", OUT, f"--kick={','.join(map(str, range(1, 90)))}"),
+    ),
+    "paper": ("paper.items", "make", ("paper", "all", OUT)),
+    "config": ("cli.config", "load_config", ("config", "simulated")),
+    "identify": ("experiments.identify.identification", "identify", ("identify", *SIMULATED)),
+    "identify --record": (
+        *("experiments.recorded.estimate", "identify_record"),
+        ("identify", f"--record={PENDULUM / 'kp400_lift_and_drop.csv'}"),
+    ),
+    "rendered": (
+        "experiments.rendered.rendering",
+        "measure_rendering",
+        ("rendered", *SIMULATED, OUT),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("middle", "number"),
+    [*((middle, "SIGTERM") for middle in MIDDLES), ("map, theory", "SIGINT"), ("paper", "SIGINT")],
+)
+def test_it_answers_once_and_leaves_no_empty_folder(
+    middle: str, number: str, tmp_path: Path
+) -> None:
+    module, function, words = MIDDLES[middle]
+    program = PROGRAM.format(module=module, function=function, number=number, words=words)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 130, done.stderr
+    assert json.loads(done.stdout)["error"].startswith("interrupted")
+    assert json.loads(done.stdout)["exit_status"] == 130
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.rglob("*")] in ([], ["runs"])

@@ -1,0 +1,81 @@
+"""CSVs as spreadsheets of other languages write them are refused with their own name."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.system.csv_habits import habits, has_decimal_comma
+
+GERMAN = "time_s;position_rad;torque_nm\n0,000;0,5;0,1\n0,001;0,6;0,1\n"
+FILES = {
+    "semicolons and decimal commas": (
+        GERMAN,
+        "found semicolons between cells and decimal commas",
+    ),
+    "a line sep": (
+        f"sep=;\n{GERMAN}",
+        "found a first line sep=; and semicolons between cells and decimal commas",
+    ),
+    "quoted names": (
+        GERMAN.replace("time_s", '"time_s"'),
+        "found semicolons between cells and decimal commas",
+    ),
+    "semicolons only": (GERMAN.replace(",", "."), "found semicolons between cells, wanted"),
+    "tabs": (GERMAN.replace(";", "\t"), "found tabs between cells and decimal commas"),
+    "sep of an English one": (
+        "sep=,\ntime_s,position_rad,torque_nm\n0,1,1\n",
+        "found a first line sep=,, wanted",
+    ),
+    "only decimal commas": (
+        'time_s,position_rad,torque_nm\n"0,001","0,5","0,1"\n',
+        "set the spreadsheet to English",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        (["identify", "--record", "{file}"], "--record"),
+        (["detect", "{file}"], "LOG"),
+        (["config", "simulated", "--set=wall.law=profile", "--set=wall.profile={file}"], "wall."),
+    ],
+    ids=["identify", "detect", "profile"],
+)
+def test_each_reader_of_csvs_names_it(
+    kind: str,
+    command: list[str],
+    place: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, found = FILES[kind]
+    file = tmp_path / "german.csv"
+    file.write_text(text)
+    assert main([word.format(file=file) for word in command]) == 2
+    said = capsys.readouterr().err
+    assert place in said
+    assert found.removeprefix("found ") in said
+    assert "set the spreadsheet to English" in said
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "t,q\n0,0\n",
+        "a;b,c\n0,5\n",
+        "\n\n",
+        "sepal,width\n0,1\n",
+    ],
+)
+def test_nothing_else_is_taken_for_it(text: str) -> None:
+    assert habits(list(csv.reader(text.splitlines()))) == ""
+
+
+def test_a_number_with_a_decimal_comma_is_told_from_a_word() -> None:
+    assert all(map(has_decimal_comma, ["0,5", " -1,25e-3 ", "+,5"]))
+    assert not any(map(has_decimal_comma, ["0.5", "a,b", "", ",", "1,2,3"]))
