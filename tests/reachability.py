@@ -63,6 +63,7 @@ def package_modules() -> dict[str, Module]:
     return found
 
 
+@cache
 def parsed(name: str, text: str, is_package: bool = False) -> Module:
     """A module from its text."""
     module = Module(name)
@@ -296,14 +297,16 @@ def pages() -> Iterator[str]:
         yield path.read_text(encoding="utf-8")
 
 
-def outside() -> Iterator[str]:
+@cache
+def outside() -> tuple[str, ...]:
     """Python that uses the package: scripts, examples, and what the pages show."""
-    for folder in ("scripts", "docs/examples"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield path.read_text(encoding="utf-8")
-    for page in pages():
-        for block in PYTHON.findall(page):
-            yield "\n".join(TYPED.findall(block)) or block
+    files = [
+        path.read_text(encoding="utf-8")
+        for folder in ("scripts", "docs/examples")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    ]
+    blocks = (block for page in pages() for block in PYTHON.findall(page))
+    return (*files, *("\n".join(TYPED.findall(block)) or block for block in blocks))
 
 
 def template_words() -> set[str]:
