@@ -153,7 +153,7 @@ def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
             cycles.append(stable[-1])
     assert len(loops) >= 8
     loops, cycles, scales = both_ways(loops, cycles, 0.9, 1.2)
-    seen = in_motion(loops, cycles, effect, scales).run(15_000 if thorough else 9_000)
+    seen = in_motion(loops, cycles, effect, scales).run(15_000)
     for i, cycle in enumerate(cycles):
         found = measured(seen[:, i], cycle)
         assert amplitude[0] < found[0] / cycle.amplitude < amplitude[1]
