@@ -183,7 +183,7 @@ UNDRAWN = (
     "from haptic_wall.controller.report import delay, maps;"
     "delay.plot_delay = maps.plot_map = lambda *drawn: drawn[-1].touch();"
 )
-"""Saves a second"""
+"""Replaces the pictures, which take a second"""
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from tests.typed import status_of
 SIMULATED = ("simulated", "--set", "loop.clock=simulated")
 PLAIN = (*SIMULATED, "--set", "servo.coulomb=0", "--set", "servo.counts_per_rev=0")
 ONE = "--velocity-samples=1"
+COMPUTED = (*SIMULATED, ONE, "--measure=none")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -144,10 +145,10 @@ def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
         ]
         with pytest.raises(SystemExit, match="0"):
             main([*words, "--log", str(log)])
-    found = answered(capsys, *SIMULATED, ONE, "--measure=none", "--log", still, "--out", tmp_path / "a")
+    found = answered(capsys, *COMPUTED, "--log", still, "--out", tmp_path / "a")
     assert found["impedance"]["reason"].startswith("not excited")
     assert {band["stiffness"] for band in found["impedance"]["bands"]} == {None}
-    found = answered(capsys, *SIMULATED, ONE, "--measure=none", "--log", moved, "--out", tmp_path / "b")
+    found = answered(capsys, *COMPUTED, "--log", moved, "--out", tmp_path / "b")
     ten = next(b for b in found["impedance"]["bands"] if b["frequency_hz"] == pytest.approx(10.0))
     k, b = found["impedance"]["stiffness"], found["impedance"]["virtual_damping"]
     w = math.tau * 10.0
@@ -191,7 +192,7 @@ def test_a_log_of_a_wall_that_never_acted_says_so(
     words = ["run", "simulated", "--set=loop.clock=simulated", "--set=servo.hand=none"]
     with pytest.raises(SystemExit, match="0"):
         main([*words, "--duration=1", "--no-plot", "--log", str(log)])
-    found = answered(capsys, *SIMULATED, ONE, "--measure=none", "--log", log, "--out", tmp_path / "a")
+    found = answered(capsys, *COMPUTED, "--log", log, "--out", tmp_path / "a")
     assert found["impedance"]["reason"] == "the log has no row in which the wall acted"
     assert found["impedance"]["stiffness"] == 8.0
 
