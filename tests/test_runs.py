@@ -37,7 +37,6 @@ PATIENT = [
         "safety.max_silence_s=0.9",
         "realtime.profile=best-effort",
         "loop.warm_up_s=0.1",
-        "servo.probe_torque=0",  # it takes half a second, and has tests of its own
     )
     for word in ("--set", setting)
 ]
