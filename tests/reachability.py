@@ -12,7 +12,7 @@ import ast
 import builtins
 import re
 import tomllib
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -69,7 +69,7 @@ def parsed(name: str, text: str, is_package: bool = False) -> Module:
     module = Module(name)
     tree = ast.parse(text)
     home = name if is_package else name.rpartition(".")[0]
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 module.imported[alias.asname or alias.name] = (alias.name, "")
@@ -81,6 +81,16 @@ def parsed(name: str, text: str, is_package: bool = False) -> Module:
     for statement in tree.body:
         _define(module, statement)
     return module
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield every statement, wherever it stands; expressions, most of a tree, are not looked at."""
+    waiting: deque[ast.AST] = deque([tree])
+    while waiting:
+        node = waiting.popleft()
+        yield node
+        for name in ("body", "handlers", "cases", "orelse", "finalbody"):
+            waiting.extend(getattr(node, name, ()))
 
 
 def _define(module: Module, statement: ast.stmt) -> None:
@@ -197,7 +207,9 @@ class Search:
 
     def _dotted(self, module: Module, value: ast.expr, attr: str) -> None:
         """A name in a module: ``words.headline``."""
-        text = ast.unparse(value)
+        if not isinstance(value, ast.Name | ast.Attribute):
+            return
+        text = value.id if isinstance(value, ast.Name) else ast.unparse(value)
         if text in module.imported:
             source, name = module.imported[text]
             self.reach((f"{source}.{name}" if name else source, attr))
