@@ -12,7 +12,7 @@ import ast
 import builtins
 import re
 import tomllib
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -63,12 +63,13 @@ def package_modules() -> dict[str, Module]:
     return found
 
 
+@cache
 def parsed(name: str, text: str, is_package: bool = False) -> Module:
     """A module from its text."""
     module = Module(name)
     tree = ast.parse(text)
     home = name if is_package else name.rpartition(".")[0]
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 module.imported[alias.asname or alias.name] = (alias.name, "")
@@ -80,6 +81,16 @@ def parsed(name: str, text: str, is_package: bool = False) -> Module:
     for statement in tree.body:
         _define(module, statement)
     return module
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield every statement, wherever it stands; expressions, most of a tree, are not looked at."""
+    waiting: deque[ast.AST] = deque([tree])
+    while waiting:
+        node = waiting.popleft()
+        yield node
+        for name in ("body", "handlers", "cases", "orelse", "finalbody"):
+            waiting.extend(getattr(node, name, ()))
 
 
 def _define(module: Module, statement: ast.stmt) -> None:
@@ -196,7 +207,9 @@ class Search:
 
     def _dotted(self, module: Module, value: ast.expr, attr: str) -> None:
         """A name in a module: ``words.headline``."""
-        text = ast.unparse(value)
+        if not isinstance(value, ast.Name | ast.Attribute):
+            return
+        text = value.id if isinstance(value, ast.Name) else ast.unparse(value)
         if text in module.imported:
             source, name = module.imported[text]
             self.reach((f"{source}.{name}" if name else source, attr))
@@ -296,14 +309,16 @@ def pages() -> Iterator[str]:
         yield path.read_text(encoding="utf-8")
 
 
-def outside() -> Iterator[str]:
+@cache
+def outside() -> tuple[str, ...]:
     """Python that uses the package: scripts, examples, and what the pages show."""
-    for folder in ("scripts", "docs/examples"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield path.read_text(encoding="utf-8")
-    for page in pages():
-        for block in PYTHON.findall(page):
-            yield "\n".join(TYPED.findall(block)) or block
+    files = [
+        path.read_text(encoding="utf-8")
+        for folder in ("scripts", "docs/examples")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    ]
+    blocks = (block for page in pages() for block in PYTHON.findall(page))
+    return (*files, *("\n".join(TYPED.findall(block)) or block for block in blocks))
 
 
 def template_words() -> set[str]:

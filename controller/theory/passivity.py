@@ -24,6 +24,8 @@ from haptic_wall.controller.theory.dimensionless import settings
 
 _ZOOMS = 12
 _ZOOM_POINTS = 9
+_BLOCK = 256
+"""Walls that are scanned at a time, so that the memory stays small"""
 _NEVER_PASSIVE = 1e9  # B / b: at some angle the damper alone injects more than b dissipates
 
 
@@ -60,39 +62,48 @@ def passive_limit(
     with np.errstate(over="ignore"):
         ratio = s.beta / np.where(undamped, 1.0, s.delta)
     ratio = np.clip(ratio, -_NEVER_PASSIVE, _NEVER_PASSIVE)
-    kappa = np.array(
-        [
-            _kappa(*row)
-            for row in zip(
-                ratio.tolist(), s.delay.tolist(), s.samples.astype(int).tolist(), strict=True
-            )
-        ]
-    )
+    kappa = np.empty_like(ratio)
+    alike: dict[tuple[float, int], list[int]] = {}
+    loops = zip(s.delay.tolist(), s.samples.astype(int).tolist(), strict=True)
+    for row, loop in enumerate(loops):
+        alike.setdefault(loop, []).append(row)
+    for loop, rows in alike.items():
+        for start in range(0, len(rows), _BLOCK):
+            block = rows[start : start + _BLOCK]
+            kappa[block] = _kappa(ratio[block], *loop)
     return s.shaped(np.where(undamped, 0.0, kappa * s.delta * s.stiffness_unit))
 
 
-def _kappa(ratio: float, delay: float, n_samples: int) -> float:
-    """Return the largest K T / b at B / b = ``ratio``: the least over theta, by scan and zoom."""
+def _kappa(ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
+    """Return the largest K T / b at each B / b = ``ratio``: the least over theta, by scan and zoom.
+
+    Args:
+        ratio: Shape (n,).
+        delay: [periods].
+        n_samples: Samples of the velocity difference.
+    """
     # sixteen points per turn of the fastest angle, and the limit theta -> 0
     steps = 64 + 8 * int((delay + 2) + n_samples)
     theta = np.linspace(0.0, np.pi, steps + 1)
     theta[0] = 1e-7
-    values = _kappa_at(theta, ratio, delay, n_samples)
+    values = _kappa_at(theta, ratio[:, None], delay, n_samples)
     # every local minimum of the scan may contain the least value
-    lows = np.flatnonzero(
-        (values <= np.append(values[1:], np.inf)) & (values <= np.append(np.inf, values[:-1]))
-    )
-    left, right = theta[np.maximum(lows - 1, 0)], theta[np.minimum(lows + 1, steps)]
-    rows = np.arange(lows.size)
-    least = values[lows]
+    beside = np.full((ratio.size, steps + 3), np.inf)
+    beside[:, 1:-1] = values
+    row, low = np.nonzero((values <= beside[:, 2:]) & (values <= beside[:, :-2]))
+    left, right = theta[np.maximum(low - 1, 0)], theta[np.minimum(low + 1, steps)]
+    lows = np.arange(low.size)
+    least = values[row, low]
     for _ in range(_ZOOMS):
         points = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, _ZOOM_POINTS)
-        zoomed = _kappa_at(points, ratio, delay, n_samples)
+        zoomed = _kappa_at(points, ratio[row, None], delay, n_samples)
         best = np.argmin(zoomed, axis=1)
-        least = np.minimum(least, zoomed[rows, best])
-        left = points[rows, np.maximum(best - 1, 0)]
-        right = points[rows, np.minimum(best + 1, _ZOOM_POINTS - 1)]
-    return float(np.min(least))
+        least = np.minimum(least, zoomed[lows, best])
+        left = points[lows, np.maximum(best - 1, 0)]
+        right = points[lows, np.minimum(best + 1, _ZOOM_POINTS - 1)]
+    found = np.full(ratio.size, np.inf)
+    np.minimum.at(found, row, least)
+    return found
 
 
 def passive_slope(
@@ -120,7 +131,7 @@ def passive_slope(
     return least
 
 
-def _kappa_at(theta: FloatArray, ratio: float, delay: float, n_samples: int) -> FloatArray:
+def _kappa_at(theta: FloatArray, ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
     """Return the largest K T / b that meets the condition at ``theta``, from a quadratic.
 
     The condition times b, with k = K T / b and h = ratio (1 - e^{-jN theta}) / N::

@@ -316,7 +316,8 @@ def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
     assert not (tmp_path / "out" / "emulated").exists()
 
 
-def test_a_weight_tells_the_torque_gain(tmp_path: Path) -> None:
+def test_a_weight_tells_the_torque_gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load, "_CYCLES", 2)
     sets = ["loop.clock=simulated", "servo.torque_constant=1.5", "model.torque_gain=1"]
     config = load_config("emulated-ideal", sets).config
     told: list[str] = []

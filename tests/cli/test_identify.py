@@ -1,15 +1,18 @@
+import io
 import json
 import os
 import signal
 import threading
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.cli.identify import _CONFIG
+from haptic_wall.controller.cli.identify import _CONFIG, _moved
+from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.settings.load import load_config
@@ -38,14 +41,38 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_report_the_configuration_and_the_picture(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+class Done(NamedTuple):
+    """One identification."""
+
+    folder: Path
+    report: dict[str, Any]
+    told: str
+    found: Identified
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """The command with all of its files, taken once."""
+    folder = tmp_path_factory.mktemp("identified")
     words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
     words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
-    assert call(words) == 0
-    said = capsys.readouterr()
-    report = json.loads(said.out)
+    out, err, found = io.StringIO(), io.StringIO(), list[Identified]()
+
+    def moved(*asked: Any) -> Identified:
+        found.append(_moved(*asked))
+        return found[0]
+
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(folder)
+        patch.setattr("haptic_wall.controller.cli.identify._moved", moved)
+        assert call(words) == 0
+    return Done(folder, json.loads(out.getvalue()), err.getvalue(), found[0])
+
+
+def test_the_report_the_configuration_and_the_picture(
+    done: Done, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = done.report
     truths = {"inertia": 0.0018142, "damping": 0.0036617, "coulomb": 0.012833, "delay": 0.0012}
     for name, truth in truths.items():
         assert report[name]["value"] == pytest.approx(truth, rel=0.05)
@@ -53,22 +80,24 @@ def test_the_report_the_configuration_and_the_picture(
     assert report["torque_gain"] == {"value": 1.0, "stderr": 0.0}
     assert report["torque_unit"] == "commanded"
     assert report["backlash"] is None
-    assert "will move by itself" in said.err and "0.3 rad" in said.err
-    assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
-    assert [read_log(folder / log)[1].size > 0 for log in report["logs"]]
+    assert "will move by itself" in done.told and "0.3 rad" in done.told
+    monkeypatch.chdir(done.folder)
+    assert Path("fit.png").read_bytes().startswith(b"\x89PNG")
+    assert [read_log(Path(log))[1].size > 0 for log in report["logs"]]
     assert may_be_replaced(Path("mine.yaml"), _CONFIG)
     believed = load_config("mine.yaml").config.belief()
     assert believed.delay.low <= 0.0012 <= believed.delay.high
-    assert call(["run", "mine.yaml", "--duration=0.05", "--json"]) == 0
+    assert call(["run", "mine.yaml", "--duration=0.05", "--no-plot", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["delay_s"]["device"] == believed.delay.high
 
 
 def test_figures_are_printed_though_a_file_cannot_be_written(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    done: Done, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(*_: object) -> NoReturn:
         raise OSError(28, "No space left on device")
 
+    monkeypatch.setattr("haptic_wall.controller.cli.identify._moved", lambda *_: done.found)
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
     words = ["identify", "simulated", *QUICK, "--out=mine.yaml", "--plot=fit.png", "--json"]
     assert call(words) == 2

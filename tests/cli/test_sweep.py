@@ -1,6 +1,7 @@
 """``haptic-wall sweep`` writes what it measured, goes on after Ctrl-C, and says what it refuses."""
 
 import csv
+import io
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +37,10 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], str]:
     """A finished sweep."""
     folder = tmp_path_factory.mktemp("sweep") / "here"
-    done = subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", "sweep", "simulated", *PLANT,
-         *POINTS, "--out", folder, "--json"],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    return folder, json.loads(done.stdout), done.stderr
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        assert main(["sweep", "simulated", *PLANT, *POINTS, "--out", str(folder), "--json"]) == 0
+    return folder, json.loads(out.getvalue()), err.getvalue()
 
 
 def test_points_and_files(swept: tuple[Path, dict[str, Any], str]) -> None:

@@ -22,6 +22,8 @@ from tests.typed import status_of
 
 SIMULATED = ("simulated", "--set", "loop.clock=simulated")
 PLAIN = (*SIMULATED, "--set", "servo.coulomb=0", "--set", "servo.counts_per_rev=0")
+ONE = "--velocity-samples=1"
+COMPUTED = (*SIMULATED, ONE, "--measure=none")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -143,10 +145,10 @@ def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
         ]
         with pytest.raises(SystemExit, match="0"):
             main([*words, "--log", str(log)])
-    found = answered(capsys, *SIMULATED, "--measure=none", "--log", still, "--out", tmp_path / "a")
+    found = answered(capsys, *COMPUTED, "--log", still, "--out", tmp_path / "a")
     assert found["impedance"]["reason"].startswith("not excited")
     assert {band["stiffness"] for band in found["impedance"]["bands"]} == {None}
-    found = answered(capsys, *SIMULATED, "--measure=none", "--log", moved, "--out", tmp_path / "b")
+    found = answered(capsys, *COMPUTED, "--log", moved, "--out", tmp_path / "b")
     ten = next(b for b in found["impedance"]["bands"] if b["frequency_hz"] == pytest.approx(10.0))
     k, b = found["impedance"]["stiffness"], found["impedance"]["virtual_damping"]
     w = math.tau * 10.0
@@ -178,7 +180,7 @@ def test_a_trip_while_it_is_tapped_costs_the_impedance_only(
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: True
     )
-    found = answered(capsys, *SIMULATED, "--out", tmp_path / "out")
+    found = answered(capsys, *SIMULATED, ONE, "--out", tmp_path / "out")
     assert found["impedance"]["reason"].endswith("too fast")
     assert found["widths"][0]["peak"]["exact"] is not None
 
@@ -190,7 +192,7 @@ def test_a_log_of_a_wall_that_never_acted_says_so(
     words = ["run", "simulated", "--set=loop.clock=simulated", "--set=servo.hand=none"]
     with pytest.raises(SystemExit, match="0"):
         main([*words, "--duration=1", "--no-plot", "--log", str(log)])
-    found = answered(capsys, *SIMULATED, "--measure=none", "--log", log, "--out", tmp_path / "a")
+    found = answered(capsys, *COMPUTED, "--log", log, "--out", tmp_path / "a")
     assert found["impedance"]["reason"] == "the log has no row in which the wall acted"
     assert found["impedance"]["stiffness"] == 8.0
 
@@ -224,7 +226,7 @@ def test_ctrl_c_ends_it_and_says_how_to_go_on(
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: False
     )
-    assert call(*SIMULATED, "--out", tmp_path / "out") == 130
+    assert call(*SIMULATED, ONE, "--out", tmp_path / "out") == 130
     assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
 
 
@@ -249,4 +251,7 @@ def test_an_interruption_while_it_is_tapped_ends_it(
         raise ExperimentInterruptedError("interrupted")
 
     monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.measured._tapped", interrupted)
-    assert call(*SIMULATED, "--measure=own", "--velocity-samples=1", "--out", tmp_path / "o") == 130
+    monkeypatch.setattr(
+        "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: True
+    )
+    assert call(*SIMULATED, ONE, "--out", tmp_path / "o") == 130

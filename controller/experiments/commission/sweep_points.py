@@ -30,12 +30,20 @@ def short_sweep(config: Config) -> tuple[PlanePoint, ...]:
     Args:
         config: Configuration with the best known model of the servo.
     """
-    device = Device.of(config)
-    found = []
-    for steps in (config.delay.steps, config.delay.steps + _MORE):
-        top = _sensible(config, device, steps)
-        found += [PlanePoint(float(f"{share * top:.3g}"), steps) for share in _SHARES]
-    return tuple(dict.fromkeys(found))
+    steps = config.delay.steps
+    return points_at(config, steps) + points_at(config, steps + _MORE)
+
+
+def points_at(config: Config, steps: int) -> tuple[PlanePoint, ...]:
+    """Return the points of ``short_sweep`` at one delay.
+
+    Args:
+        config: Configuration with the best known model of the servo.
+        steps: Inserted delay [periods].
+    """
+    top = _sensible(config, Device.of(config), steps)
+    points = (PlanePoint(float(f"{share * top:.3g}"), steps) for share in _SHARES)
+    return tuple(dict.fromkeys(points))
 
 
 def _sensible(config: Config, device: Device, steps: int) -> float:

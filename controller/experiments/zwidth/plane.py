@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.experiments.commission.sweep_points import short_sweep
+from haptic_wall.controller.experiments.commission.sweep_points import points_at
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
 from haptic_wall.controller.experiments.holding import sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
@@ -83,12 +83,14 @@ class Width:
     """Total, believed"""
     points: list[PointResult] = field(default_factory=list)
     """Measured"""
+    _settings: tuple[PlanePoint, ...] = ()
+    """``settings``, when they have been asked for"""
 
     def settings(self) -> tuple[PlanePoint, ...]:
         """Return the points to measure: none, a third, and two thirds of the useful damping."""
         assert self.config is not None
-        steps = self.config.delay.steps
-        return tuple(point for point in short_sweep(self.config) if point.delay_steps == steps)
+        self._settings = self._settings or points_at(self.config, self.config.delay.steps)
+        return self._settings
 
     def report(self) -> dict[str, Any]:
         """Return JSON-ready values."""
