@@ -1,0 +1,71 @@
+"""The study of a tick's parts: its tables count what they say, and its loop executes the parts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from scripts.bus_calls import Calls
+from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
+from scripts.studies.compiled_tick import Rung, call_lines, level_lines
+from scripts.tick_steps import Level
+
+ROUNDS = [Round(number, 4.0) for number in range(2)]
+
+
+def turn(name: str, work: float) -> Turn:
+    return Turn(name, "bare", work, 2.0 * work, 10.0, 40.0, 0.001)
+
+
+def test_a_ratio_is_that_of_the_same_round() -> None:
+    found = [
+        (ROUNDS[0], [turn("bare", 10.0), turn("ours", 20.0)]),
+        (ROUNDS[1], [turn("bare", 20.0), turn("ours", 60.0)]),
+    ]
+    bare, ours = turn_lines(found)[2:4]
+    assert bare.startswith("| bare | 15 |  | 30 |  | 10 |  | 40 |  | 0.1 % |")
+    assert ours.startswith("| ours | 40 | 2.50 (2.00 to 3.00) | 80 | 2.50 (2.00 to 3.00) | 10 |")
+
+
+def test_a_rate_that_was_never_held_has_no_ratio() -> None:
+    held = rate_lines([(0, {"bare": 4000.0, "ours": 3000.0})], "bare")
+    assert held[2:] == ["| bare | 4000 |  |", "| ours | 3000 | 0.75 (0.75 to 0.75) |"]
+    assert rate_lines([(0, {"bare": 0.0, "ours": 3000.0})], "bare")[-1] == "| ours | 3000 |  |"
+
+
+def test_each_level_is_told_with_its_difference_to_the_one_before() -> None:
+    found = [
+        (each, [Rung(level, 10.0 + 2.0 * level, 30.0, {}) for level in Level]) for each in ROUNDS
+    ]
+    rows = level_lines(found)[2 : 2 + len(Level)]
+    assert rows[0].endswith("| 10.0 |  | 1.00 (1.00 to 1.00) | 30.0 | 1.00 (1.00 to 1.00) |")
+    assert rows[-1].endswith("| 26.0 | +2.0 | 2.60 (2.60 to 2.60) | 30.0 | 1.00 (1.00 to 1.00) |")
+
+
+def test_calls_are_added_by_their_number_in_a_tick() -> None:
+    bare = Rung(Level.BYTES, 1.0, 1.0, {"write": [2.0, 3.0], "read": [1.0, 1.0]})
+    tick = Rung(Level.TICK, 1.0, 1.0, {"write": [2.0, 4.0]})
+    rows = call_lines([(ROUNDS[0], [bare, tick])])
+    assert rows[2:] == [
+        "| write | 2.00 | 3.0 | 2.00 | 4.0 |",
+        "| read | 1.00 | 1.0 | 0.00 | 0.0 |",
+        "| all, a tick |  | 7.0 |  | 8.0 |",
+    ]
+
+
+def test_the_time_of_timing_is_subtracted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each look at the clock takes 100 ns, the call 300 ns more."""
+    clock = iter(range(0, 10**9, 100))
+    fake = SimpleNamespace(monotonic_ns=lambda: next(clock))
+    monkeypatch.setattr("scripts.bus_calls.time", fake)
+    calls = Calls()
+
+    def slow() -> None:
+        for _ in range(3):
+            next(clock)
+
+    for _ in range(4):
+        calls.timed("slow", slow)
+    assert calls.figures(2) == {"slow": [2.0, pytest.approx(0.3)]}
+    assert calls.figures(2) == {}
