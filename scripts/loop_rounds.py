@@ -137,6 +137,7 @@ def rate_lines(found: Found[int, dict[str, float]], base: str) -> list[str]:
     rows = []
     for name in rounds[0]:
         own, bare = ([row[each] for row in rounds] for each in (name, base))
-        over = "" if name == base or not all(bare) else ratios(own, bare)
-        rows.append([name, f"{statistics.median(own):.0f}", over])
+        over = "" if name == base or not all((*own, *bare)) else ratios(own, bare)
+        held = f"{statistics.median(own):.0f}" if all(own) else f"not always above {LOW_HZ:g}"
+        rows.append([name, held, over])
     return table(["loop", "highest rate, Hz", "over the bare loop's"], *rows)

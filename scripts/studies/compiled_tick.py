@@ -14,14 +14,17 @@ import statistics
 import sys
 import sysconfig
 import tempfile
+from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 from haptic_wall.controller.bench.loops import emulated_bus, told_by
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.hw.errors import ServoError
-from scripts.compiled_package import MODULES, compiled
+from scripts.compiled_package import DRIVER, MODULES, compiled
 from scripts.loop_rounds import (
     Arm,
     Round,
@@ -57,18 +60,28 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
 
 
 @cache
-def compiled_side() -> Side:
-    """Compile the modules, once; they are removed when this process ends."""
-    return Side(place=compiled(Path(_folder().name)))
+def compiled_side(modules: tuple[str, ...] = MODULES) -> Side:
+    """Compile modules, once; they are removed when this process ends."""
+    place = Path(_folder().name, str(len(modules)))
+    place.mkdir()
+    return Side(place=compiled(place, modules))
 
 
 def arms() -> list[Arm]:
-    """Return the bare loop and the program, twice as it is, and compiled."""
+    """Return the bare loop, the program, and the program with all its modules compiled."""
     return [
         Arm(BARE, BARE, BARE, Side()),
         Arm(PLAIN, BARE, PLAIN, Side()),
-        Arm(f"{PLAIN} again", BARE, PLAIN, Side()),
         Arm(f"{PLAIN}, compiled", BARE, PLAIN, compiled_side()),
+    ]
+
+
+def more_arms() -> list[Arm]:
+    """Return these, the program once more, and the program with only its driver compiled."""
+    return [
+        *arms(),
+        Arm(f"{PLAIN}, driver compiled", BARE, PLAIN, compiled_side(DRIVER)),
+        Arm(f"{PLAIN} again", BARE, PLAIN, Side()),
     ]
 
 
@@ -79,7 +92,7 @@ def rounds(given: Given) -> list[Round]:
 
 def compared(case: Round) -> list[Turn]:
     """Run each loop once."""
-    return in_turn(case, arms())
+    return in_turn(case, more_arms())
 
 
 def searched(_number: int) -> dict[str, float]:
@@ -90,17 +103,27 @@ def searched(_number: int) -> dict[str, float]:
 # The same rows, whether compiled or not.
 
 
-def both_rows(name: str) -> bool:
-    """Whether a simulated wall gives the same rows and report to the last bit."""
-    return Side().tell("rows", name) == compiled_side().tell("rows", name)
+class Wall(NamedTuple):
+    """A simulated wall, with compiled modules and without."""
+
+    same: bool
+    """Rows and report are the same to the last bit"""
+    compiled: int
+    """Number of compiled modules"""
 
 
-def row_lines(found: Found[str, bool]) -> list[str]:
+def both_walls(name: str) -> Wall:
+    """Run a wall of ``scripts/study same_rows`` on both sides."""
+    same = Side().tell("rows", name) == compiled_side().tell("rows", name)
+    return Wall(same, len(compiled_side().tell("about", *MODULES)["compiled"]))
+
+
+def wall_lines(found: Found[str, Wall]) -> list[str]:
     """A sentence."""
-    other = [name for name, same in found if not same]
-    compiled_count = len(compiled_side().tell("about", *MODULES)["compiled"])
+    other = [name for name, row in found if not row.same]
+    count = min(row.compiled for _, row in found)
     return [
-        f"{compiled_count} of {len(MODULES)} modules compiled. {len(found) - len(other)} of"
+        f"{count} of {len(MODULES)} modules compiled. {len(found) - len(other)} of"
         f" {len(found)} simulated walls of `scripts/study same_rows` give the same rows and report"
         f" to the last bit{': others are ' + ', '.join(other) if other else ''}.",
     ]
@@ -113,6 +136,7 @@ class Rung(NamedTuple):
     """One level of the loop."""
 
     level: Level
+    compiled: bool
     p50: float
     """Work [µs]"""
     p99: float
@@ -122,56 +146,55 @@ class Rung(NamedTuple):
 
 def levels(case: Round) -> list[Rung]:
     """Run the loop at each level, in an order that goes on by one with each round."""
-    first = case.number % len(Level)
-    every = list(Level)
+    every = [(level, fast) for level in Level for fast in (False, True)]
+    first = case.number % len(every)
     with emulated_bus() as path:
-        found = [
-            rung(path, level, case.seconds, calls=False)
-            for level in (*every[first:], *every[:first])
+        return [
+            rung(path, level, case.seconds, fast=fast, calls=False)
+            for level, fast in (*every[first:], *every[:first])
         ]
-    return sorted(found)
 
 
 def system_calls(case: Round) -> list[Rung]:
     """Time the system calls of the bare loop and of the tick."""
     with emulated_bus() as path:
-        return [rung(path, level, case.seconds, calls=True) for level in (Level.BYTES, Level.TICK)]
+        return [
+            rung(path, level, case.seconds, fast=False, calls=True)
+            for level in (Level.BYTES, Level.TICK)
+        ]
 
 
-def rung(path: str, level: Level, seconds: float, *, calls: bool) -> Rung:
-    """Run the loop at one level."""
+def rung(path: str, level: Level, seconds: float, *, fast: bool, calls: bool) -> Rung:
+    """Run the loop at one level, with compiled modules or without."""
     core, _ = pick_cores()
+    side = compiled_side() if fast else Side()
     orders = {"path": path, "level": int(level), "seconds": seconds, "calls": calls}
-    told = told_by("the loop", ["scripts.tick_steps"], orders, seconds, {core})
-    return Rung(level, told["p50"], told["p99"], told["calls"])
+    with patch.dict(os.environ, {"PYTHONPATH": side.path}):
+        told = told_by("the loop", ["scripts.tick_steps"], orders, seconds, {core})
+    return Rung(level, fast, told["p50"], told["p99"], told["calls"])
 
 
 def level_lines(found: Found[Round, list[Rung]]) -> list[str]:
     """A line for each level."""
+
+    def of(level: Level, figure: str, *, fast: bool = False) -> list[float]:
+        each = [rung for _, row in found for rung in row if rung.level is level]
+        return [getattr(rung, figure) for rung in each if rung.compiled is fast]
+
     rows = []
     before: float | None = None
-    base = _of(found, Level.BYTES, "p50"), _of(found, Level.BYTES, "p99")
     for level in Level:
-        p50, p99 = _of(found, level, "p50"), _of(found, level, "p99")
+        p50 = of(level, "p50")
         middle = statistics.median(p50)
-        more = "" if before is None else f"{middle - before:+.1f}"
-        rows.append(
-            [
-                NAMES[level],
-                f"{middle:.1f}",
-                more,
-                ratios(p50, base[0]),
-                f"{statistics.median(p99):.1f}",
-                ratios(p99, base[1]),
-            ]
-        )
+        cells = [NAMES[level], f"{middle:.1f}", "" if before is None else f"{middle - before:+.1f}"]
         before = middle
-    head = ["the loop", "work p50, µs", "more", "over the first", "work p99, µs", "over the first"]
+        first, fast = of(Level.BYTES, "p50"), of(level, "p50", fast=True)
+        cells += [ratios(p50, first), f"{statistics.median(of(level, 'p99')):.1f}"]
+        cells += [f"{statistics.median(fast):.1f}", ratios(fast, first)]
+        rows.append([*cells, f"{statistics.median(of(level, 'p99', fast=True)):.1f}"])
+    head = ["the loop", "work p50, µs", "more", "over the first", "work p99, µs"]
+    head += ["compiled: work p50, µs", "over the first", "compiled: work p99, µs"]
     return [*table(head, *rows), "", f"{len(found)} rounds of {found[0][0].seconds:g} s."]
-
-
-def _of(found: Found[Round, list[Rung]], level: Level, figure: str) -> list[float]:
-    return [getattr(each, figure) for _, row in found for each in row if each.level is level]
 
 
 def call_lines(found: Found[Round, list[Rung]]) -> list[str]:
@@ -201,34 +224,45 @@ def call_lines(found: Found[Round, list[Rung]]) -> list[str]:
 
 @cache
 def interpreters() -> dict[str, Side]:
-    """Return the interpreters on PATH that can import the program, by version and build."""
-    found = {_described(Side()): Side()}
+    """Return the interpreters on PATH that can import the program, by version."""
+    here = Side()
+    found = {str(here.tell("about")["version"]): here}
     own = f"python{sys.version_info[0]}.{sys.version_info[1]}"
     for folder in os.environ["PATH"].split(os.pathsep):
         for path in sorted(Path(folder).glob("python3.[0-9][0-9]")):
             packages = sysconfig.get_path("purelib") if path.name == own else ""
             side = Side(str(path), packages=packages)
-            try:
-                found.setdefault(_described(side), side)
-            except (ServoError, OSError):
-                continue
+            with suppress(ServoError, OSError):
+                found.setdefault(str(side.tell("about")["version"]), side)
     return found
 
 
-def _described(side: Side) -> str:
-    about = side.tell("about")
-    build = "with" if about["optimised"] else "without"
-    return f"Python {about['version']}, built {build} optimisations"
-
-
 def other_pythons(case: Round) -> list[Turn]:
-    """Run the bare loop and the program once with each interpreter."""
-    every = [
-        Arm(f"{loop}, {name}", f"{BARE}, {name}", loop, side)
-        for name, side in interpreters().items()
-        for loop in (BARE, PLAIN)
-    ]
+    """Run the bare loop and the program once with each interpreter.
+
+    Another one of this version runs the compiled program, too.
+    """
+    every = []
+    for version, side in interpreters().items():
+        base = f"{BARE}, Python {version}"
+        every += [
+            Arm(base, base, BARE, side),
+            Arm(f"{PLAIN}, Python {version}", base, PLAIN, side),
+        ]
+        if side.packages:
+            fast = replace(side, place=compiled_side().place)
+            every.append(Arm(f"{PLAIN}, compiled, Python {version}", base, PLAIN, fast))
     return in_turn(case, every)
+
+
+def plain(version: str) -> float:
+    """Return the processor time of a piece of plain Python with an interpreter [ms]."""
+    return float(interpreters()[version].tell("about")["plain_ms"])
+
+
+def plain_lines(found: Found[str, float]) -> list[str]:
+    """A line for each interpreter."""
+    return table(["Python", "a piece of plain Python, ms"], *([v, f"{ms:.1f}"] for v, ms in found))
 
 
 STUDY = Study(
@@ -237,11 +271,11 @@ STUDY = Study(
         Part(
             "rows",
             lambda given: list(CASES)[:: max(1, len(CASES) // given.walls)][: given.walls],
-            both_rows,
-            row_lines,
+            both_walls,
+            wall_lines,
             case_s=12.0,
             in_turn=True,
-            wanted=lambda found: all(same for _, same in found),
+            wanted=lambda found: all(row.same for _, row in found),
         ),
         Part("work", rounds, compared, turn_lines, case_s=40.0, in_turn=True),
         Part(
@@ -252,14 +286,22 @@ STUDY = Study(
             case_s=120.0,
             in_turn=True,
         ),
-        Part("levels", rounds, levels, level_lines, case_s=50.0, in_turn=True),
+        Part("levels", rounds, levels, level_lines, case_s=100.0, in_turn=True),
         Part("calls", rounds, system_calls, call_lines, case_s=15.0, in_turn=True),
+        Part(
+            "pythons",
+            lambda _given: list(interpreters()),
+            plain,
+            plain_lines,
+            case_s=2.0,
+            in_turn=True,
+        ),
         Part("interpreters", rounds, other_pythons, turn_lines, case_s=60.0, in_turn=True),
     ),
     (
-        Option("rounds", 7, "rounds of each part", quick=2),
-        Option("seconds", 4.0, "duration of each loop [s]", quick=2.0),
-        Option("searches", 5, "searches of the highest rate", quick=1),
-        Option("walls", 30, "simulated walls whose rows are compared", quick=3),
+        Option("rounds", 5, "rounds of each part", quick=2),
+        Option("seconds", 3.0, "duration of each loop [s]", quick=1.5),
+        Option("searches", 4, "searches of the highest rate", quick=1),
+        Option("walls", 20, "simulated walls whose rows are compared", quick=3),
     ),
 )

@@ -7,8 +7,16 @@ from types import SimpleNamespace
 import pytest
 
 from scripts.bus_calls import Calls
+from scripts.compiled_package import MODULES
 from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
-from scripts.studies.compiled_tick import Rung, call_lines, level_lines
+from scripts.studies.compiled_tick import (
+    STUDY,
+    Rung,
+    Wall,
+    call_lines,
+    level_lines,
+    wall_lines,
+)
 from scripts.tick_steps import Level
 
 ROUNDS = [Round(number, 4.0) for number in range(2)]
@@ -29,23 +37,39 @@ def test_a_ratio_is_that_of_the_same_round() -> None:
 
 
 def test_a_rate_that_was_never_held_has_no_ratio() -> None:
-    held = rate_lines([(0, {"bare": 4000.0, "ours": 3000.0})], "bare")
-    assert held[2:] == ["| bare | 4000 |  |", "| ours | 3000 | 0.75 (0.75 to 0.75) |"]
-    assert rate_lines([(0, {"bare": 0.0, "ours": 3000.0})], "bare")[-1] == "| ours | 3000 |  |"
+    held = {"bare": 4000.0, "ours": 3000.0}
+    assert rate_lines([(0, held)], "bare")[2:] == [
+        "| bare | 4000 |  |",
+        "| ours | 3000 | 0.75 (0.75 to 0.75) |",
+    ]
+    for lost in held:
+        told = rate_lines([(0, held), (1, {**held, lost: 0.0})], "bare")
+        assert sum("not always above 500" in line for line in told) == 1
+        assert not any("0.75" in line for line in told)
 
 
 def test_each_level_is_told_with_its_difference_to_the_one_before() -> None:
     found = [
-        (each, [Rung(level, 10.0 + 2.0 * level, 30.0, {}) for level in Level]) for each in ROUNDS
+        (
+            each,
+            [
+                Rung(level, fast, (10.0 + 2.0 * level) / (1.0 + fast), 30.0, {})
+                for level in Level
+                for fast in (False, True)
+            ],
+        )
+        for each in ROUNDS
     ]
-    rows = level_lines(found)[2 : 2 + len(Level)]
-    assert rows[0].endswith("| 10.0 |  | 1.00 (1.00 to 1.00) | 30.0 | 1.00 (1.00 to 1.00) |")
-    assert rows[-1].endswith("| 26.0 | +2.0 | 2.60 (2.60 to 2.60) | 30.0 | 1.00 (1.00 to 1.00) |")
+    first, *_, last = level_lines(found)[2 : 2 + len(Level)]
+    same, half = "1.00 (1.00 to 1.00)", "0.50 (0.50 to 0.50)"
+    assert first.endswith(f"| 10.0 |  | {same} | 30.0 | 5.0 | {half} | 30.0 |")
+    over, fast = "2.60 (2.60 to 2.60)", "1.30 (1.30 to 1.30)"
+    assert last.endswith(f"| 26.0 | +2.0 | {over} | 30.0 | 13.0 | {fast} | 30.0 |")
 
 
 def test_calls_are_added_by_their_number_in_a_tick() -> None:
-    bare = Rung(Level.BYTES, 1.0, 1.0, {"write": [2.0, 3.0], "read": [1.0, 1.0]})
-    tick = Rung(Level.TICK, 1.0, 1.0, {"write": [2.0, 4.0]})
+    bare = Rung(Level.BYTES, False, 1.0, 1.0, {"write": [2.0, 3.0], "read": [1.0, 1.0]})
+    tick = Rung(Level.TICK, False, 1.0, 1.0, {"write": [2.0, 4.0]})
     rows = call_lines([(ROUNDS[0], [bare, tick])])
     assert rows[2:] == [
         "| write | 2.00 | 3.0 | 2.00 | 4.0 |",
@@ -69,3 +93,13 @@ def test_the_time_of_timing_is_subtracted(monkeypatch: pytest.MonkeyPatch) -> No
         calls.timed("slow", slow)
     assert calls.figures(2) == {"slow": [2.0, pytest.approx(0.3)]}
     assert calls.figures(2) == {}
+
+
+def test_a_wall_with_other_rows_is_named_and_not_wanted() -> None:
+    count = len(MODULES)
+    found = [("push", Wall(True, count)), ("tap", Wall(False, count - 1))]
+    (told,) = wall_lines(found)
+    assert told.startswith(f"{count - 1} of {count} modules compiled. 1 of 2 simulated walls")
+    assert told.endswith(": others are tap.")
+    wanted = next(part.wanted for part in STUDY.parts if part.name == "rows")
+    assert wanted(found[:1]) and not wanted(found)
