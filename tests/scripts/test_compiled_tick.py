@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from haptic_wall.controller.errors import PlatformError
+
 from scripts.bus_calls import Calls
-from scripts.compiled_package import MODULES
+from scripts.compiled_package import MODULES, compiled
 from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
 from scripts.studies.compiled_tick import (
     STUDY,
@@ -103,3 +106,15 @@ def test_a_wall_with_other_rows_is_named_and_not_wanted() -> None:
     assert told.endswith(": others are tap.")
     wanted = next(part.wanted for part in STUDY.parts if part.name == "rows")
     assert wanted(found[:1]) and not wanted(found)
+
+
+def test_a_missing_compiler_is_told_before_anything_is_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scripts.compiled_package.shutil.which", lambda _name: None)
+    with pytest.raises(PlatformError, match="no C compiler"):
+        compiled(tmp_path)
+    monkeypatch.setattr("scripts.compiled_package.importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(PlatformError, match="no mypyc"):
+        compiled(tmp_path)
+    assert not list(tmp_path.iterdir())
