@@ -1,4 +1,4 @@
-"""The study of a tick's parts: its tables count what they say, and its loop executes the parts."""
+"""The study of a tick's parts: its tables count what they say; a missing compiler is told in words."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from haptic_wall.controller.errors import PlatformError
-
 from scripts.bus_calls import Calls
 from scripts.compiled_package import MODULES, compiled
 from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
