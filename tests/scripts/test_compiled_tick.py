@@ -1,4 +1,4 @@
-"""The study of a tick's parts: its tables count what they say; a missing compiler is told in words."""
+"""The study of a tick's parts: its tables count what they say, and a missing compiler is told."""
 
 from __future__ import annotations
 
