@@ -67,14 +67,17 @@ class OpenServo(Protocol):
 
 
 def guard_schedule(config: Config, servo: OpenServo, simulated: bool) -> GainSchedule:
-    """Compute the guard's decisions for every sample age and every served interval."""
+    """Compute the guard's decisions for every sample age and served interval that can occur."""
     situation = situation_of(config, servo)
     period = situation.period
-    # On the simulated clock, in the same process, samples have zero age.
-    ages_ns = [0] if simulated and servo.bus is None else _ages_ns(config, servo)
+    intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
+    if simulated and servo.bus is None:
+        # In the same process samples have zero age, none is lost, and each period has its tick.
+        ages_ns, intervals_ns = [0], intervals_ns[:1]
+    else:
+        ages_ns = _ages_ns(config, servo)
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     decisions = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),
