@@ -453,9 +453,11 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = False
         return real_stop(servo)
 
-    def decided(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+    def decided(
+        config: Config, servo: Servo, simulated: bool, *, program: bool = False
+    ) -> GainSchedule:
         when.append(torque_on[0])
-        return guard_schedule(config, servo, simulated)
+        return guard_schedule(config, servo, simulated, program=program)
 
     monkeypatch.setattr(DynamixelServo, "start", start)
     monkeypatch.setattr(DynamixelServo, "stop", stop)
