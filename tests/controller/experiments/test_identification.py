@@ -374,7 +374,7 @@ def test_a_motion_that_is_not_explained_is_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As one that a hand has touched; the second one is what counts."""
-    found = []
+    found: list[Any] = []
 
     def explained(moved: Any, motion: Any, rough: bool) -> Any:
         found.append(whole(moved, motion, rough or len(found) == 1))
