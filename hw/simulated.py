@@ -146,7 +146,7 @@ class SimulatedServo:
         """Move until ``now_ns`` [ns], with the last torque."""
         mechanism = self._mechanism
         if self._written is not None:
-            mechanism.command(self._written, self._written_ns)
+            mechanism.take(self._written, self._written_ns)
             self._written = None
         mechanism.advance(now_ns)
 

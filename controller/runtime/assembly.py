@@ -66,15 +66,27 @@ class OpenServo(Protocol):
         """Return its bus."""
 
 
-def guard_schedule(config: Config, servo: OpenServo, simulated: bool) -> GainSchedule:
-    """Compute the guard's decisions for every sample age and every served interval."""
+def guard_schedule(
+    config: Config, servo: OpenServo, simulated: bool, *, program: bool = False
+) -> GainSchedule:
+    """Compute the guard's decisions for every sample age and every served interval.
+
+    Args:
+        config: The effective configuration.
+        servo: The servo, opened.
+        simulated: The clock is simulated.
+        program: A program is rendered, whose values the guard does not change. On the simulated
+            clock, in the same process, only the period itself is decided for.
+    """
     situation = situation_of(config, servo)
     period = situation.period
-    # On the simulated clock, in the same process, samples have zero age.
-    ages_ns = [0] if simulated and servo.bus is None else _ages_ns(config, servo)
+    intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
+    inside = simulated and servo.bus is None  # the same process: samples have zero age
+    ages_ns = [0] if inside else _ages_ns(config, servo)
+    if inside and program:
+        intervals_ns = intervals_ns[:1]
     least_ns = round(config.guard.sample_age * 1e9)
     ages_ns = [max(age, least_ns) for age in ages_ns]
-    intervals_ns = interval_bins_ns(config.period_ns, situation.belief.is_flexible)
     decisions = decide_bins(
         config.request(situation.position_step),
         config.guard_settings(),

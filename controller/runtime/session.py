@@ -186,7 +186,9 @@ class _Session:
 
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
-        self._schedule = guard_schedule(self._config, self.servo, self._simulated)
+        self._schedule = guard_schedule(
+            self._config, self.servo, self._simulated, program=bool(self._program)
+        )
         self._injected = most_injected(self._config, self.servo, self._schedule)
 
     def start(self) -> None:

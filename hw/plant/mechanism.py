@@ -231,13 +231,17 @@ class Mechanism:
             ValueError: The torque is not a finite number, or ``now_ns`` lies in the past.
         """
         acting = self.limited(torque)
+        self.take(acting, now_ns, braking)
+        return acting
+
+    def take(self, acting: float, now_ns: int, braking: float = 0.0) -> None:
+        """Do the same with a torque that ``limited`` has returned [N·m]."""
         if self._loop is None and self._delay_ns == 0:  # as ``_command``, for speed
             self.advance(now_ns)
             self._torque = acting
             self._brake(braking)
         else:
             self._command(acting, braking, now_ns)
-        return acting
 
     def release(self, now_ns: int) -> None:
         """Switch the motor off at ``now_ns`` [ns]: after the servo's delay no current flows.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
@@ -58,7 +59,7 @@ def compiled() -> Run | None:
     how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     run = _keyed(fingerprint())
     try:
-        return _typed(numba.njit(cache=True, **how)(run))
+        return compiled_once(numba.njit(cache=True, **how)(run))
     except RuntimeError:  # no place for the cache
         return _typed(numba.njit(**how)(run))
 
@@ -80,6 +81,29 @@ def _keyed(sources: int) -> Run:
         return lanes.run(*given) if sources else 0
 
     return keyed
+
+
+def compiled_once(run: Run) -> Run:
+    """Return the same function, which only one process compiles.
+
+    Others that call it meanwhile wait, and read what that process has kept.
+    """
+    ready = False
+
+    def once(*given: Any) -> int:  # noqa: ANN401 - as ``lanes.run``
+        nonlocal ready
+        if ready:
+            return run(*given)
+        with Path(str(lanes.__file__)).open() as sources:
+            with suppress(ImportError, OSError):  # Windows, or a file system without locks
+                import fcntl
+
+                fcntl.flock(sources, fcntl.LOCK_EX)
+            found = run(*given)
+        ready = True
+        return found
+
+    return once
 
 
 def _typed(run: Run) -> Run:

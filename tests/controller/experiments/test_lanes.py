@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,7 +14,12 @@ import pytest
 
 from haptic_wall.controller.experiments.maps import lane_rest, lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
-from haptic_wall.controller.experiments.maps.compiled import Run, compiled, fingerprint
+from haptic_wall.controller.experiments.maps.compiled import (
+    Run,
+    compiled,
+    compiled_once,
+    fingerprint,
+)
 from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.experiments.maps.tables import Table
@@ -226,6 +232,19 @@ def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_p
     changed.write_text(Path(str(lane_rest.__file__)).read_text() + "# more")
     monkeypatch.setattr(lane_rest, "__file__", str(changed))
     assert fingerprint() != before
+
+
+def test_one_process_compiles_and_the_others_wait_for_it() -> None:
+    def alone(*_given: object) -> int:
+        with Path(str(lanes.__file__)).open() as sources:
+            try:
+                fcntl.flock(sources, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return 1
+        return 0
+
+    run = compiled_once(alone)
+    assert [run(), run()] == [1, 0], "while it compiles, and afterwards"
 
 
 def test_the_draws_have_every_trait_and_its_absence() -> None:

@@ -190,7 +190,7 @@ def test_the_guard_can_be_wrong_when_the_belief_is() -> None:
 
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
     _, plain = session("simulated", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
-    result, bus = session("emulated-ideal", "loop.clock=simulated", "servo.kick=-0.1", duration=5.0)
+    result, bus = session("emulated-ideal", "loop.clock=simulated", "servo.kick=-0.1", duration=2.7)
     assert (
         not_none(result.bus)["lost"]
         == not_none(result.bus)["late"]
@@ -419,9 +419,9 @@ def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
     sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
-    result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=3.0)
+    result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=1.0)
     assert result.wall_came_on
-    assert result.ticks == 3000, "time counts from when the wall comes on"
+    assert result.ticks == 1000, "time counts from when the wall comes on"
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
 
 
@@ -453,9 +453,11 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
         torque_on[0] = False
         return real_stop(servo)
 
-    def decided(config: Config, servo: Servo, simulated: bool) -> GainSchedule:
+    def decided(
+        config: Config, servo: Servo, simulated: bool, *, program: bool = False
+    ) -> GainSchedule:
         when.append(torque_on[0])
-        return guard_schedule(config, servo, simulated)
+        return guard_schedule(config, servo, simulated, program=program)
 
     monkeypatch.setattr(DynamixelServo, "start", start)
     monkeypatch.setattr(DynamixelServo, "stop", stop)
@@ -547,12 +549,12 @@ def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
 
 def test_a_configured_sample_age_counts_where_it_is_the_larger() -> None:
     settings = ("loop.clock=simulated", "delay.steps=2")
-    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.0015")
+    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.0015", duration=0.2)
     assert not_none(result.delay)["measured"] == 0.0015
     assert not_none(result.delay)["total"] == pytest.approx(
         0.002 + 0.0015 + not_none(result.delay)["device"]
     )
-    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.00001")
+    result, _ = session("emulated-ideal", *settings, "guard.sample_age=0.00001", duration=0.2)
     assert not_none(result.delay)["measured"] > 0.00001
 
 

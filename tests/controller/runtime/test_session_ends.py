@@ -152,7 +152,7 @@ def test_what_is_no_known_servo_is_neither_stopped_nor_left_to_be_cut(scene: Sce
 def test_an_error_before_the_start_touches_no_servo(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object) -> NoReturn:
+    def broken(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError("boom")
 
     monkeypatch.setattr(session, "guard_schedule", broken)
