@@ -419,9 +419,9 @@ def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
     """A hand brings the shaft from beyond a quarter turn, and goes slowly through the surface."""
     sets = ["loop.clock=simulated", "wall.side=both", "wall.stiffness=2", "servo.kick=-1.6"]
-    result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=1.0)
+    result, rows = session("emulated-ideal", *sets, "safety.engage_torque=0.2", duration=1.8)
     assert result.wall_came_on
-    assert result.ticks == 1000, "time counts from when the wall comes on"
+    assert result.ticks == 1800, "time counts from when the wall comes on"
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
 
 
