@@ -18,9 +18,11 @@ from scripts.trials.beyond_ceiling import (
     vibration,
 )
 from scripts.trials.cases import PRESETS, Case
-from scripts.trials.passive_ceiling import controlled, link_believed
+from scripts.trials.passive_ceiling import CONTROL, controlled, link_believed
+from scripts.trials.run import WallAsked
 from scripts.trials.servo import TrialServo
 from scripts.trials.truth import Truth
+from scripts.trials.verdicts import small, sustains
 
 
 def _growth(truth: Truth, stiffness: float, damping: float) -> float:
@@ -84,3 +86,27 @@ def test_passivity_control_with_a_known_link_adds_nothing_near_its_ceiling() -> 
     found = controlled(replace(case, law=link_believed(case.truth)))
     assert found.injected == pytest.approx(0.0, abs=1e-9)
     assert found.amplitude[0] == found.amplitude[1]
+
+
+LINKED = Truth(
+    inertia=0.0177,
+    damping=0.0075,
+    torque_gain=0.91,
+    delay=0.44e-3,
+    current_bandwidth=219.0,
+    load_inertia=0.0062,
+    transmission_stiffness=71.9,
+    transmission_damping=0.0221,
+)
+"""A link that vibrates at 21 Hz on an XM430, without Coulomb friction"""
+
+
+def test_passivity_control_does_not_feed_a_vibration_of_a_link_that_nobody_believes() -> None:
+    """Below its ceiling the vibration dies; the damping added for the kick must not keep it up."""
+    wall = WallAsked(30.4, 0.9 * ceiling_of(LINKED))
+    case = Case(PRESETS[0], LINKED, wall, position=0.229, struck=1.2)
+    plain = case.run("report")
+    found = replace(case, law=(CONTROL,)).run("report")
+    assert found.damping[:1000].max() > 1.5 * wall.damping
+    assert not sustains(plain, small())
+    assert not sustains(found, small())
