@@ -154,7 +154,7 @@ def _cells(found: list[Controlled]) -> str:
     def count(holds: Callable[[Controlled], bool]) -> int:
         return sum(holds(one) for one in found)
 
-    added = [100.0 * one.injected for one in found]
+    added = [100.0 * round(one.injected, 6) + 0.0 for one in found]  # no -0.0
     mean = f"{np.mean(added):.1f}, {max(added):.0f} %" if added else ""
     cells = [str(n), mean, *(str(count(lambda one, i=i: one.lasts[i])) for i in (0, 1))]
     cells.append(few(count(lambda one: one.lasts[1] and not one.lasts[0]), n))

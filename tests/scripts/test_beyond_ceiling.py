@@ -24,6 +24,18 @@ from scripts.trials.servo import TrialServo
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import small, sustains
 
+LINKED = Truth(
+    inertia=0.0177,
+    damping=0.0075,
+    torque_gain=0.91,
+    delay=0.44e-3,
+    current_bandwidth=219.0,
+    load_inertia=0.0062,
+    transmission_stiffness=71.9,
+    transmission_damping=0.0221,
+)
+"""A link that vibrates at 21 Hz on an XM430, without Coulomb friction"""
+
 
 def _growth(truth: Truth, stiffness: float, damping: float) -> float:
     """Amplitude of the vibration after two seconds over that after one, without rounding."""
@@ -67,9 +79,9 @@ def test_every_share_meets_the_same_servos() -> None:
 
 
 def _wall(share: float) -> Case:
-    """A wall on a servo without friction, kicked."""
-    cases = draw_walls(PRESETS[0], share, 8, np.random.default_rng(4))
-    return replace(cases[3], position=0.1, velocity=0.0, struck=1.0)
+    """A wall on that servo, let go, with its link struck."""
+    wall = WallAsked(30.4, share * ceiling_of(LINKED))
+    return Case(PRESETS[0], LINKED, wall, position=0.229, struck=1.2)
 
 
 def test_a_wall_at_twice_the_ceiling_is_told_from_one_below() -> None:
@@ -88,25 +100,11 @@ def test_passivity_control_with_a_known_link_adds_nothing_near_its_ceiling() -> 
     assert found.amplitude[0] == found.amplitude[1]
 
 
-LINKED = Truth(
-    inertia=0.0177,
-    damping=0.0075,
-    torque_gain=0.91,
-    delay=0.44e-3,
-    current_bandwidth=219.0,
-    load_inertia=0.0062,
-    transmission_stiffness=71.9,
-    transmission_damping=0.0221,
-)
-"""A link that vibrates at 21 Hz on an XM430, without Coulomb friction"""
-
-
 def test_passivity_control_does_not_feed_a_vibration_of_a_link_that_nobody_believes() -> None:
     """Below its ceiling the vibration dies; the damping added for the kick must not keep it up."""
-    wall = WallAsked(30.4, 0.9 * ceiling_of(LINKED))
-    case = Case(PRESETS[0], LINKED, wall, position=0.229, struck=1.2)
+    case = _wall(0.9)
     plain = case.run("report")
     found = replace(case, law=(CONTROL,)).run("report")
-    assert found.damping[:1000].max() > 1.5 * wall.damping
+    assert found.damping[:1000].max() > 1.5 * case.wall.damping, "it acts, as nothing is believed"
     assert not sustains(plain, small())
     assert not sustains(found, small())
