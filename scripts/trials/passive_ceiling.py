@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -150,17 +149,16 @@ def told(cells: list[Cell]) -> Made:
 
 def _cells(found: list[Controlled]) -> str:
     n = len(found)
-
-    def count(holds: Callable[[Controlled], bool]) -> int:
-        return sum(holds(one) for one in found)
-
     added = [100.0 * round(one.injected, 6) + 0.0 for one in found]  # no -0.0
-    mean = f"{np.mean(added):.1f}, {max(added):.0f} %" if added else ""
-    cells = [str(n), mean, *(str(count(lambda one, i=i: one.lasts[i])) for i in (0, 1))]
-    cells.append(few(count(lambda one: one.lasts[1] and not one.lasts[0]), n))
-    cells += [
-        str(count(lambda one, to=to: _larger(one.amplitude[1 - to], one.amplitude[to])))
-        for to in (1, 0)
+    alone = sum(one.lasts[1] and not one.lasts[0] for one in found)
+    cells = [
+        str(n),
+        f"{np.mean(added):.1f}, {max(added):.0f} %" if added else "",
+        str(sum(one.lasts[0] for one in found)),
+        str(sum(one.lasts[1] for one in found)),
+        few(alone, n),
+        str(sum(_larger(*one.amplitude) for one in found)),
+        str(sum(_larger(*reversed(one.amplitude)) for one in found)),
     ]
     for i in (0, 1):
         lasting = [one for one in found if one.lasts[i]]
