@@ -134,6 +134,11 @@ class OwnMotion:
             returning = Phase.RETURNING in phases
             hold.follow(away, torque, span, stiffness, self.scale, ended=ended, returning=returning)
 
+    def is_faster(self, half_cycle: float) -> bool:
+        """Whether the shaft turns around sooner than a half-cycle of this length [s]."""
+        motion = self._half_cycles
+        return motion.known > 1 and motion.interval < half_cycle and motion.elapsed < half_cycle
+
     def suspect(self) -> None:
         """Request a probe of this motion, regular or not; cancelled if it stops before."""
         self._suspect(True)

@@ -22,6 +22,9 @@ from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.laws.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
+_OUTRUNS = 2.0
+"""How much faster than the wall's own motion a vibration of a link is, at least: a servo within a
+usual belief is up to 1.4 times as fast as the believed one, and late damping stiffens the spring"""
 _NOT_JUDGED = 0.0, 0.0, -math.inf
 """Of a contact that the watch has not seen begin: the wall may give what it held before"""
 
@@ -299,6 +302,21 @@ class Watch:
             return own.frequency_hz, own.amplitude, math.nan, own.alarm or detector.alarm
         alarm = detector.alarm or (own is not None and own.alarm)
         return detector.frequency_hz, detector.amplitude, detector.growth, alarm
+
+    def outruns(self, stiffness: float) -> bool:
+        """Whether the motion is twice as fast as the believed servo on the wall's spring.
+
+        Then a link vibrates, whatever is believed of one.
+
+        Args:
+            stiffness: K without a derating [N·m/rad].
+        """
+        own, inertia = self.own, self._settings.detector.inertia
+        if own is None:
+            return False
+        if not stiffness > 0.0:
+            return own.is_faster(math.inf)
+        return own.is_faster(math.pi * math.sqrt(inertia / stiffness) / _OUTRUNS)
 
     @property
     def scale(self) -> float:

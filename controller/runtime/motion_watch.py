@@ -119,5 +119,7 @@ class MotionWatch:
                 watch.acted - held,
                 watch.spanned,
             )
+            if watch.outruns(law.stiffness):
+                injected = self._passivity.waive()  # a damper may feed the vibration of a link
         law.injected = injected
         return trip

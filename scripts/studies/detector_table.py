@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from scripts.study import Found, Given, Option, Part, Study
+from scripts.trials.beyond_ceiling import CEILING
 from scripts.trials.beyond_limit import LIMIT
 from scripts.trials.bouncing import BOUNCES
 from scripts.trials.detector_trials import (
@@ -186,6 +187,7 @@ STUDY = Study(
         WALLS,
         HOURS,
         LIMIT,
+        CEILING,
         BOUNCES,
         BACKLASH_CYCLES,
         LAW_ROWS,

@@ -34,6 +34,7 @@ from haptic_wall.hw.open import open_servo
 from scripts.study import Found, Given, Option, Part, Study
 from scripts.trials.laws import LAW_GROWTH
 from scripts.trials.own_walls import GROWTH
+from scripts.trials.passive_ceiling import PASSIVE
 from scripts.trials.sections import GENERATIONS, WALLS_TRIED
 from scripts.trials.worst import WORST
 
@@ -338,7 +339,7 @@ def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
 
 STUDY = Study(
     "evidence/reaction-table.md",
-    (Part("belief", walls, answered, lines, case_s=0.15), GROWTH, LAW_GROWTH, WORST),
+    (Part("belief", walls, answered, lines, case_s=0.15), GROWTH, LAW_GROWTH, WORST, PASSIVE),
     (
         Option("cases", 300, "walls of each kind, for each belief", quick=4),
         Option("seed", 1, "seed of the walls"),

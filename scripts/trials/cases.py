@@ -80,6 +80,8 @@ class Case:
     """Natural frequency of the wall, for a resonant operator [Hz]"""
     velocity: float = 0.0
     """Initial velocity of the shaft [rad/s]"""
+    struck: float = 0.0
+    """Initial velocity that the load behind a transmission has in addition [rad/s]"""
     law: tuple[str, ...] = ()
     """Settings of another law than a wall, as changes of a configuration"""
 
@@ -123,6 +125,7 @@ class Case:
             duration_s=self.duration_s,
             position=self.position,
             velocity=self.velocity,
+            struck=self.struck,
             tuning=tuning,
         )
 

@@ -119,6 +119,7 @@ def run_trial(
     duration_s: float,
     position: float = 0.0,
     velocity: float = 0.0,
+    struck: float = 0.0,
     tuning: Tuning = TUNING,
 ) -> Trial:
     """Run the tick until the duration is over or a trip ends the run.
@@ -131,6 +132,7 @@ def run_trial(
         duration_s: [s]
         position: Position of the servo at the start [rad].
         velocity: Velocity of the servo at the start [rad/s].
+        struck: Velocity that the load behind a transmission has in addition [rad/s].
         tuning: Numbers of the detector.
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
@@ -138,6 +140,7 @@ def run_trial(
     servo: TrialServo | RealTrialServo
     if truth.real is None:
         servo = TrialServo(truth, clock, operator, position=position, velocity=velocity)
+        servo.body.velocity += struck
     else:
         servo = RealTrialServo(truth, clock, operator, position=position, velocity=velocity)
     telemetry = Telemetry(-1, _CHUNK + 8)

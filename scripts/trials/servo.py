@@ -18,6 +18,8 @@ from scripts.trials.truth import Truth
 
 _OK = Outcome.OK
 _NEVER_NS = 1 << 62
+_LOOP_NS = 250_000
+"""Longest time over which the torque of a current loop is held at its mean [ns]"""
 
 
 class TrialServo:
@@ -63,6 +65,8 @@ class TrialServo:
         self._time_ns = self._start_ns = clock.now_ns()
         self._delay_ns = round(truth.delay * 1e9)
         self._pending: deque[tuple[int, float]] = deque()
+        self._loop_rate = math.tau * truth.current_bandwidth
+        self._goal = self._made = 0.0
         self._reading: Reading | None = None
 
         self.body = body = Body(truth, position, velocity, step_s)
@@ -129,7 +133,7 @@ class TrialServo:
         """Switch torque off at once. Always succeeds."""
         self._advance(self._now_ns())
         self._pending.clear()
-        self.body.torque = 0.0
+        self.body.torque = self._goal = self._made = 0.0
         return True
 
     def close(self) -> None:
@@ -138,17 +142,28 @@ class TrialServo:
     def _advance(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns], divided where a torque or the operator changes."""
         time_ns, pending, body = self._time_ns, self._pending, self.body
+        lags = self._loop_rate > 0.0
         while time_ns < now_ns:
             while pending and pending[0][0] <= time_ns:
-                body.torque = pending.popleft()[1]
+                body.torque = self._goal = pending.popleft()[1]
             if time_ns >= self._next_ns:
                 self._next_row()
             cut_ns = now_ns if now_ns <= self._next_ns else self._next_ns
             if pending and pending[0][0] < cut_ns:
                 cut_ns = pending[0][0]
+            if lags:
+                cut_ns = min(cut_ns, time_ns + _LOOP_NS)
+                body.torque = self._loop(cut_ns - time_ns)
             body.move(cut_ns - time_ns)
             time_ns = cut_ns
         self._time_ns = time_ns
+
+    def _loop(self, length_ns: int) -> float:
+        """Return the mean torque of the current loop over a time that begins now [N·m]."""
+        turn = self._loop_rate * length_ns * 1e-9
+        away, left = self._made - self._goal, math.exp(-turn)
+        self._made = self._goal + away * left
+        return self._goal + away * (1.0 - left) / turn
 
     def _next_row(self) -> None:
         """Set the operator's motion from now on."""

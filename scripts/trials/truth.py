@@ -56,7 +56,10 @@ class Truth:
     torque_gain: float = 1.0
     """Acting torque per commanded torque [1], > 0"""
     delay: float = 0.0
-    """From sending a torque until it acts [s], >= 0"""
+    """From sending a torque until it acts, or the current loop takes it over [s], >= 0"""
+    current_bandwidth: float = 0.0
+    """Bandwidth of the current loop [Hz], first order; 0: a torque acts at once. ``real`` has its
+    own"""
     torque_limit: float = 4.1
     """Limit of the commanded torque [N·m], > 0"""
     torque_step: float = 0.0
@@ -98,6 +101,7 @@ class Truth:
             "damping",
             "coulomb",
             "delay",
+            "current_bandwidth",
             "torque_step",
             "counts_per_rev",
             "backlash",

@@ -120,3 +120,13 @@ def test_a_wall_that_is_moved_again_and_again_is_probed_all_the_same(
             break
     assert own.counts[0] == 1
     assert 0.4 < k * 1e-3 < 1.5
+
+
+def test_it_tells_how_fast_the_shaft_turns_around() -> None:
+    own = OwnMotion(SETTINGS, None, 0)
+    assert not own.is_faster(math.inf)
+    swing(own, 5 * COUNT, 0.5, 25.0)
+    assert own.is_faster(0.022)
+    assert not own.is_faster(0.018)
+    swing(own, 0.0, 0.05)
+    assert not own.is_faster(0.022)  # at rest: what comes next may be slow
