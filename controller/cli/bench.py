@@ -119,7 +119,7 @@ def _text(report: Mapping[str, Any]) -> str:
         for note in section["notes"]:
             lines += _folded(note, 2)
     if report["interrupted"]:
-        lines += ["", "interrupted: only what is above was finished"]
+        lines += ["", "interrupted: only the sections above are complete"]
     return "\n".join(lines)
 
 

@@ -45,8 +45,8 @@ from haptic_wall.controller.system.whole_file import whole
     "--delay",
     callback=span,
     metavar="td",
-    help="Whole delay from a sample to its torque [s]; with CONFIG by default what that has: "
-    "inserted, guard.sample_age and model.delay.",
+    help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of inserted "
+    "delay, guard.sample_age and model.delay.",
 )
 @click.option(
     "--torque-gain",
@@ -72,9 +72,14 @@ from haptic_wall.controller.system.whole_file import whole
 @click.option("--load-inertia", type=float, metavar="J",
               help="Inertia behind a flexible transmission; --inertia and --damping are then those "
               "of the motor's side [kg·m²].")  # fmt: skip
-@click.option("--transmission-stiffness", type=float, metavar="k", help="Its stiffness [N·m/rad].")
+@click.option(
+    "--transmission-stiffness",
+    type=float,
+    metavar="k",
+    help="Stiffness of the transmission [N·m/rad].",
+)
 @click.option("--transmission-damping", type=float, metavar="c",
-              help="Its damping [N·m·s/rad]; default: 0.")  # fmt: skip
+              help="Damping of the transmission [N·m·s/rad]; default: 0.")  # fmt: skip
 @click.option("--encoder", type=click.Choice(["output", "motor"]),
               help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
 @click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
@@ -86,7 +91,7 @@ from haptic_wall.controller.system.whole_file import whole
     "--latency-timer",
     type=float,
     metavar="MS",
-    help="Latency timer of the adapter, part of the delay [ms].",
+    help="Latency timer of the USB adapter [ms], which is part of the delay.",
 )
 @click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option
@@ -121,7 +126,7 @@ def command(
         with working("computing the limits"):
             found = report(question, chosen)
     except ValueError as error:  # numbers so extreme that only the theory can tell
-        raise UserError(error, advice="are all in SI units?") from None
+        raise UserError(error, advice="check that all values are in SI units") from None
     if plot is not None:
         from haptic_wall.controller.report.boundary import plot_boundary
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     "steps",
     callback=periods,
     metavar="n[,n...]",
-    help="Inserted delays to recover, in whole periods, beside that of CONFIG; default: 0, and 5"
-    " more than CONFIG.",
+    help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
+    " than CONFIG's.",
 )
 @click.option(
     "--bursts",
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the torque steps.")
 @experiment(
-    folder_option("Where delay.json, delay.png and the logs go; default: a folder in ./runs/.")
+    folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
 )
 def command(
     asked: Asked,

@@ -101,7 +101,7 @@ def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
     if not isinstance(error, click.ClickException):
         return Problem(str(error))
     context = error.ctx if isinstance(error, click.UsageError) else None
-    more = f"`{context.command_path} --help` lists what there is" if context else ""
+    more = f"`{context.command_path} --help` lists options and arguments" if context else ""
     if isinstance(error, NoSuchCommandError):
         return error.problem
     if isinstance(error, click.NoSuchOption):

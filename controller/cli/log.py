@@ -54,7 +54,7 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 
 @click.option("--mcap", "mcap_path", type=_FILE, help="Write its rows as MCAP to this path.")
 @click.option("--plot", type=FileToWrite(), help="Draw it as PNG to this path.")
 @click.option(
-    "--cut", "cut_path", type=_FILE, help="Write the stretch as a log of its own to this path."
+    "--cut", "cut_path", type=_FILE, help="Write the stretch as a new log to this path."
 )
 @force_option
 @json_option
@@ -89,8 +89,8 @@ def command(
                 "found a pipe or a device",
                 field=option,
                 given=path,
-                wanted="a file: it is not written from its beginning to its end",
-                advice="only --csv is",
+                wanted="a file: this format is not written in sequence",
+                advice="only --csv can go to a pipe or a device",
             )
     for option, path in wanted.items():
         if path is not None:
@@ -98,7 +98,7 @@ def command(
     stretch = stretch_between(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError(
-            "found neither --from nor --to", field="--cut", advice="say which stretch, in seconds"
+            "found neither --from nor --to", field="--cut", advice="give the stretch in seconds"
         )
     with (
         reading("LOG", log, "a log of run"),

@@ -38,7 +38,7 @@ COMMANDS = {
     "boundary": "Compute the stiffness limits of a servo, and what sets them.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
     "commission": "Run doctor, identify, delay, rendered and sweep in one.",
-    "acceptance": "Lead through the acceptance of a first real servo.",
+    "acceptance": "Guide you through the acceptance of a first real servo.",
     "identify": "Measure inertia, friction and delay of a servo.",
     "sweep": "Measure the critical stiffness of a servo.",
     "zwidth": "Show which stiffness and damping a servo can render.",
@@ -176,8 +176,8 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
     if error.errno in _OF_OUTPUT:
         forget_output()
     limit = PlatformError(
-        f"this machine has no more for it ({error.strerror})",
-        advice="raise the limits of this shell, ulimit -a shows them, or end other programs",
+        f"the system refuses a resource ({error.strerror})",
+        advice="raise the limits of this shell (ulimit -a shows them), or end other programs",
     )
     return tell(limit, limit.exit_status, json=json)
 

@@ -67,10 +67,10 @@ _KINDS = {**FILES, "map.rows": RESULT}
 )
 @dask_option
 @click.option(
-    "--resume", is_flag=True, help="Go on with the unfinished map that an earlier call left in DIR."
+    "--resume", is_flag=True, help="Continue the unfinished map in DIR."
 )
 @experiment(
-    folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
+    folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
     "simulated",
     moves=False,
     of_walls=True,
@@ -102,7 +102,7 @@ def command(
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
         if resume:
-            raise UserError("found no folder", field="--resume", wanted="the map's, as --out DIR")
+            raise UserError("found without --out", field="--resume", advice="add the map's --out DIR")
         folder = new_stem("--out", "map")
         folder.mkdir()
     else:
@@ -125,8 +125,8 @@ def command(
         answer(_text(found, files))
     if interrupted:
         say(
-            "interrupted: what was done until then is kept, the rest is empty; the same command"
-            f" with --out {folder} --resume goes on"
+            "interrupted: the points computed so far are kept, the others are empty; the same"
+            f" command with --out {folder} --resume continues"
         )
         sys.exit(INTERRUPTED)
 
@@ -185,7 +185,7 @@ def _refuse_long(setting: MapSettings, steps: int) -> None:
         raise UserError(
             f"found {periods:.4g} periods of delay",
             field="--delay-steps",
-            wanted=f"with servo.load_inertia at most {MOST_PERIODS}, servo.delay included",
+            wanted=f"at most {MOST_PERIODS} with servo.load_inertia, servo.delay included",
         )
 
 

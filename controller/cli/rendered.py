@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random choices.")
 @experiment(
     folder_option(
-        "Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/."
+        "Folder for rendered.json, rendered.png and the logs; default: a new one in ./runs/."
     ),
     of_walls=True,
 )
@@ -61,7 +61,7 @@ def _text(found: Rendering, files: list[Path]) -> str:
         )
     if found.binding is not None:
         lines.append(
-            f"{found.requested.stiffness:g} N·m/rad were asked for; the guard commands"
+            f"{found.requested.stiffness:g} N·m/rad were requested; the guard commands"
             f" {found.stiffness:.4g} ({found.binding} limit)"
         )
     return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])

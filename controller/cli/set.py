@@ -23,7 +23,7 @@ MOST_WAIT_S = 3600.0
     "run",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Folder or log of the run; default: the only one that runs.",
+    help="Folder or log of the run; default: the only running one.",
 )
 @click.option(
     "--wait",
@@ -55,12 +55,12 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
 def _text(told: dict[str, Any]) -> str:
     changes = ", ".join(f"{path}: {value}" for path, value in told["changed"].items())
     if not changes:
-        return "nothing changes: the wall is so already"
+        return "no change: the wall has these values already"
     lines = [f"applied after {number(told['waited_s'])} s: {changes}"]
     guard = told["guard"]
     commanded = guard["commanded"]
     lines.append(
-        f"commanded are {number(commanded['stiffness'])} N·m/rad and "
+        f"commanded: {number(commanded['stiffness'])} N·m/rad and "
         f"{number(commanded['damping'])} N·m·s/rad"
     )
     return "\n".join([*lines, *map(str, guard["reasons"])])

@@ -40,8 +40,8 @@ _MOST_STEPS = 1000
     type=click.Choice(["stiffness", "damping"]),
     default="stiffness",
     show_default=True,
-    help="stiffness: the critical one at each virtual damping; damping: its ceiling, above which"
-    " the servo vibrates without any stiffness.",
+    help="stiffness: measure the critical stiffness at each virtual damping; damping: measure the"
+    " ceiling of the virtual damping, above which the servo vibrates without any stiffness.",
 )
 @click.option(
     "--virtual-damping",
@@ -65,7 +65,7 @@ _MOST_STEPS = 1000
     help="Distance from the wall at which the shaft is released [rad]; default: for each point"
     " the largest up to 0.1 that the torque limit allows.",
 )
-@click.option("--fresh", is_flag=True, help="Replace what an earlier sweep left in DIR.")
+@click.option("--fresh", is_flag=True, help="Replace an earlier sweep in DIR.")
 @click.option(
     "--repeats",
     type=click.IntRange(min=1, max=100),
@@ -87,8 +87,8 @@ _MOST_STEPS = 1000
 @dask_option
 @experiment(
     folder_option(
-        "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
-        " was interrupted there goes on. Default: a new folder in ./runs/."
+        "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. An"
+        " interrupted sweep of the same settings in it continues."
     ),
     of_walls=True,
     filters=True,
@@ -121,7 +121,7 @@ def command(
         raise UserError(
             "found none",
             field="--virtual-damping",
-            wanted="the dampings at which the critical stiffness is measured",
+            wanted="the virtual dampings at which to measure the critical stiffness",
             advice="give it, or --over damping",
         )
     from haptic_wall.controller.experiments.cluster import cluster
@@ -138,7 +138,7 @@ def command(
     effective = experiment_config(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(
-            "found a servo in real time",
+            "found a run in real time",
             field="--dask",
             given=dask,
             wanted="a simulated one",
@@ -183,7 +183,7 @@ def command(
         why = "interrupted" if tripped is None else f"{tripped.stop_reason}: {tripped}"
         say(
             f"{why}: {len(points)} of {len(settings)} points are kept; the same command with"
-            f" --out {folder} goes on"
+            f" --out {folder} continues"
         )
         sys.exit(INTERRUPTED if tripped is None else exit_status(tripped.stop_reason))
 
@@ -221,7 +221,7 @@ def _announce(
     if done:
         say(f"{len(done)} of {len(settings)} points were measured before and are kept")
     if not left:
-        say("nothing is left to measure; --fresh measures anew")
+        say("all points are measured; --fresh measures them again")
         return
     if config.loop.clock == "monotonic":
         hint = ""
@@ -233,8 +233,8 @@ def _announce(
         far = excursion(config, left, options)
         say(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
-            f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
-            f" to {config.servo.torque_limit:g} N·m, at more and more stiffness; Ctrl-C ends it"
+            f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
+            f" to {config.servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
         )
 
 
@@ -302,7 +302,7 @@ def _text(points: list[PointResult], folder: Path) -> str:
         if point.reason is not None:
             lines.append(f"{'':>9} {point.reason}")
         elif point.trips:
-            lines.append(f"{'':>9} tripped on the way: {'; '.join(point.trips)}")
+            lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
     return "\n".join([*lines, "", f"written to {folder}: sweep.csv, sweep.json, sweep.png, logs/"])
 
 
