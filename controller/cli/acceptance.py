@@ -64,11 +64,11 @@ _EMULATED_S = 60.0
 def command(
     asked: Asked, weight: float | None, lever: float | None, only_plan: bool, fresh: bool
 ) -> None:
-    """Lead through the acceptance of a real servo, in about fifteen minutes.
+    """Guide you through the acceptance of a real servo, in about fifteen minutes.
 
-    Each step says what moves, what to hold, what it measures, and which assumption it settles. The
-    predictions, with bounds, are written before anything moves. The same steps are then taken on
-    an emulated servo. DIR/acceptance.zip has all of it, without personal data, to be sent back.
+    Each step names its motion, your part, its measurement and the assumption that it settles. The
+    command writes predictions with bounds before the shaft moves. Then it repeats the steps with an
+    emulated servo. DIR/acceptance.zip has all results, without personal data, to be sent back.
 
     Exit status: that of the first step that failed.
     """

@@ -105,12 +105,12 @@ def command(
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    """Compute the stiffness limits of a wall over its virtual damping, and what would raise them.
+    """Compute the stiffness limits of a wall over its virtual damping, and remedies that raise them.
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
-    then hold at the least safe corner. With CONFIG servo and loop are those that it believes, a
-    load on a flexible transmission included.
+    then hold at the least safe corner. CONFIG gives the loop and the belief about the servo, with a
+    load on a flexible transmission.
 
     \b
     haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5

@@ -41,10 +41,10 @@ def command(
     bursts: int | None,
     seed: int,
 ) -> None:
-    """Measure the delay of CONFIG's loop from torque command to motion, and what it is made of.
+    """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
-    The torque is stepped to and fro; the shaft swings by a few degrees about where it is. The same
-    is done with delay inserted on purpose, which must be found again.
+    Torque steps in both directions make the shaft swing by a few degrees about its position. Runs
+    with an inserted delay check the method: the result must contain that delay.
     """
     from haptic_wall.controller.experiments.delay import (
         BURST_S,

@@ -72,10 +72,10 @@ def command(
 ) -> None:
     """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
-    A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at that
-    sample, an oscillation that the wall feeds is told from a hand that moves. The parameters of
-    servo and wall come from a log's own configuration; the options replace them, and give those of
-    a CSV. Without options the wall of a CSV is estimated from torque and position.
+    A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at each
+    sample, the detector separates an oscillation that the wall feeds from the motion of a hand. A
+    log has the parameters of servo and wall in its configuration; the options replace them, or give
+    those of a CSV. Without options the wall of a CSV is estimated from torque and position.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
     from haptic_wall.controller.logs.reader import is_log

@@ -55,7 +55,7 @@ def command(
     """Examine the testbed of CONFIG: port, servo, registers, timing, machine.
 
     It only reads, and never enables torque. --fix writes the remedies. At a terminal it asks before
-    each change, unless --yes is given; if standard input is no terminal it does not ask.
+    each change, unless --yes is given; without a terminal on standard input it does not ask.
 
     Exit status: 0 all well; 1 something is wrong; 4 the port or the servo cannot be reached.
     """

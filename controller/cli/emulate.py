@@ -133,7 +133,7 @@ def command(
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
     The path of its pseudo-terminal is the first line on standard output; any serial client can
-    open it. Runs until interrupted.
+    open it. The bus runs until Ctrl-C.
     """
     signals: list[int] = []
     orphaned = _orphaned(owner) if die_with_parent else lambda: False

@@ -69,10 +69,10 @@ def command(
     force: bool,
     as_json_wanted: bool,
 ) -> None:
-    """Summarise LOG, a file written by run; on request export it, draw it, or cut a stretch out.
+    """Summarise LOG, a file that run wrote; on request export it, draw it, or cut a stretch out.
 
     --from and --to choose the stretch, in seconds since the log's first row, for the summary and
-    for all that is written. Damaged parts are left out and reported.
+    all written files. Damaged parts are left out and reported.
     """
     wanted: dict[str, Path | None] = {
         "--csv": csv_path,

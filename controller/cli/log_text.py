@@ -101,9 +101,9 @@ def _damage(damaged: Mapping[str, Any]) -> Iterator[str]:
 
 def _misplaced(misplaced: Mapping[str, int]) -> Iterator[str]:
     if misplaced["late"]:
-        yield f"misplaced   {misplaced['late']} rows stand behind later ones: they are left out"
+        yield f"misplaced   {misplaced['late']} rows come after later ones: they are left out"
     if misplaced["twice"]:
-        yield f"twice       {misplaced['twice']} rows stand there twice: they are read once"
+        yield f"twice       {misplaced['twice']} rows occur twice: they are read once"
 
 
 def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:

@@ -86,9 +86,9 @@ def command(
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
-    The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, own
-    delay); guard, safety and the believed model are not used. In a two-sided wall the shaft is
-    kicked; a one-sided wall is hit, and returns the shaft.
+    The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, lag);
+    guard, safety and model.* are not used. In a two-sided wall the shaft is kicked; the shaft hits
+    a one-sided wall, which returns it.
     """
     from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
     from haptic_wall.controller.experiments.maps.store import MapStore

@@ -31,8 +31,8 @@ _ITEM_S = 2.0
 @force_option
 @json_option
 def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:
-    """Compute the paper's results anew: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5,
-    fig6, fig8, fig9, fig10 or all (the default), which also writes a page that shows all of them.
+    """Reproduce the paper's results: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5, fig6,
+    fig8, fig9, fig10 or all (the default), which also writes a page with all of them.
 
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.

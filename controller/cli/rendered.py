@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 def command(asked: Asked, seed: int) -> None:
     """Measure the stiffness, drag and contacts that CONFIG's servo renders.
 
-    A slow torque pushes the shaft in the wall to and fro, the free shaft is moved at several
-    speeds, and the shaft hits the wall. The shaft moves by up to half a radian either way.
+    A slow torque pushes the shaft in the wall to both sides, the free shaft moves at several
+    speeds, and the shaft hits the wall. The shaft moves by up to half a radian to each side.
     """
     from haptic_wall.controller.experiments.rendered.rendering import (
         SECONDS,

@@ -121,8 +121,8 @@ def command(
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
     On hardware it runs until Ctrl-C, simulated and emulated for 5 s. --duration sets another time;
-    --duration inf: until Ctrl-C. However the run ends, the torque is off at its end. At a terminal
-    one line shows the state of the run; space or q ends it.
+    --duration inf: until Ctrl-C. At the end of every run the torque is off. At a terminal one line
+    shows the state of the run; space or q ends it.
     """
     from haptic_wall.controller.cli.live_line import live_line
     from haptic_wall.controller.processes import run_report as reports

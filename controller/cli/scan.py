@@ -42,8 +42,8 @@ HARDWARE = 4
 def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
-    It sends only pings, and restores the port's settings when it ends. Exit status 4 when
-    nothing answers.
+    It sends only pings, and restores the port's settings when it ends. The exit status is 4 if
+    no servo answers.
     """
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)
     wanted = _ids(ids)

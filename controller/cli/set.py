@@ -37,7 +37,7 @@ MOST_WAIT_S = 3600.0
 def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_wanted: bool) -> None:
     """Change the wall that runs in another terminal, e.g. wall.stiffness=4.
 
-    Several changes are made in one tick: wall.law=detents wall.count=12. These can be changed:
+    Several changes are made in one tick: wall.law=detents wall.count=12. You can change
     wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law.
     The change waits for a moment in which it gives the shaft no energy.
     """

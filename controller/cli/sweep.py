@@ -108,9 +108,10 @@ def command(
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
     The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
-    still, then the wall takes over and its first cycles are observed. A real shaft moves by itself!
+    still, then the wall takes over, and its first cycles are observed. A real shaft moves by
+    itself!
 
-    With --over damping it travels to and fro at constant speed under more and more damping, until a
+    With --over damping the shaft travels to and fro at constant speed under rising damping, until a
     vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
     _check_delays(asked.config, steps)

@@ -61,9 +61,9 @@ def command(
 ) -> None:
     """Show the Z-width of CONFIG's servo: the largest stiffness over the virtual damping.
 
-    For velocities over several samples and with a filter: by exact theory, by the guard, and
-    measured as sweep does. And the impedance of CONFIG's wall over frequency, commanded and
-    measured. A real shaft moves by itself, unless --measure none.
+    It compares velocities over several samples and with a filter: by exact theory, by the guard,
+    and by measurements as in sweep. It also shows the impedance of CONFIG's wall over frequency,
+    commanded and measured. A real shaft moves by itself, unless --measure none is given.
     """
     from haptic_wall.controller.experiments.zwidth.measured import (
         Found,
