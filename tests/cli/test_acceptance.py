@@ -202,7 +202,7 @@ def test_the_plan_and_the_steps_say_what_moves_and_what_is_settled(
         (("simulated", "--weight=1"), "--lever: missing"),
         (("simulated", "--weight=-1", "--lever=0.1"), "--weight: found -1, wanted more than 0"),
         (("simulated", "--set=wall.law=spring"), "wall.law: found spring, wanted wall"),
-        (("xm430-w350", "--out", "{out}"), "give --yes when its way is free"),
+        (("xm430-w350", "--out", "{out}"), "give --yes when the shaft's way is free"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(
@@ -295,7 +295,7 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     report = report_of(tmp_path / "out")
     reasons = {step["step"]: step["reason"] for step in report["steps"]}
     assert "The servo is gone" in reasons["identify"]
-    assert reasons["rest"] == reasons["load"] == "identify has ended it"
+    assert reasons["rest"] == reasons["load"] == "identify ended the acceptance"
     assert (tmp_path / "out" / "acceptance.zip").exists()
 
 

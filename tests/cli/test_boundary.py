@@ -249,8 +249,8 @@ def test_the_picture_is_drawn(
         (["--inertia", "1e-300", "--damping", "1"], "inertia is too small"),
         (["--virtual-damping", "1e308"], "period is too small"),
         (["--servo", "MX-46"], "did you mean MX-64?"),
-        (["--counts-per-rev", "4096"], "give --torque-limit too"),
-        (["--torque-limit", "4"], "give --counts-per-rev too"),
+        (["--counts-per-rev", "4096"], "give --torque-limit"),
+        (["--torque-limit", "4"], "give --counts-per-rev"),
         (["--torque-limit", "-4"], "--torque-limit -4: wanted more than 0"),
         (["--baud", "0"], "--baud 0: wanted bits per second"),
         (["--baud", "57600"], "give the whole delay"),
@@ -448,7 +448,7 @@ def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["simulated", "--inertia=1"], "--inertia: CONFIG has it"),
+        (["simulated", "--inertia=1"], "--inertia: CONFIG gives this value"),
         (["--servo=MX-64", "--rate=1000", "--delay=0", "--set=a=1"], "--set: there is no CONFIG"),
         (["--servo=MX-64", "--rate=1000"], "--delay: missing"),
     ],

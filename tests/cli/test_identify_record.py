@@ -57,7 +57,7 @@ def test_a_drop_tells_inertia_and_friction(
     assert answer["torque_gain"] is None
     assert answer["friction_model"] == "M1"
     assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
-    assert any("delay and torque gain cannot be told" in note for note in answer["notes"])
+    assert any("delay and torque gain cannot be determined" in note for note in answer["notes"])
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -173,7 +173,7 @@ def test_a_hostile_file_is_refused_in_a_sentence(
         (("--record", "a.csv", "--pendulum-mass", "nan", *PENDULUM[2:]), "found nan, wanted"),
         (("--record", "nowhere.csv"), "cannot be read: No such file or directory"),
         (("--record", "."), "cannot be read"),
-        (("simulated", *PENDULUM), "--pendulum-mass: a pendulum is known only to a record"),
+        (("simulated", *PENDULUM), "--pendulum-mass: found without --record"),
         ((), "CONFIG: missing"),
     ],
 )

@@ -196,7 +196,7 @@ def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     assert "on for 900 ticks, after 101 of warm-up; in contact for 66.7 % of them" in text
     assert "oscillation sustained, first at 0.5 s, for 20 ticks" in text
     assert "largest 60 µs at 0.7 s" in text
-    assert "ended       not told in run.hwlog" in text
+    assert "ended       not recorded in run.hwlog" in text
     append_end(log, {"stop_reason": "trip:overspeed", "message": "fast", "rows": 1011})
     assert "ended       BY A SAFETY TRIP: overspeed (fast)" in answer(log)
     summary = json.loads(answer(log, "--json"))

@@ -77,7 +77,7 @@ def test_quick_replies_are_well_in_both_schedules() -> None:
     assert all(finding.ok and not finding.fix for finding in found.values())
     found = judged(QUICK, wanted("pipelined"))
     assert all(finding.ok for finding in found.values())
-    assert found["schedule"].fix == "set servo.schedule=immediate: samples would be younger"
+    assert found["schedule"].fix == "set servo.schedule=immediate, which has younger samples"
 
 
 SPOILED = [series("immediate", 0, 0, 1), series("pipelined", 0, 0, 0)]

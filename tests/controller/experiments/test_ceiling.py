@@ -97,7 +97,7 @@ def test_a_ceiling_out_of_reach_leaves_a_lower_bound() -> None:
     result = search.run()
     assert result.measured is None
     assert result.at_least == pytest.approx(search.top)
-    assert "nothing vibrates up to" in (result.reason or "")
+    assert "the servo does not vibrate up to" in (result.reason or "")
 
 
 def test_the_believed_vibration_is_where_it_starts() -> None:

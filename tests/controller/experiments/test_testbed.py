@@ -121,7 +121,7 @@ def test_it_ends_with_its_last_phase(tmp_path: Path) -> None:
 # What the recorder monitor says of a log whose rows were lost; not all of it names the file.
 CUT_SHORT = [
     (3, "the log is incomplete (more rows waited to be written than memory holds): it lacks 3"),
-    (1, "the log is incomplete (no recorder came to write its end): it lacks 1 of 90 rows"),
+    (1, "the log is incomplete (no recorder wrote its end): it lacks 1 of 90 rows"),
     (None, "part of the log is lost (it.hwlog: Input/output error)"),
 ]
 

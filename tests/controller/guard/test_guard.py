@@ -260,7 +260,7 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     wide = situation(damping=Bounded(0.011692, 0.006, 0.023))
     decision = decide(request, GuardSettings(), wide, [3e-3], inserted=1e-3)[0]
     first, *others = sentences(decision.reasons)
-    assert "1000 N·m/rad was asked" in first
+    assert "1000 N·m/rad was requested" in first
     assert f"{decision.stiffness:.4g} is commanded" in first
     assert "one_sided" in first
     # period/2 + 3 ms + the servo's 0.5 ms; the age is 2 ms of it
@@ -317,7 +317,7 @@ def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
     ("delay", "inserted", "lag", "words"),
     [
         (4e-3, 4e-3, 0.5e-3, "the inserted delay 4 ms"),
-        (1e-3, 0.0, 5e-3, "the device's own delay, at most 5 ms"),
+        (1e-3, 0.0, 5e-3, "the device's lag of at most 5 ms"),
         (0.0, 0.0, 0.0, "half the period"),
     ],
 )

@@ -263,7 +263,7 @@ def test_settings_that_the_tank_cannot_count_are_refused() -> None:
     said = "\n".join(refused.value.problems)
     assert "delay.steps" in said
     assert "wall.passivity_control" in said
-    with pytest.raises(ConfigError, match="it alone, not in a sum"):
+    with pytest.raises(ConfigError, match="it outside of a sum"):
         load_config("simulated", ["wall.law=sum", "wall.parts=[{law: 'breathing:Breathing'}]"])
     with pytest.raises(UserError, match="depends on time"):
         changed(load_config("simulated", [law]).config, ["wall.damping=0.01"])

@@ -112,8 +112,8 @@ def test_blocks_out_of_order_or_twice_are_told(
     detected = json.loads(told(capsys, "detect", log, "--json")[1])
     assert detected["samples"] == found["rows"], "log and detect agree"
     text = told(capsys, "log", log)[1]
-    assert (f"{late} rows stand behind later ones: they are left out" in text) == bool(late)
-    assert (f"{twice} rows stand there twice: they are read once" in text) == bool(twice)
+    assert (f"{late} rows come after later ones: they are left out" in text) == bool(late)
+    assert (f"{twice} rows occur twice: they are read once" in text) == bool(twice)
     said = " ".join(detected["notes"])
     assert ("stand behind later ones" in said, "stand there twice" in said) == (
         bool(late),
@@ -240,7 +240,7 @@ def test_an_end_that_no_run_writes_is_told_as_damage(
     found = summary(capsys, log)
     assert found["rows"] == 50
     assert found["stop_reason"] is None
-    assert found["damaged"]["why"] == f"how the run ended: {why}"
+    assert found["damaged"]["why"] == f"the run's end: {why}"
 
 
 @pytest.mark.parametrize(

@@ -156,7 +156,7 @@ def test_a_recording_at_another_rate_is_one_of_its_own(
     assert [each.samples for each in found] == [300] * len(rates)
     notes = [note for each in found for note in each.notes]
     for k, rate in list(enumerate(rates))[1:]:
-        assert f"from {1000 * k} s on there is a sample each {1000 / rate:.4g} ms" in notes
+        assert f"from {1000 * k} s on the samples are {1000 / rate:.4g} ms apart" in notes
 
 
 def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path: Path) -> None:
