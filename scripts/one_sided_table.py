@@ -69,7 +69,7 @@ def main() -> None:
     """Fill, and write; or check."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE")
-    parser.add_argument("--check", action="store_true", help="print the accuracy of the present table")
+    parser.add_argument("--check", action="store_true", help="print the present table's accuracy")
     wanted = parser.parse_args()
     if wanted.check:
         check()

@@ -318,8 +318,8 @@ def _options() -> argparse.Namespace:
         "--against",
         type=Path,
         metavar="PLACE",
-        help="compare with the rows of a folder, or with those of another checkout that has a .venv,"
-        " instead of the digests",
+        help="compare with the rows of a folder, or of another checkout that has a .venv, instead of"
+        " the digests",
     )
     parser.add_argument(
         "--only", nargs="+", choices=CASES, metavar="NAME", default=[*CASES], help="names of runs"

@@ -86,7 +86,7 @@ def changes(user: str, root: Path) -> list[Change]:
     if missing:
         found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
     if _ours(root / RULES) != RULES_TEXT.splitlines():
-        why = "FTDI adapters at 1 ms, without a modem manager; no deep sleep of idle cores on request"
+        why = "FTDI adapters at 1 ms, without a modem manager; no deep sleep of cores on request"
         found += [_writing(root / RULES, RULES_TEXT, why), _REREAD]
     return found + [_joining(user, name) for name in joins]
 
@@ -100,8 +100,8 @@ def undoing(root: Path) -> list[Change]:
             names = line.removeprefix(JOINED).split()
             if len(names) != 2:
                 raise Refused(
-                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP': correct"
-                    " or remove the line"
+                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP':"
+                    " correct or remove the line"
                 )
             user, group = names
             if user in groups.get(group, ()):

@@ -120,8 +120,8 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Measurement]:
                 f"{name}, {what}",
                 statistics.median(times.rounds),
                 "µs/cycle",
-                "a real adapter, which adds its USB frames and latency timer; the time includes the "
-                "emulated wire at 4 Mbit/s, the emulator, and a kernel thread that carries the "
+                "a real adapter, which adds its USB frames and latency timer; the time includes "
+                "the emulated wire at 4 Mbit/s, the emulator, and a kernel thread that carries the "
                 "bytes of a pseudo-terminal and may wait for a client that spins",
             ),
             Measurement(

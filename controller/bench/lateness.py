@@ -44,8 +44,8 @@ _SHOWS_NOT: Final = {
     _PROGRAM: "a servo on a bus: this one is simulated in the loop's process; nor its processor"
     " time",
     _WAIT: "a working loop: this one computes nothing between two wake-ups",
-    _YARDSTICK: "a working loop; figures are whole µs, rounded down, from the first wake-up on (those"
-    " of the others begin after a tenth of a second)",
+    _YARDSTICK: "a working loop; figures are whole µs, rounded down, from the first wake-up on"
+    " (those of the others begin after a tenth of a second)",
 }
 _SHOWS_NOT_PEOPLE: Final = "the figure with real-time settings, or on a busy machine"
 
@@ -157,8 +157,8 @@ def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
             f"{name}: p99 of lateness over cyclictest's",
             seen[name].percentile(99.0),
             theirs,
-            "the longest stalls, which are too rare in a second; cyclictest only sleeps, which takes"
-            " less processor time than sleep and spin",
+            "the longest stalls, which are too rare in a second; cyclictest only sleeps, which"
+            " takes less processor time than sleep and spin",
         )
         for name in (_PROGRAM, _WAIT)
     ]

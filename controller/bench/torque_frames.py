@@ -156,8 +156,7 @@ def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measureme
 
 def _drawn(deviations: dict[str, list[NDArray[np.float64]]]) -> Histogram:
     return Histogram(
-        "Deviation of torque frames' intervals from the period, as seen at the other"
-            " end",
+        "Deviation of torque frames' intervals from the period, at the other end of the line",
         "µs",
         {name: np.concatenate(each).tolist() for name, each in deviations.items()},
     )

@@ -163,7 +163,8 @@ def _accepted(asked: Asked, out: Path, hung: Weight | None, seconds: float, fres
                     Bench(config=twin_of(config), folder=out / "emulated", tell=_quiet, **common)
                 )
         if real.interrupted or twin.interrupted:
-            say(f"interrupted: finished steps are kept; the same command with --out {out} continues")
+            text = "interrupted: finished steps are kept; the same command with --out"
+            say(f"{text} {out} continues")
             return INTERRUPTED
         with working("writing the report", DRAWING_S):
             report = _written(asked, out, predicted, real, twin)

@@ -105,7 +105,7 @@ def command(
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    """Compute the stiffness limits of a wall over its virtual damping, and remedies that raise them.
+    """Compute the stiffness limits of a wall over its virtual damping, and remedies to raise them.
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits

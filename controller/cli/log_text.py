@@ -167,7 +167,7 @@ def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
 def _ended(summary: Mapping[str, Any], log: str) -> str:
     reason = summary["stop_reason"]
     if reason is None:
-        return f"not recorded in {log}: the run still goes on, was killed, or this is a part of its log"
+        return f"not recorded in {log}: the run goes on, was killed, or this is a part of its log"
     how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, in_line(reason))
     if trip := Trip.of(reason):
         how = f"BY A SAFETY TRIP: {trip.label}"

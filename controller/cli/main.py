@@ -35,7 +35,7 @@ COMMANDS = {
     "doctor": "Find the faults of a testbed, and the remedy of each.",
     "presets": "List the configurations that come with the program.",
     "config": "List all settings: value, unit, origin, range, meaning.",
-    "boundary": "Compute the stiffness limits of a servo, and what sets them.",
+    "boundary": "Compute the stiffness limits of a servo and their causes.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
     "commission": "Run doctor, identify, delay, rendered and sweep in one.",
     "acceptance": "Guide you through the acceptance of a first real servo.",

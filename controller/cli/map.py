@@ -102,7 +102,7 @@ def command(
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
         if resume:
-            raise UserError("found without --out", field="--resume", advice="add the map's --out DIR")
+            raise UserError("found without --out", field="--resume", advice="add --out DIR")
         folder = new_stem("--out", "map")
         folder.mkdir()
     else:

@@ -73,7 +73,7 @@ SIMULATED_S = 5.0
 @click.option(
     "--stream",
     metavar="HOST:PORT",
-    help="Send rows to this address while the wall runs: UDP, one JSON object each, for PlotJuggler.",
+    help="Send rows to this address during the run: UDP, one JSON object each, for PlotJuggler.",
 )
 @click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
 @click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")

@@ -209,7 +209,7 @@ class _Checkup:
         ok = firmware >= WATCHDOG_FIRMWARE
         fix = ""
         if not ok:
-            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} or later has a Bus Watchdog"
+            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} or later has a watchdog"
         elif not model.knows_fast_reads(firmware):
             fix = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
         wanted = f"at least {WATCHDOG_FIRMWARE}"

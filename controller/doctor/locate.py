@@ -89,7 +89,7 @@ class Locator:
         found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
         fix = "check power and cable; `haptic-wall scan --ids 0-252` pings every id"
         if servos:
-            found, fix = f"no, but {listed}", "set servo.id and servo.baud to those of a found servo"
+            found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:
             found = f"garbage at {', '.join(garbled)} bit/s"
             fix = (

@@ -95,7 +95,7 @@ def _sentence(reason: Reason, asked: bool) -> str:
             )
         case FromTank():
             said = (
-                f"{reason.law} depends on time, and gives only energy that it absorbed: it absorbed "
+                f"{reason.law} depends on time, and gives only absorbed energy: it absorbed "
                 f"{reason.absorbed * 1e3:.3g} mJ and gave at most {reason.given * 1e3:.3g} mJ; its "
                 f"tank limited the torque in {reason.limited} ticks"
             )

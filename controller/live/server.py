@@ -140,7 +140,7 @@ class LiveServer:
         if sets is None and not grasps and "hold" not in request:
             client.tell({"kind": "refused", "words": f"not understood: {message[:80]!r}"})
         elif not client.turns:
-            client.tell({"kind": "refused", "words": "this page may show the wall, but not change it"})
+            client.tell({"kind": "refused", "words": "this page may not change the wall"})
         elif sets is None:
             view = self._view
             known = view.grasp(client, hand) if grasps else view.hold(client, request["hold"])

@@ -123,7 +123,7 @@ def measure_load(
     )
     if torque.value < 3.0 * torque.stderr:
         raise UserError(
-            f"the measurement does not show the weight: {torque.value:.2g} ± {torque.stderr:.2g} N·m",
+            f"the weight is too small to measure: {torque.value:.2g} ± {torque.stderr:.2g} N·m",
             field="--weight",
             advice="take a larger weight, or a longer lever",
         )

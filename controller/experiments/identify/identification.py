@@ -138,8 +138,8 @@ def announcement(bounds: Bounds) -> str:
     return (
         f"the shaft will move by itself for about a minute, up to {FULL * bounds.reach:.2g} rad"
         f" ({math.degrees(FULL * bounds.reach):.0f}°) to each side of its position, with at most"
-        f" {bounds.torque:.2g} N·m; a motion of more than {bounds.reach:.2g} rad is ended. The shaft"
-        " must be free to turn, and nobody may hold it"
+        f" {bounds.torque:.2g} N·m; a motion of more than {bounds.reach:.2g} rad is ended. The"
+        " shaft must be free to turn; do not hold it"
     )
 
 

@@ -40,7 +40,7 @@ def _frictions(fit: Fit) -> Iterator[str]:
     effects, coulomb = fit.effects, fit.coulomb
     slow = coulomb + max(effects.excess, 0.0)
     if effects.static > _STUCK * slow:
-        yield f"the shaft sticks: friction is {effects.static:.2g} N·m at rest, {slow:.2g} in motion"
+        yield f"the shaft sticks: friction is {effects.static:.2g} N·m at rest, {slow:.2g} moving"
     if effects.excess:
         yield (
             f"friction fades with the speed: {effects.excess:.2g} N·m of it over"

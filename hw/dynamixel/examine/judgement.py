@@ -93,7 +93,7 @@ def _torque(examined: Examined) -> Iterator[Judgement]:
             not on,
             "on" if on else "off",
             "off",
-            "a program left it on: end that program, hold what hangs on the shaft, and switch "
+            "a program left it on: end that program, hold any load on the shaft, and switch "
             "its power off and on"
             if on
             else "",

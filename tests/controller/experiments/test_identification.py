@@ -221,7 +221,10 @@ def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
         (Effects(load_friction=0.1, backward=0.8), "the gear adds 10 % of its load"),
         (Effects(backward=0.8), "N·m·s/rad backwards; the smaller value is used"),
         (Effects(cogging=0.0042, periods=30), "cogging: an amplitude of 0.0042 N·m, about "),
-        (Effects(gravity=0.012, hanging=0.5), "0.012 N·m depends on the angle: a weight that hangs at 0.5"),
+        (
+            Effects(gravity=0.012, hanging=0.5),
+            "0.012 N·m depends on the angle: a weight that hangs at 0.5",
+        ),
     ],
     ids=["load and direction", "direction", "a period per turn", "an angle"],
 )
