@@ -25,7 +25,10 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["emulate", "--hand", "push"], "give `--set servo.hand=push`"),
         (["boundary", "--inertai", "1"], "did you mean --inertia or --load-inertia?"),
         (["log", "x", "--stiffness", "20"], "`haptic-wall log --help` lists options and arguments"),
-        (["emulate", "--stiffness", "20"], "`haptic-wall emulate --help` lists options and"),
+        (
+            ["emulate", "--stiffness", "20"],
+            "`haptic-wall emulate --help` lists options and arguments",
+        ),
         (["delay", "--delay-steps", "x"], "wanted whole periods with commas between, such as 0,5"),
         (["map", "--delay-steps", "0,-1"], "wanted whole periods with commas between"),
         (["sweep", "simulated", "--delay-steps=0.5"], "wanted whole periods with commas"),
