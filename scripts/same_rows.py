@@ -318,7 +318,7 @@ def _options() -> argparse.Namespace:
         "--against",
         type=Path,
         metavar="PLACE",
-        help="compare with the rows of a folder, or of another checkout that has a .venv, instead of"
+        help="compare with the rows of a folder, or of another checkout with a .venv, instead of"
         " the digests",
     )
     parser.add_argument(

@@ -84,9 +84,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
             store.discard(keep_folder=was_there)
     asked.answer(report, lambda: _text(report, folder))
     if ended.interrupted and not empty:
-        say(
-            f"interrupted: finished steps are kept; the same command with --out {folder} continues"
-        )
+        say(f"interrupted: finished steps are kept; the same command with --out {folder} continues")
     sys.exit(ended.exit_status)
 
 

@@ -66,9 +66,7 @@ _KINDS = {**FILES, "map.rows": RESULT}
     help="Parallel processes; default: one per core.",
 )
 @dask_option
-@click.option(
-    "--resume", is_flag=True, help="Continue the unfinished map in DIR."
-)
+@click.option("--resume", is_flag=True, help="Continue the unfinished map in DIR.")
 @experiment(
     folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
     "simulated",

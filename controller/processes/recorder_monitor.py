@@ -77,9 +77,7 @@ class RecorderMonitor:
         waiting = words[Word.HEAD] - words[Word.TAIL]
         if waiting > CAPACITY and not self._losing:
             self._losing = True
-            self._tell(
-                "the log loses rows: more rows wait to be written than memory holds"
-            )
+            self._tell("the log loses rows: more rows wait to be written than memory holds")
         if waiting <= CAPACITY // 2 or self._trouble is not None:
             self._kept_up = now
         if self._recorder is not None:

@@ -365,9 +365,7 @@ class Servo(Section):
         "drop:p=0.01; several as a list, or in one text with blanks between them",
         used_by=_EMULATED,
     )
-    fault_seed: Whole = setting(
-        0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED
-    )
+    fault_seed: Whole = setting(0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED)
     hand: HandName = setting(
         "none",
         "Scripted hand: push, slowly in and out of the wall; tap; lean, a steady push in the "

@@ -218,9 +218,7 @@ def _check_together(name: str, values: Mapping[str, Any]) -> None:
         raise SpecError("found both p and every, wanted one", given=name, advice="leave one out")
     lasts, repeat = values.get("for"), values.get("repeat")
     if "times" in values and repeat is None and not KINDS[name].strikes_frames:
-        raise SpecError(
-            "found times without repeat", given=name, advice="add repeat=S"
-        )
+        raise SpecError("found times without repeat", given=name, advice="add repeat=S")
     if lasts is not None and repeat is not None and repeat <= lasts:
         raise SpecError(
             f"the next one begins (repeat={repeat:g}) before this one ends (for={lasts:g})",

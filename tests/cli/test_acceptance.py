@@ -181,7 +181,7 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     assert (accepted / "predictions.json").read_bytes() == before
     other = call(*SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
     assert other == 2
-    assert "belongs to other settings, or was edited" in capsys.readouterr().err
+    assert "of other settings, or an edited one" in capsys.readouterr().err
 
 
 def test_the_plan_and_the_steps_say_what_moves_and_what_is_settled(

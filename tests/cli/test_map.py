@@ -329,7 +329,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     _unfinished(folder)
     status, _, err = run(capsys, *_FEW, "--out", folder)
     assert status == 2
-    assert "found an unfinished map there; give --resume to go on with it, or --force" in err
+    assert "found an unfinished map there; give --resume to continue it, or --force" in err
     left = _Counting()
     _computed_by(left, monkeypatch)
     assert run(capsys, *_FEW, "--out", folder, "--resume")[0] == 0

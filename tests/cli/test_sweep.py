@@ -137,7 +137,7 @@ def test_what_is_not_a_sweep_is_not_replaced(
     (tmp_path / "sweep.json").write_text("{}")
     status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
     assert status == 2
-    assert "not a sweep of ours" in told
+    assert "a sweep.json that haptic-wall did not write" in told
     assert (tmp_path / "sweep.json").read_text() == "{}"
     file = tmp_path / "file"
     file.write_text("")

@@ -18,7 +18,7 @@ _PARTS = {
     "hold": "half the period",
     "sample_age": "age of the sample",
     "inserted": "inserted",
-    "device": "lag, at its upper bound",
+    "device": "the lag at its upper bound",
 }
 _NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
@@ -124,9 +124,7 @@ def agrees(report: Report) -> Iterator[str]:
 def _delay(found: Mapping[str, Any]) -> Iterator[str]:
     device = found["device"]
     one, other = device["identify"], device["delay"]
-    said = (
-        f"The lag is {_pm_ms(one)} by the motions of identify, {_pm_ms(other)} by torque steps:"
-    )
+    said = f"The lag is {_pm_ms(one)} by the motions of identify, {_pm_ms(other)} by torque steps:"
     if device["agree"]:
         yield f"{said} the two agree within two standard errors."
     else:

@@ -211,7 +211,7 @@ def test_a_strong_spring_on_the_shaft_is_told(
 def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     """More than friction holds: the shaft would not have stayed where it was."""
     weight = Effects(gravity=0.1, hanging=math.pi / 2)
-    with pytest.raises(UnidentifiableError, match="something else moves it"):
+    with pytest.raises(UnidentifiableError, match="a weight, a spring or a hand moves it too"):
         identify(weight.on(config_of()), tmp_path)
 
 
@@ -236,7 +236,7 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
     config = effects.on(config_of("servo.delay=0.002", "servo.kick=0.0005"))
     found = identify(config, tmp_path)
     (warning,) = (warning for warning in found.warnings if said in warning)
-    assert warning.endswith("the model does not know it")
+    assert warning.endswith("the model lacks it")
     model = identified_model(found, config)
     for name, true in zip(NAMES, truth(config), strict=True):
         least = true * (effects.backward if name == "damping" else 1.0)

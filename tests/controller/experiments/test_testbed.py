@@ -148,7 +148,7 @@ def test_a_log_that_was_cut_short_is_no_measurement(
 def test_a_warning_that_costs_no_row_spoils_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one went on")
+    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one continued")
     assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
 
 

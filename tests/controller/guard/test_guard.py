@@ -296,7 +296,7 @@ def test_a_servo_with_more_friction_or_better_known_is_named_where_it_helps() ->
     belief = next(
         reason
         for reason in sentences(one(request, wide, "passive").reasons)
-        if "belief is wide" in reason
+        if "parameter bounds are wide" in reason
     )
     assert last_number(belief) == pytest.approx(one(request, known, "passive").stiffness, rel=0.07)
 

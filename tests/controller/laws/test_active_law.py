@@ -229,7 +229,7 @@ def test_the_example_runs_and_its_report_tells_of_the_tank(
     assert report["torque"]["max"] > 0.1
     assert report["guard"]["requested"]["stiffness"] > 0.2 * math.pi / 0.2
     told = report["guard"]["reasons"][-1]
-    assert "breathing:Breathing depends on time, and gives only what it absorbed" in told
+    assert "breathing:Breathing depends on time, and gives only absorbed energy" in told
 
 
 def test_an_error_of_the_law_ends_the_run_by_its_name(

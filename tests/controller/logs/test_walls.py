@@ -164,7 +164,7 @@ def test_a_log_of_an_absent_law_says_so(
     for words in (["detect", path], ["log", path, "--plot", tmp_path / "a.png"]):
         status, text = told(capsys, *words)
         assert status == 2 and f"the run's law is not available here: wall.law: {why}" in text
-        assert "install the distribution that brings it" in text
+        assert "install its distribution" in text
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run: Run) -> None:
     run.go(2.0)
     notes, rows = run.end()
     assert notes == [
-        "the recorder was killed by SIGKILL; another one went on, and no row is missing from the"
+        "the recorder was killed by SIGKILL; another one continued, and no row is missing from the"
         " log"
     ]
     np.testing.assert_array_equal(rows, np.arange(4250))
@@ -183,7 +183,7 @@ def test_a_recorder_that_never_lives_is_not_started_all_the_time(run: Run) -> No
         run.go(0.5)
     assert len(run.recorders) <= 1 + 4, "within 10 s, at 1, 2, 3 and 4 s after the one before"
     notes, rows = run.end()
-    assert "times); another one went on, and no row is missing" in notes[0]
+    assert "times); another one continued, and no row is missing" in notes[0]
     np.testing.assert_array_equal(rows, np.arange(10_000))
 
 
@@ -269,7 +269,7 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     (told,) = run.told
     assert "the log cannot be written (run.hwlog: No space left on device)" in told
     run.go(1.0, rows_per_s=CAPACITY // 2)
-    assert "rows are being lost" in run.told[1]
+    assert "the log loses rows" in run.told[1]
     run.recorders[-1].writes = True
     run.recorders[-1].say(None)
     run.go(1.0)

@@ -201,6 +201,6 @@ def test_a_long_run_is_drawn_as_its_envelope(
 
 
 def test_a_log_of_another_program_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogFormatError, match="not one this program knows"):
+    with pytest.raises(LogFormatError, match="this program does not know the log"):
         rows = run_rows()
         plot.plot_run(sketched([rows], 600, 0), {"config": {"wall": 3}}, tmp_path / "run.png")

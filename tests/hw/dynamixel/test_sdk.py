@@ -145,5 +145,5 @@ def test_long_registers_are_refused() -> None:
 
 
 def test_a_reboot_is_confirmed() -> None:
-    with pytest.raises(ServoLostError, match="told to reboot"):
+    with pytest.raises(ServoLostError, match="the reboot was requested"):
         Bench().sdk.reboot()  # this servo knows no reboot
