@@ -115,20 +115,15 @@ def _unstable(reason: Unstable) -> str:
 
 
 def _verb(commanded: bool) -> str:
-    return "is commanded" if commanded else "is allowed"
+    return "commands" if commanded else "allows"
 
 
 def _stiffness(reason: StiffnessBound, asked: bool) -> str:
-    allowed = f"{reason.allowed:.4g} {_verb(reason.commanded)}"
-    if reason.law:
-        allowed += f" where the law is steepest ({reason.law})"
-    start = (
-        f"stiffness {reason.asked:.4g} N·m/rad was requested, {allowed}"
-        if asked
-        else f"a stiffness of {allowed}"
-    )
+    instead = f" instead of {reason.asked:.4g}" if asked else ""
+    where = f" where the law is steepest ({reason.law})" if reason.law else ""
     return (
-        f"{start}: {reason.margin:g} of the limit {reason.limit}, {reason.value:.4g} "
+        f"the guard {_verb(reason.commanded)} {reason.allowed:.4g}{instead} N·m/rad{where}: "
+        f"{reason.margin:g} of the limit {reason.limit}, {reason.value:.4g} "
         f"({MEANING[reason.limit]})"
     )
 
@@ -149,8 +144,8 @@ def _coarse_count(reason: CoarseCount) -> str:
 
 def _damping(reason: DampingTooLow | DampingBound) -> str:
     return (
-        f"damping {reason.asked:.4g} N·m·s/rad was requested, {reason.allowed:.4g} "
-        f"{_verb(reason.commanded)}"
+        f"the guard {_verb(reason.commanded)} {reason.allowed:.4g} instead of {reason.asked:.4g} "
+        "N·m·s/rad"
     )
 
 

@@ -167,7 +167,10 @@ def test_a_hostile_file_is_refused_in_a_sentence(
     ("arguments", "wanted"),
     [
         (("simulated", "--record", "a.csv"), "--record: found with CONFIG"),
-        (("--record", "a.csv", "--out", "b.yaml", "--no-motion"), "found with --out and --no-motion"),
+        (
+            ("--record", "a.csv", "--out", "b.yaml", "--no-motion"),
+            "found with --out and --no-motion",
+        ),
         (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: missing"),
         (("--record", "a.csv", *PENDULUM[:3], "-1"), "--pendulum-length: found -1, wanted"),
         (("--record", "a.csv", "--pendulum-mass", "nan", *PENDULUM[2:]), "found nan, wanted"),

@@ -59,7 +59,7 @@ def why(report: Report) -> Iterator[str]:
             "These values follow from the belief in the configuration: the servo was not"
             " identified, so none of them is measured."
         )
-    for which, case in (("Without virtual damping", "plain"), ("With the best of it", "best")):
+    for which, case in (("Without virtual damping", "plain"), ("With the best virtual damping", "best")):
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue

@@ -208,7 +208,9 @@ def test_a_flexible_transmission_tells_no_lag(
     encoder: Literal["output", "motor"],
 ) -> None:
     config = tried(monkeypatch, two_masses(hertz, damping_ratio, load, encoder))
-    with pytest.raises(ExperimentFailedError, match="not that of a rigid servo, and does not determine the lag"):
+    with pytest.raises(
+        ExperimentFailedError, match="not that of a rigid servo, and does not determine the lag"
+    ):
         shaken(config, tmp_path, bursts=2)
 
 

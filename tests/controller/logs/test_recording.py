@@ -240,7 +240,7 @@ def test_what_may_never_end_is_not_looked_into(
         ("time_s,position_rad\n0,1\n0.001,1\n", "found 2 rows"),
         ("time_s,position_rad\n" + "".join(f"{k},\n" for k in range(20)), "0 rows with a position"),
         ("time_s,position_rad\n" + "nan,1\n" * 20, "found 0 rows"),
-        ('time_s,position_rad\n0,"' + 200_000 * "1", "a quote is not closed"),
+        ('time_s,position_rad\n0,"' + 200_000 * "1", "a quote that is not closed"),
     ],
 )
 def test_what_cannot_be_looked_at_is_refused_in_a_sentence(

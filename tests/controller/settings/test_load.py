@@ -189,7 +189,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
 def test_a_bus_too_slow_for_the_rate_is_refused() -> None:
     assert only(HARDWARE, "servo.baud=57600") == (
         "servo.baud (from --set): found 57600, at which a cycle takes 10.1 ms on the wire, more "
-        "than 0.8 of a period of 1 ms; use a faster bus (set the servo to it first) or "
+        "than 0.8 of a period of 1 ms; use a faster bus (set the servo's rate first) or "
         "loop.rate_hz below 79.4"
     )
     patient = ("servo.baud=115200", "loop.rate_hz=155")
