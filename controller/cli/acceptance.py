@@ -43,7 +43,7 @@ _EMULATED_S = 60.0
     "--weight",
     type=float,
     metavar="KG",
-    help="Mass of a known weight for the load step. A real servo without one skips the step.",
+    help="Mass of a known weight for the load step. Without it a real servo skips that step.",
 )
 @click.option(
     "--lever",
@@ -55,8 +55,8 @@ _EMULATED_S = 60.0
 @click.option("--fresh", is_flag=True, help="Measure again. The predictions stay.")
 @experiment(
     folder_option(
-        "Folder for predictions.json, report.html, acceptance.zip and the measurements. An"
-        " interrupted acceptance in it continues."
+        "Folder for predictions.json, report.html, acceptance.zip and the measurements. The command"
+        " continues an interrupted acceptance in DIR."
     ),
     force=False,
     of_walls=True,

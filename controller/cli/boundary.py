@@ -85,13 +85,13 @@ from haptic_wall.controller.system.whole_file import whole
 @click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
 @click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
 @click.option(
-    "--baud", type=float, help="Baud rate of a Dynamixel bus, whose wire time is part of the delay."
+    "--baud", type=float, help="Baud rate of a Dynamixel bus; its wire time is part of the delay."
 )
 @click.option(
     "--latency-timer",
     type=float,
     metavar="MS",
-    help="Latency timer of the USB adapter [ms], which is part of the delay.",
+    help="Latency timer of the USB adapter [ms]; it is part of the delay.",
 )
 @click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 )
 @experiment(
     folder_option(
-        "Folder for report.html, config.yaml, a JSON file of each step, pictures and logs/. An"
-        " interrupted commissioning of the same settings in it continues."
+        "Folder for report.html, config.yaml, a JSON file of each step, pictures and logs/. The"
+        " command continues an interrupted commissioning of the same settings in DIR."
     ),
     force=False,
     of_walls=True,

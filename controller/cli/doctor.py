@@ -57,7 +57,7 @@ def command(
     It only reads, and never enables torque. --fix writes the remedies. At a terminal it asks before
     each change, unless --yes is given; without a terminal on standard input it does not ask.
 
-    Exit status: 0 all well; 1 something is wrong; 4 the port or the servo cannot be reached.
+    Exit status: 0 no fault; 1 something is wrong; 4 the port or the servo cannot be reached.
     """
     for option, given in (("--yes", yes), ("--change-baud", change_baud)):
         if given and not fix:

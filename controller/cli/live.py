@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @place_option
-@click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
+@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
 def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
     """Show LOG, a file that run wrote, in a browser, until Ctrl-C.

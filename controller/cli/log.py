@@ -48,11 +48,11 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 
 
 @click.command()
 @click.argument("log", type=_FILE)
-@click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
+@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
-@click.option("--csv", "csv_path", type=FileToWrite(), help="Write its rows as CSV to this path.")
-@click.option("--mcap", "mcap_path", type=_FILE, help="Write its rows as MCAP to this path.")
-@click.option("--plot", type=FileToWrite(), help="Draw it as PNG to this path.")
+@click.option("--csv", "csv_path", type=FileToWrite(), help="Write the rows as CSV to this path.")
+@click.option("--mcap", "mcap_path", type=_FILE, help="Write the rows as MCAP to this path.")
+@click.option("--plot", type=FileToWrite(), help="Draw the rows as PNG to this path.")
 @click.option("--cut", "cut_path", type=_FILE, help="Write the stretch as a new log to this path.")
 @force_option
 @json_option

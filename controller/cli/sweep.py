@@ -79,7 +79,7 @@ _MOST_STEPS = 1000
     type=click.FloatRange(min=1e-5, max=0.5),
     default=0.005,
     show_default=True,
-    metavar="SHARE",
+    metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
@@ -87,8 +87,8 @@ _MOST_STEPS = 1000
 @dask_option
 @experiment(
     folder_option(
-        "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. An"
-        " interrupted sweep of the same settings in it continues."
+        "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. The"
+        " command continues an interrupted sweep of the same settings in DIR."
     ),
     of_walls=True,
     filters=True,

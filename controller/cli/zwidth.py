@@ -47,7 +47,7 @@ _MOST_SAMPLES = 30
 @experiment(
     folder_option(
         "Folder for zwidth.json, zwidth.png and the measured points; default: a new one in ./runs/."
-        " An interrupted call of the same settings in it continues."
+        " The command continues an interrupted call of the same settings in DIR."
     ),
     of_walls=True,
     filters=True,

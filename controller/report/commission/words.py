@@ -59,11 +59,14 @@ def why(report: Report) -> Iterator[str]:
             "These values follow from the belief in the configuration: the servo was not"
             " identified, so none of them is measured."
         )
-    for which, case in (("Without virtual damping", "plain"), ("With the best virtual damping", "best")):
+    for which, case in (
+        ("Without virtual damping", "plain"),
+        ("With the best virtual damping", "best"),
+    ):
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
-        yield f"{which} {'; '.join(decided['reasons'])}."
+        yield f"{which} virtual damping {'; '.join(decided['reasons'])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"

@@ -92,7 +92,10 @@ def test_an_ordinary_servo_is_commissioned_to_the_end(
     for name, truth in (("inertia", 0.011951), ("damping", 0.011692)):
         each = report["verdict"]["model"][name]
         assert each["low"] <= truth <= each["high"]
-    for misfit in ("It cogs: 0.03", "A torque of at most 0.1 N·m depends on the angle"):
+    for misfit in (
+        "Cogging: an amplitude of 0.03",
+        "A torque of at most 0.1 N·m depends on the angle",
+    ):
         assert misfit in page
 
 
