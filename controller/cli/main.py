@@ -78,6 +78,8 @@ _LIMITS = (*_OF_OUTPUT, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
 _COLLECTIONS = (50_000, 20, 50)
 """Allocations between two searches for garbage: Python's own 700 take an eighth of a start"""
 
+_ALL = "`haptic-wall --help` lists the commands"
+
 
 class _Commands(click.Group):
     """Imports a command of ``COMMANDS`` when it is called."""
@@ -88,7 +90,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in COMMANDS:
             near = did_you_mean(cmd_name, COMMANDS)
-            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near), ctx)
+            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near or _ALL), ctx)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux",

@@ -96,7 +96,7 @@ def command(
     _refuse_long(setting, max(chosen_steps))
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
-        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
+        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="a kick above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
         if resume:

@@ -45,7 +45,10 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
         raise _unknown(item, [*names, _ALL])
     if out is None:
         raise UserError(
-            "no folder is named", field="--out", wanted="where the files go, e.g. --out paper"
+            "found nothing",
+            field="--out",
+            wanted="the folder for the files",
+            advice="give for example --out paper",
         )
     wanted = names if item == _ALL else [item]
     kinds = {f"{name}.csv": TABLE for name in wanted} | {f"{name}.png": PICTURE for name in wanted}

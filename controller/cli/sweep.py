@@ -123,7 +123,7 @@ def command(
             "found none",
             field="--virtual-damping",
             wanted="the virtual dampings at which to measure the critical stiffness",
-            advice="give it, or --over damping",
+            advice="give them, or --over damping",
         )
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.sweep.device import Device
@@ -135,7 +135,7 @@ def command(
     from haptic_wall.controller.processes.run_report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
-        raise UserError(f"found {kick:g}", field="--kick", wanted="above 0 and up to 3 rad")
+        raise UserError(f"found {kick:g}", field="--kick", wanted="a kick above 0 and up to 3 rad")
     effective = experiment_config(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(

@@ -181,7 +181,7 @@ def columns_in_time(
         times = columns["time_s"]
     if times.size < LEAST:
         raise UserError(
-            f"found {times.size} rows with a time of their own",
+            f"found {times.size} rows with increasing times",
             field=name,
             given=path,
             wanted=f"at least {LEAST}",

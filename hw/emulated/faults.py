@@ -186,14 +186,14 @@ def parse_fault(text: str) -> Fault:
     name, colon, rest = text.strip().partition(":")
     kind = KINDS.get(name)
     if kind is None:
-        raise SpecError(given=f"no fault is called {name!r}", advice=suggestion(name, KINDS))
+        raise SpecError(f"no fault is called {name!r}", advice=suggestion(name, KINDS))
     known = kind.keys + (_FRAME_KEYS if kind.strikes_frames else _SERVO_KEYS)
     values: dict[str, Any] = {}
     for part in rest.split(",") if colon else ():
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if key not in known:
             raise SpecError(
-                given=f"{name} has no {key!r}; {suggestion(key, known)}",
+                f"{name} has no {key!r}; {suggestion(key, known)}",
                 advice=f"e.g. {kind.example}",
             )
         if not equals or key in values:

@@ -253,7 +253,7 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
 
     monkeypatch.setitem(steps.RUN, "identify", interrupted)
     assert call("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out") == 130
-    assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
+    assert f"--out {tmp_path / 'out'} continues" in capsys.readouterr().err
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "acceptance.zip").exists()
 

@@ -141,7 +141,7 @@ HOSTILE = {
     "too large": (b"time_s,position_rad\n0,1e300\n", "wanted a number up to 1e+12"),
     "backwards": (
         b"time_s,position_rad\n" + b"".join(b"%d,1\n" % (90 - n) for n in range(90)),
-        "rows with a time of their own, wanted at least",
+        "rows with increasing times, wanted at least",
     ),
     "nothing known": (
         b"time_s,position_rad\n" + b"nan,nan\n" * 90,

@@ -60,7 +60,7 @@ def test_points_and_files(swept: tuple[Path, dict[str, Any], str]) -> None:
         assert point["reason"] is None
     for point in points[1::2]:
         assert point["measured"] is None
-        assert "over the ceiling" in point["reason"]
+        assert "above the ceiling" in point["reason"]
     assert report["complete"]
     held = json.loads((folder / "sweep.json").read_text())
     assert held["points"] == points
@@ -106,7 +106,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     os.kill(first.pid, signal.SIGINT)
     out, told = first.communicate(timeout=60)
     assert first.returncode == 130
-    assert "goes on" in told
+    assert "continues" in told
     kept = json.loads(out)["points"]
     assert not json.loads(out)["complete"]
     assert kept[0]["virtual_damping"] == 9.0

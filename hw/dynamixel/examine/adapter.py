@@ -84,7 +84,7 @@ def only_adapter(found: Iterable[Adapter] | None = None) -> str:
         raise PortError(
             "No USB serial adapter is plugged in",
             advice="plug it in, or name the port with --port (an on-board one is e.g. "
-            "/dev/ttyAMA0, an emulated bus says its path).",
+            "/dev/ttyAMA0, an emulated bus prints its path).",
         )
     if len(candidates) > 1:
         listed = "; ".join(map(str, candidates))

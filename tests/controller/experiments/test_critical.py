@@ -121,7 +121,7 @@ def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("damping", "sets", "words"),
     [
-        (8.0, (), ("over the ceiling", "nothing was tried")),
+        (8.0, (), ("above the ceiling", "nothing was tried")),
         (-0.02, (), ("cancels all of the servo's own",)),
         (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit leaves room", "--kick")),
         (5.0, (), ("servo.torque_limit allows no stiffness", "nothing was tried")),
