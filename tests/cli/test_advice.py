@@ -31,7 +31,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         ),
         (["delay", "--delay-steps", "x"], "wanted whole periods from 0 up with commas between"),
         (["map", "--delay-steps", "0,-1"], "wanted whole periods from 0 up with commas between"),
-        (["sweep", "simulated", "--delay-steps=0.5"], "wanted whole periods with commas"),
+        (["sweep", "simulated", "--delay-steps=0.5"], "wanted whole periods from 0 up with commas"),
         (["scan", "--port", "/dev/null"], "no serial port, wanted the adapter's device"),
         (["run", "--log", "-"], "--log -: found standard output, wanted a file"),
         (["run", "--no-plot", "--plot", "a.png"], "--no-plot: found with --plot"),

@@ -123,9 +123,9 @@ def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) ->
     [
         (8.0, (), ("above the ceiling", "nothing was tried")),
         (-0.02, (), ("cancels all of the servo's own",)),
-        (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit leaves room", "--kick")),
+        (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit allows only up to", "--kick")),
         (5.0, (), ("servo.torque_limit allows no stiffness", "nothing was tried")),
-        (0.02, ("safety.max_speed=2",), ("safety.max_speed leaves room", "--kick")),
+        (0.02, ("safety.max_speed=2",), ("safety.max_speed allows only up to", "--kick")),
     ],
 )
 def test_a_point_out_of_reach_says_why(
