@@ -194,4 +194,4 @@ def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(
     assert "the search chooses them" in told
     status, _, told = run(capsys, "simulated", "--delay-steps=0")
     assert status == 2
-    assert "give it, or --over damping" in told
+    assert "give them, or --over damping" in told

@@ -299,7 +299,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     result = run_session(
         config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
     )
-    assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
+    assert "comes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     rows, _ = telemetry.read(0)
     assert rows["position"][-1] > 0.0
