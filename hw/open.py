@@ -67,7 +67,7 @@ def backend(name: str) -> Backend:
         raise BackendError(
             f"The servo backend {name!r} of the distribution {whose} cannot be "
             f"loaded ({type(error).__name__}: {error})",
-            advice="install what it needs, or another version of it.",
+            advice="install its dependencies, or another version of it.",
         ) from error
     if not isinstance(found, Backend):
         raise BackendError(

@@ -1,4 +1,4 @@
-"""Renews the figures of docs/evidence/bench.md with what ``haptic-wall bench`` measures here.
+"""Renews the figures of docs/evidence/bench.md by ``haptic-wall bench`` on this machine.
 
     scripts/study bench_page [--report FILE] [--out FILE]
 
@@ -82,7 +82,7 @@ def main() -> None:
         )
     missing = [name for name in SECTIONS if f"<!-- bench: {name} -->" not in text]
     if missing:
-        sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: put the comments into it")
+        sys.exit(f"{wanted.out} has no part for {', '.join(missing)}: add its two comments")
     if wanted.report is None:
         done = subprocess.run(
             [*PROGRAM, "bench", "--json"], check=False, stdout=subprocess.PIPE, text=True
@@ -100,7 +100,7 @@ def main() -> None:
     except ValueError:
         report = None
     if not isinstance(report, dict) or not {"machine", "versions", "sections"} <= report.keys():
-        sys.exit(f"--report {wanted.report}: wanted what `haptic-wall bench --json` printed")
+        sys.exit(f"--report {wanted.report}: wanted the output of `haptic-wall bench --json`")
     wanted.out.write_text(renewed(text, report), encoding="utf-8")
 
 

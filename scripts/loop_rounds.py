@@ -85,8 +85,10 @@ def in_turn(case: Round, arms: Sequence[Arm]) -> list[Turn]:
         of, work = ran[arm.name], ran[arm.name].times_us["work"]
         found = intervals_us(sent_s, *times[arm.name], case.seconds, RATE_HZ)
         off = np.abs(found[~held_up(found)] - 1e6 / RATE_HZ)
-        figures = [work["p50"] or 0.0, work["p99"] or 0.0, *np.percentile(off, [50, 99]).tolist()]
-        turns.append(Turn(arm.name, arm.base, *figures, of.missed / (of.ticks + of.missed)))
+        p50, p99 = np.percentile(off, [50, 99]).tolist()
+        missed = of.missed / (of.ticks + of.missed)
+        times_us = work["p50"] or 0.0, work["p99"] or 0.0, p50, p99
+        turns.append(Turn(arm.name, arm.base, *times_us, missed))
     return turns
 
 

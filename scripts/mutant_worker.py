@@ -1,4 +1,4 @@
-"""Runs tests in forks of a process that has everything but the project loaded; jobs come as lines.
+"""Runs tests in forks of a process that has loaded everything but the project; jobs are lines.
 
 A job is a JSON object on standard input: ``tree`` (a copy of the project), ``paths`` (put first in
 sys.path), ``tests`` (what pytest is given), ``cpu_s`` and ``idle_s`` (limits), ``all`` (do not stop

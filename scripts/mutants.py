@@ -395,11 +395,11 @@ def _options() -> argparse.Namespace:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     add = parser.add_argument
-    add("--sample", type=int, default=500, metavar="N", help="how many are tried")
-    add("--seed", type=int, default=1, metavar="S", help="says which")
-    add("--role", nargs="+", choices=ROLES, default=list(ROLES), help="where they are put")
-    add("--like", type=Path, metavar="FILE", help="try those that were noticed in this result")
-    add("--out", type=Path, default=OUT, metavar="FILE", help="where results are, and are added")
+    add("--sample", type=int, default=500, metavar="N", help="number of defects to try")
+    add("--seed", type=int, default=1, metavar="S", help="seed of their choice")
+    add("--role", nargs="+", choices=ROLES, default=list(ROLES), help="parts of the program")
+    add("--like", type=Path, metavar="FILE", help="try the defects that this result noticed")
+    add("--out", type=Path, default=OUT, metavar="FILE", help="file to which results are added")
     add(
         "--budget",
         type=float,
@@ -413,7 +413,7 @@ def _options() -> argparse.Namespace:
         nargs=2,
         type=Path,
         metavar=("BEFORE", "AFTER"),
-        help="tell which mutants were noticed before and are not after; exit status 1 if any",
+        help="list mutants that were noticed before and not after; exit status 1 if there are any",
     )
     return parser.parse_args()
 

@@ -1,4 +1,4 @@
-"""Computes controller/theory/one_sided_table.npz anew, on all cores.
+"""Computes controller/theory/one_sided_table.npz, on all cores.
 
     scripts/study one_sided_table              overwrite the table in use
     scripts/study one_sided_table --out FILE   write it elsewhere
@@ -69,7 +69,7 @@ def main() -> None:
     """Fill, and write; or check."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=TABLE, metavar="FILE")
-    parser.add_argument("--check", action="store_true", help="print what the one in use is worth")
+    parser.add_argument("--check", action="store_true", help="print the present table's accuracy")
     wanted = parser.parse_args()
     if wanted.check:
         check()

@@ -1,4 +1,4 @@
-"""Regenerates what README.md and docs/ show of the program, between their markers.
+"""Regenerates the program's output in README.md and docs/, between their markers.
 
     scripts/study readme_output             write anew what is the same on every machine
     scripts/study readme_output --measure   and what this machine measures, the tests' result too
@@ -349,8 +349,8 @@ TABLES = {
 def main() -> int:
     """Write the parts, or say which are out of date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="compare only; 1 if any differs")
-    parser.add_argument("--measure", action="store_true", help="take the measurements anew")
+    parser.add_argument("--check", action="store_true", help="only compare; 1 if a part differs")
+    parser.add_argument("--measure", action="store_true", help="repeat the measurements")
     wanted = parser.parse_args()
     check, status = wanted.check, 0
     for page in pages():

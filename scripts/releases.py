@@ -1,4 +1,4 @@
-"""Compares releases by ratios that were measured at each: docs/evidence/releases.md.
+"""Compares releases by ratios that were measured at each of them: docs/evidence/releases.md.
 
     scripts/study releases                      make the page from docs/evidence/releases/
     scripts/study releases --measure            add an entry for this commit, and make the page

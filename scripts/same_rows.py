@@ -1,4 +1,4 @@
-"""Runs some 90 short simulated walls and tells which of them give other rows than before.
+"""Runs some 90 short simulated walls, and lists those whose rows differ from before.
 
     scripts/study same_rows [--write] [--keep FOLDER] [--against PLACE] [--only NAME ...]
 
@@ -309,20 +309,20 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="scripts/study same_rows",
         description=(__doc__ or "").splitlines()[0],
-        epilog="Exit status: 0 all the same; 1 some differ. In a checkout of before:"
-        " --keep FOLDER; then here: --against FOLDER.",
+        epilog="Exit status: 0: all rows are equal; 1: some differ. Use --keep FOLDER in the older"
+        " checkout, then --against FOLDER here.",
     )
-    parser.add_argument("--write", action="store_true", help="write tests/same_rows.txt anew")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep the rows there")
+    parser.add_argument("--write", action="store_true", help="replace tests/same_rows.txt")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="store the rows in FOLDER")
     parser.add_argument(
         "--against",
         type=Path,
         metavar="PLACE",
-        help="compare with rows kept in a folder, or with the rows that another checkout gives"
-        " (one that has a .venv), instead of the digests",
+        help="compare with the rows of a folder, or of another checkout with a .venv, instead of"
+        " the digests",
     )
     parser.add_argument(
-        "--only", nargs="+", choices=CASES, metavar="NAME", default=[*CASES], help="of the runs"
+        "--only", nargs="+", choices=CASES, metavar="NAME", default=[*CASES], help="names of runs"
     )
     return parser.parse_args()
 

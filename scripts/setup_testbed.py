@@ -1,4 +1,4 @@
-"""Lets a user run the wall on hardware: adapter, real-time limits, group; and takes it back.
+"""Lets a user run the wall on hardware: adapter, real-time limits, group; or undoes this.
 
     scripts/setup-testbed [--user NAME] [--undo] [--dry-run] [--yes]
 
@@ -65,7 +65,7 @@ def command(*words: str) -> None:
         Refused: It is not there, or failed.
     """
     if shutil.which(words[0]) is None:
-        raise Refused(f"{words[0]} is not installed: wanted it for '{' '.join(words)}'")
+        raise Refused(f"{words[0]} is not installed: '{' '.join(words)}' needs it")
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
         raise Refused(f"'{' '.join(words)}' failed: {(done.stderr or done.stdout).strip()}")
@@ -86,7 +86,7 @@ def changes(user: str, root: Path) -> list[Change]:
     if missing:
         found.append(Change(f"make the group {GROUP}", lambda: command("groupadd", "-r", GROUP)))
     if _ours(root / RULES) != RULES_TEXT.splitlines():
-        why = "FTDI adapters at 1 ms and left alone, the processor kept awake on request"
+        why = "FTDI adapters at 1 ms, without a modem manager; no deep sleep of cores on request"
         found += [_writing(root / RULES, RULES_TEXT, why), _REREAD]
     return found + [_joining(user, name) for name in joins]
 
@@ -100,8 +100,8 @@ def undoing(root: Path) -> list[Change]:
             names = line.removeprefix(JOINED).split()
             if len(names) != 2:
                 raise Refused(
-                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP': mend"
-                    " or remove the line"
+                    f"{root / LIMITS}: found the line '{line}', wanted '{JOINED}USER GROUP':"
+                    " correct or remove the line"
                 )
             user, group = names
             if user in groups.get(group, ()):
@@ -159,7 +159,7 @@ def _giving_back(device: Path) -> Change:
         os.chown(device, 0, 0)
         device.chmod(0o600)  # as the kernel makes it
 
-    return Change(f"give {device} back to root alone, as it was", give_back)
+    return Change(f"give {device} back to root, as before", give_back)
 
 
 def _removing(path: Path) -> Change:
@@ -169,7 +169,7 @@ def _removing(path: Path) -> Change:
 def reread_rules() -> None:
     """Apply the rules to plugged-in devices; without udev they count from its next start."""
     if shutil.which("udevadm") is None or not Path("/run/udev/control").exists():
-        print("  udev does not run here: its rules count from its next start on")
+        print("  udev does not run here: its rules take effect at its next start")
         return
     command("udevadm", "control", "--reload")
     command("udevadm", "trigger", "--subsystem-match=usb-serial", "--subsystem-match=misc")
@@ -189,9 +189,9 @@ def _ours(path: Path) -> list[str]:
     except FileNotFoundError:
         return []
     except (OSError, UnicodeDecodeError) as error:
-        raise Refused(f"{path} cannot be read ({error}): see to it first") from None
+        raise Refused(f"{path} cannot be read ({error}): make it readable first") from None
     if MARK not in lines:
-        raise Refused(f"{path} is there and was not written by this script: move it away first")
+        raise Refused(f"found a {path} that this script did not write: move it away first")
     return lines
 
 
@@ -209,7 +209,7 @@ def _user(name: str | None) -> str:
 def _agreed() -> bool:
     if not sys.stdin.isatty():
         raise Refused(
-            "standard input is no terminal to ask at: look with --dry-run, then call it with --yes"
+            "standard input is no terminal for a question: use --dry-run first, then --yes"
         )
     return input("make these changes? [y/N] ").strip().lower() in ("y", "yes")
 
@@ -222,9 +222,9 @@ def run(wanted: argparse.Namespace) -> None:
     """
     planned = undoing(wanted.root) if wanted.undo else changes(_user(wanted.user), wanted.root)
     if not planned:
-        print("nothing to undo" if wanted.undo else "nothing to do: all of it is there")
+        print("nothing to undo" if wanted.undo else "nothing to do: the set-up is complete")
         return
-    print("will:")
+    print("changes:")
     for change in planned:
         print(f"  {change.text}")
     if wanted.dry_run:
@@ -241,13 +241,13 @@ def run(wanted: argparse.Namespace) -> None:
             raise Refused(f"could not {change.text}: {error.strerror}; call it again") from None
         print(f"done: {change.text}")
     if wanted.undo:
-        print("a session that is open keeps its rights until its user logs out")
+        print("an open session keeps its rights until its user logs out")
         return
     print(
         "log out and in again, and plug the adapter in again; then\n"
-        "  haptic-wall run simulated --set realtime.profile=strict   shows what is granted\n"
-        "  haptic-wall doctor CONFIG                                  looks at the adapter\n"
-        "  scripts/setup-testbed --undo                               takes it all back"
+        "  haptic-wall run simulated --set realtime.profile=strict   shows the granted settings\n"
+        "  haptic-wall doctor CONFIG                                  examines the adapter\n"
+        "  scripts/setup-testbed --undo                               undoes all changes"
     )
 
 
@@ -256,12 +256,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="setup-testbed",
         description="Let a user run the wall on hardware: a udev rule for the adapter's latency"
-        " timer, limits for real-time scheduling and locked memory, and the groups for both. Says"
-        " what it will change, and asks.",
+        " timer, limits for real-time scheduling and locked memory, and the groups for both. It"
+        " lists its changes first, and asks.",
     )
-    parser.add_argument("--user", help="for whom (default: you, also under sudo)")
-    parser.add_argument("--undo", action="store_true", help="take back what it has changed")
-    parser.add_argument("--dry-run", action="store_true", help="only say what it would change")
+    parser.add_argument("--user", help="name of the user (default: you, also under sudo)")
+    parser.add_argument("--undo", action="store_true", help="undo the changes")
+    parser.add_argument("--dry-run", action="store_true", help="only list the changes")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--root", type=Path, default=Path("/"), help=argparse.SUPPRESS)
     wanted = parser.parse_args()

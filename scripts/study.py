@@ -1,4 +1,4 @@
-"""Runs a study: its cases, a row for each, and the parts of a page that are made of them.
+"""Runs a study: its cases, a row for each, and the parts of a page that are made from them.
 
     scripts/study                    list what there is
     scripts/study NAME [--help]      run one
@@ -202,8 +202,8 @@ def renewed(page: str, parts: dict[str, Iterable[str]]) -> str:
     if lacking:
         names = ", ".join(sorted(lacking))
         raise NoPlaceError(
-            f"the page has no place for {names}: write <!-- computed: NAME --> and <!-- end -->"
-            " into it, on lines of their own"
+            f"the page has no place for {names}: add the lines <!-- computed: NAME --> and"
+            " <!-- end -->"
         )
 
     def part(mark: re.Match[str]) -> str:
@@ -270,10 +270,10 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
         "--rows",
         type=Path,
         metavar="FILE",
-        help="store each row as it is computed; a later call goes on from there",
+        help="store each row when it is computed; a later call continues with these",
     )
     parser.add_argument(
-        "--known", action="store_true", help="compute nothing: make the page from the rows in FILE"
+        "--known", action="store_true", help="make the page only from the rows in FILE"
     )
     parser.add_argument(
         "--workers", type=int, default=cores(), help="parallel processes (default: one per core)"
@@ -283,7 +283,7 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
     )
     if any(part.examples for part in study.parts):
         parser.add_argument(
-            "--examples", type=Path, metavar="FILE", help="where counter-examples are written"
+            "--examples", type=Path, metavar="FILE", help="write counter-examples to FILE"
         )
     page = ROOT / "docs" / study.page
     about = f"page to write (default: docs/{study.page})"
@@ -363,7 +363,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     name, *rest = words
     if name not in there:
-        _say(f"scripts/study: there is no {name}; without a name it lists what there is")
+        _say(f"scripts/study: found no study {name}; `scripts/study` lists all")
         return 2
     place = "scripts.studies" if (ROOT / "scripts/studies" / f"{name}.py").exists() else "scripts"
     module = importlib.import_module(f"{place}.{name}")

@@ -189,7 +189,7 @@ def test_a_run_outlives_a_killed_recorder_and_a_stopped_supervisor_until_sigterm
     assert process.returncode == 130
     report = json.loads(output)
     assert report["stop_reason"] == "interrupted"
-    assert "the recorder was killed by SIGKILL; another one goes on with the log" in said
+    assert "the recorder was killed by SIGKILL; another one continues the log" in said
     assert any("no row is missing from the log" in text for text in report["warnings"])
     rows = read_log(tmp_path / "run.hwlog")[1]["seq"]
     assert list(rows) == list(range(words[Word.HEAD]))
@@ -439,7 +439,7 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path) -> None:
         out, said = process.communicate()
     assert process.returncode == 130
     told = [line for line in said.splitlines() if line.startswith("--hold: ")]
-    assert told[0] == "--hold: let go; the wall is off"
+    assert told[0] == "--hold: released; the wall is off"
     assert "--hold: the wall is on again" in told
     report = json.loads(out)
     assert (report["wall_came_on"], report["torque_off"]) == (True, True)
@@ -458,7 +458,7 @@ def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path) -> None:
     assert process.returncode == 3
     report = json.loads(out)
     assert report["wall_came_on"] is False
-    assert report["waited_for"] == "the dead man is not held; the wall goes on when it is"
+    assert report["waited_for"] == "the dead man is not held; the wall comes on when it is"
     assert report["waited_for"] in said
 
 

@@ -82,7 +82,7 @@ _ARITHMETIC_TIMES = 100
 _COMPARED = 8
 """Number of walls of an array that are also simulated alone"""
 _NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
-_BUSY = "a machine with more cores, or one whose cores do other work: time passes on the clock here"
+_BUSY = "a machine with more cores, or with busy cores: this is the time on the clock"
 _OPERATIONS = {"linear servos": (18, 3), "servos with friction and encoder": (36, 4)}
 """Multiply-adds, or what takes as long, and divisions of a wall period in ``lanes``, where no body
 comes to rest: a period has two parts"""
@@ -109,13 +109,13 @@ def _compiled_rows(
             f"the arithmetic alone: {adds} multiply-adds and {parts} divisions for each, {what}",
             [each / s for s in least],
             unit,
-            "a loop that could be written: it loads, stores and stops nothing",
+            "a practical loop: this one loads, stores and stops nothing",
         ),
         ratio(
             f"compiled over the arithmetic alone, {what}",
             least,
             one,
-            "a loop that could be written: it loads, stores and stops nothing",
+            "a practical loop: this one loads, stores and stops nothing",
         ),
         Measurement(
             f"largest difference of position from the array, {what}",
@@ -197,7 +197,7 @@ def measure() -> Section:
                 "wall-periods/s",
                 "the program's own loop, which also guards, watches and logs",
             ),
-            ratio(f"ratio, {what}", single, many, "few walls: an array pays from some ten on"),
+            ratio(f"ratio, {what}", single, many, "few walls: an array is faster from some ten on"),
             Measurement(
                 f"largest difference of position from them alone, {what}",
                 float(np.max(np.abs(apart))),

@@ -65,7 +65,7 @@ def measure() -> Section:
             f"{_MIXED} mixed settings",
             [_MIXED / one for one in times["mixed"]],
             "settings/s",
-            "single settings: one alone takes as long as some hundred together",
+            "single settings: one takes as long as some hundred together",
         ),
         over_rounds(
             f"one servo with a load, {_LOADED} dampings and delays",
@@ -87,20 +87,20 @@ def measure() -> Section:
     apart = float(np.max(np.abs(theirs / ours - 1)))
     theirs_s = [one / _COMPARED for one in times["control"]]
     if apart > _SAME:
-        notes += (f"the answers differ by up to {apart:.2g}: the ratio compares unlike things",)
+        notes += (f"the answers differ by up to {apart:.2g}: the ratio compares different results",)
     what = f"{_COMPARED} settings of whole delays, one by one"
     rows += [
         over_rounds(
             f"python-control, all gain margins, {what}",
             [1e3 * one for one in theirs_s],
             "ms/setting",
-            "fractional delays, which that way cannot do without another model",
+            "fractional delays, for which python-control needs another model",
         ),
         Measurement(
             "largest relative difference of the two answers",
             apart,
             "1",
-            "the accuracy of either: see the tests, which use extended precision",
+            "the accuracy of either; tests in extended precision check that",
         ),
         ratio(
             f"ratio of the times per setting, ours in one array of {_MIXED}",
@@ -112,13 +112,13 @@ def measure() -> Section:
             f"ratio of the times per setting, ours in one array of {_COMPARED}",
             times["control"],
             times["compared"],
-            "large arrays, where the share of each call is less; nor a call for one setting",
+            "large arrays, in which the overhead of a call is smaller, nor a call for one setting",
         ),
         ratio(
             "ratio of the times per setting, ours one by one as well",
             times["control"],
             times["one by one"],
-            "arrays, which is how many settings are asked for",
+            "arrays, the usual call for many settings",
         ),
     ]
     return Section(tuple(rows), notes)

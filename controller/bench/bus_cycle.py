@@ -120,15 +120,15 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Measurement]:
                 f"{name}, {what}",
                 statistics.median(times.rounds),
                 "µs/cycle",
-                "a real adapter, which adds its USB frames and latency timer; in it are the "
-                "emulated wire at 4 Mbit/s and the emulator's own time; and a pseudo-terminal's "
-                "bytes are carried by a kernel thread, which a client that spins may keep waiting",
+                "a real adapter, which adds its USB frames and latency timer; the time includes "
+                "the emulated wire at 4 Mbit/s, the emulator, and a kernel thread that carries the "
+                "bytes of a pseudo-terminal and may wait for a client that spins",
             ),
             Measurement(
                 f"{name}, {what}, processor time",
                 statistics.median(times.busy),
                 "µs/cycle",
-                "waiting asleep, and what the operating system does in others' name",
+                "time asleep, and time of the operating system on behalf of other processes",
             ),
         ]
     peers = {name: times for name, times in clients.items() if not name.startswith(_OURS)}
@@ -140,7 +140,7 @@ def _rows(what: str, clients: Mapping[str, _Times]) -> list[Measurement]:
                     f"{name}, {what}: time over that of {quickest}",
                     times.rounds,
                     peers[quickest].rounds,
-                    "work that is not the same: both read the same bytes",
+                    "different work: both read the same bytes",
                 )
             )
     return rows

@@ -41,4 +41,4 @@ def measure() -> Section:
     )
 
 
-_NOT = "what the rest of the tick takes, nor a busy machine"
+_NOT = "the rest of the tick, nor a busy machine"

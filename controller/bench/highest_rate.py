@@ -82,7 +82,7 @@ def measure() -> Section:
     ]
     ratios = [ours / bare for bare, ours in zip(*held.values(), strict=True)]
     name = "haptic-wall, highest rate: over that of the bare loop, in the same round"
-    rows.append(over_rounds(name, ratios, "1", "how fast either is; that stands above"))
+    rows.append(over_rounds(name, ratios, "1", "the speed of either, which is listed above"))
     return Section(tuple(rows), tuple(notes))
 
 

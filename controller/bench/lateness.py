@@ -43,11 +43,11 @@ _YARDSTICK: Final = "cyclictest"
 _SHOWS_NOT: Final = {
     _PROGRAM: "a servo on a bus: this one is simulated in the loop's process; nor its processor"
     " time",
-    _WAIT: "a loop that does something: nothing is computed between two wake-ups",
-    _YARDSTICK: "a loop that does something; figures are whole µs, rounded down, from the first"
-    " wake-up on (the others' begin after a tenth of a second)",
+    _WAIT: "a working loop: this one computes nothing between two wake-ups",
+    _YARDSTICK: "a working loop; figures are whole µs, rounded down, from the first wake-up on"
+    " (those of the others begin after a tenth of a second)",
 }
-_SHOWS_NOT_PEOPLE: Final = "what it is with real-time settings, or while other work runs"
+_SHOWS_NOT_PEOPLE: Final = "the figure with real-time settings, or on a busy machine"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +92,8 @@ def measure() -> Section:
         notes.append(f"cyclictest was run as: cyclictest {words}")
     notes.append(_granted(seen[_WAIT].turns[-1].settings))
     notes.append(
-        "a relative sleep and the rate limiter count each period from the wake-up before, and so"
-        " does their lateness here: what it adds up to is the rate delivered"
+        "a relative sleep and the rate limiter count each period from the previous wake-up, and so"
+        " does their lateness here: the delivered rate shows the sum"
     )
     series = {
         name: np.concatenate([turn.late_us for turn in each.turns]).tolist()
@@ -157,8 +157,8 @@ def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
             f"{name}: p99 of lateness over cyclictest's",
             seen[name].percentile(99.0),
             theirs,
-            "the longest stalls, of which a second has too few; and cyclictest only sleeps, which"
-            " takes less processor time than to sleep and spin",
+            "the longest stalls, which are too rare in a second; cyclictest only sleeps, which"
+            " takes less processor time than sleep and spin",
         )
         for name in (_PROGRAM, _WAIT)
     ]
@@ -166,7 +166,7 @@ def _compared(seen: Mapping[str, _Seen]) -> list[Measurement]:
 
 def _granted(settings: Sequence[Mapping[str, Any]]) -> str:
     got = ", ".join(f"{setting['name']}: {setting['got']}" for setting in settings)
-    return f"{_PROGRAM} and its wait asked for real-time settings and got: {got}"
+    return f"{_PROGRAM} and its wait requested real-time settings and got: {got}"
 
 
 def _cyclictest(path: str, core: int) -> Turn:

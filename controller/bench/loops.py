@@ -120,7 +120,7 @@ def told_by(
     finally:
         loop.dismiss(START_S)
     if told is None:
-        raise PlatformError(f"{name} told nothing: it {loop.exit_text()}")
+        raise PlatformError(f"{name} gave no result: it {loop.exit_text()}")
     figures: dict[str, Any] = json.loads(told)
     return figures
 

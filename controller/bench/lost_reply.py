@@ -40,7 +40,7 @@ _START_S = 0.2
 """Ignored beginning of the run [s]"""
 _ADDRESS, _BYTES = 120, 16
 _SHOWS_NOT: Final = (
-    "what the loop does without its reading, nor a real adapter, whose timer makes replies late"
+    "the loop's behaviour without the reading, nor a real adapter, whose timer delays replies"
 )
 
 Read = Callable[[], bool]
@@ -125,7 +125,7 @@ def _whole_program() -> tuple[list[Measurement], list[float]]:
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
             ran.missed,
             "1",
-            "that the losses were the reason; a busy machine skips periods as well",
+            "whether the losses were the cause; a busy machine skips periods as well",
         ),
     ]
     return rows, periods

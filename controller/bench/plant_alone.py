@@ -49,12 +49,12 @@ _REAL: Final = replace(
 _NOT_THE_TICK: Final = "a tick of the loop, which does more"
 _SAME: Final = 1e-9
 """Difference of positions up to which two answers agree [rad]"""
-_NOT_CLOSED = "the wall's closed loop, nor friction and encoder: only the linear servo is alike"
+_NOT_CLOSED = "the wall's closed loop, friction and encoder: only the linear servo is equal"
 _NOTES: Final = (
-    "all but the rows of one core and of two is per second of the processor's time, which"
-    " depends little on what else the machine does",
+    "figures are per second of processor time, which depends little on other work of the machine;"
+    " only the rows of one core and of two cores are per second on the clock",
     "not compared with mujoco.rollout and scipy.signal: the wall's delayed torque in closed loop,"
-    " which they do not take (mujoco.rollout and filters want all torques beforehand), Coulomb"
+    " which they do not support (mujoco.rollout and filters need all torques beforehand), Coulomb"
     " friction, which MuJoCo models as a soft constraint, the encoder, and more than one thread",
 )
 
@@ -133,7 +133,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
                 f"{own} over {name}, servo alone",
                 each[name],
                 each[own],
-                "few servos, and what else the other can do",
+                "few servos, and other abilities of that library",
             )
             for own in ours
         ]
@@ -147,8 +147,8 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         )
         if client.exact and apart > _SAME:
             notes.append(
-                f"{name}: the answers differ by up to {apart:.2g} rad, so the ratio compares unlike"
-                " things"
+                f"{name}: the answers differ by up to {apart:.2g} rad, so the ratio compares"
+                " different results"
             )
     return rows, notes
 

@@ -81,8 +81,7 @@ def _whole_rows(name: str, reports: list[dict[str, float]]) -> list[Measurement]
             f"{name}: work of a tick, {percentile}",
             [report[percentile] for report in reports],
             "µs",
-            "waiting for a bus, which is no work; the processor's caches as another program beside"
-            " the loop would leave them",
+            "the wait for a bus, nor the effect of another program on the processor's caches",
         )
         for percentile in _PERCENTILES
     ]
@@ -94,8 +93,8 @@ def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Measurement]:
             f"{name}: {stage}, {percentile}",
             [run["stages_us"][stage][place] for run in runs],
             "µs",
-            "the stage undisturbed: timing it takes room in the caches, and its time is taken off"
-            " on the average only",
+            "the undisturbed stage: its timing takes room in the caches, and is subtracted only on"
+            " average",
         )
         for stage in STAGES
         for place, percentile in enumerate(_PERCENTILES)

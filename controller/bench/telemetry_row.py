@@ -55,7 +55,7 @@ def measure() -> Section:
             "a call of nothing, once every millisecond",
             cold[_NOTHING],
             "µs",
-            "a row: it is the part of each figure below that waking up and reading the clock take",
+            "a row: it is the time to wake up and read the clock, a part of each figure below",
         )
     ]
     for name in sizes:
@@ -64,13 +64,13 @@ def measure() -> Section:
                 f"{name}, one row, once every millisecond",
                 cold[name],
                 "µs",
-                "a loop's other work, which takes its share of the caches as well",
+                "a loop's other work, which uses the caches as well",
             ),
             Measurement(
                 f"{name}, one row, in a row",
                 hot[name],
                 "µs",
-                "a loop, which writes one a period, when the caches hold something else",
+                "a loop, which writes one row a period, with other data in the caches",
             ),
             Measurement(
                 f"{name}, size of a row",
@@ -78,7 +78,7 @@ def measure() -> Section:
                 "B",
                 "the log file, which another process packs"
                 if name == _OURS
-                else "what else a file or a network adds",
+                else "overhead of a file or a network",
             ),
         ]
     return Section(tuple(rows))

@@ -31,8 +31,8 @@ _BACKLOG_US: Final = 1.1e-3 * wire_ns(_CYCLE_BYTES, BAUD)
 skipped periods"""
 _SHOWS_NOT: Final = (
     "a wire and a USB adapter: frames come through a pseudo-terminal, and the emulated bus, which"
-    " dates them, is a process that is late itself at times; what it was held up for so long that"
-    " frames had to wait for it is left out"
+    " dates them, is a process that is late itself at times; intervals in which frames had to wait"
+    " for it are left out"
 )
 
 
@@ -136,7 +136,7 @@ def _rows(deviations: dict[str, list[NDArray[np.float64]]]) -> list[Measurement]
                 f"haptic-wall, {what}, p{percentile}: over that of the bare loop",
                 rounds["haptic-wall"],
                 rounds["bare loop"],
-                "how even either is; that stands above",
+                "the evenness of either, which is listed above",
             )
         )
     return rows
@@ -148,7 +148,7 @@ def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measureme
             f"{name}, intervals left out because the emulated bus was held up",
             [100.0 * float(np.mean(held_up(turn))) for turn in each],
             "%",
-            "the loop: frames were sent in time and waited for the process that reads them",
+            "the loop: it sent the frames in time, and they waited for their reader",
         )
         for name, each in intervals.items()
     ]
@@ -156,8 +156,7 @@ def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measureme
 
 def _drawn(deviations: dict[str, list[NDArray[np.float64]]]) -> Histogram:
     return Histogram(
-        "Deviation of torque frames' intervals from the period, as the other end of the line saw"
-        " them",
+        "Deviation of torque frames' intervals from the period, at the other end of the line",
         "µs",
         {name: np.concatenate(each).tolist() for name, each in deviations.items()},
     )

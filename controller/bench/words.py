@@ -60,14 +60,14 @@ def meanwhile(report: Mapping[str, Any]) -> str:
     """Format load and steal time of the machine during the run."""
     on = report["machine"]
     load = on["load_average"]
-    before = "load not told" if load is None else f"load {load[0]:.2f} before"
+    before = "unknown load before" if load is None else f"load {load[0]:.2f} before"
     return f"{before}, {stolen(on['steal_percent'])} in {report['seconds']:.0f} s"
 
 
 def stolen(percent: float | None) -> str:
     """Format the host's steal time."""
     if percent is None:
-        return "what the host took is not known"
+        return "the host's share of the processors' time is not known"
     return f"{percent:.2g} % of the processors' time taken by the host"
 
 

@@ -43,7 +43,7 @@ _EMULATED_S = 60.0
     "--weight",
     type=float,
     metavar="KG",
-    help="Mass of a known weight for the load step; without it a real servo's is left out.",
+    help="Mass of a known weight for the load step. Without it a real servo skips that step.",
 )
 @click.option(
     "--lever",
@@ -52,11 +52,11 @@ _EMULATED_S = 60.0
     help="Distance of the weight's centre from the shaft's axis.",
 )
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the steps.")
-@click.option("--fresh", is_flag=True, help="Measure anew; the predictions stay.")
+@click.option("--fresh", is_flag=True, help="Measure again. The predictions stay.")
 @experiment(
     folder_option(
-        "Where predictions.json, report.html, acceptance.zip and the measurements go; an acceptance"
-        " that was interrupted there goes on."
+        "Folder for predictions.json, report.html, acceptance.zip and the measurements. The command"
+        " continues an interrupted acceptance in DIR."
     ),
     force=False,
     of_walls=True,
@@ -64,11 +64,11 @@ _EMULATED_S = 60.0
 def command(
     asked: Asked, weight: float | None, lever: float | None, only_plan: bool, fresh: bool
 ) -> None:
-    """Lead through the acceptance of a real servo, in about fifteen minutes.
+    """Guide you through the acceptance of a real servo, in about fifteen minutes.
 
-    Each step says what moves, what to hold, what it measures, and which assumption it settles. The
-    predictions, with bounds, are written before anything moves. The same steps are then taken on
-    an emulated servo. DIR/acceptance.zip has all of it, without personal data, to be sent back.
+    Each step names its motion, your part, its measurement and the assumption that it settles. The
+    command writes predictions with bounds before the shaft moves. Then it repeats the steps with an
+    emulated servo. DIR/acceptance.zip has all results, without personal data, to be sent back.
 
     Exit status: that of the first step that failed.
     """
@@ -102,10 +102,10 @@ def _refuse_foreign(out: Path) -> None:
     for name in (_JSON, _PNG, _PAGE, bundle.FILE, "measured", "emulated"):
         if os.path.lexists(out / name):
             raise UserError(
-                f"found {name}, but no {predictions.FILE}: no acceptance began there",
+                f"found {name} without {predictions.FILE}: no acceptance began in this folder",
                 field="--out",
                 given=out,
-                wanted="a new folder, or one of an earlier acceptance",
+                wanted="a new folder, or that of an earlier acceptance",
                 advice="name another place",
             )
 
@@ -152,19 +152,19 @@ def _accepted(asked: Asked, out: Path, hung: Weight | None, seconds: float, fres
             raise EndedEarlyError(
                 Problem(
                     f"nothing has moved: {refused.reason}",
-                    advice=f"then the same command with --out {out} goes on",
+                    advice=f"then the same command with --out {out} continues",
                 ),
                 real.exit_status,
             )
         if not real.interrupted:
-            say("the same steps on an emulated servo, which moves nothing here")
+            say("the same steps run on an emulated servo; nothing moves")
             with working("emulating", _EMULATED_S):
                 twin = measured(
                     Bench(config=twin_of(config), folder=out / "emulated", tell=_quiet, **common)
                 )
         if real.interrupted or twin.interrupted:
-            advice = f"the same command with --out {out} goes on"
-            kept = Problem("interrupted: what is done is kept", advice=advice)
+            advice = f"the same command with --out {out} continues"
+            kept = Problem("interrupted: finished steps are kept", advice=advice)
             raise EndedEarlyError(kept, INTERRUPTED)
         with working("writing the report", DRAWING_S):
             report = _written(asked, out, predicted, real, twin)
@@ -275,7 +275,7 @@ def _weight(asked: Asked, mass: float | None, lever: float | None) -> Weight | N
 
     if (mass is None) != (lever is None):
         missing = "--lever" if lever is None else "--weight"
-        raise UserError("missing", field=missing, advice="a weight has a mass and a lever")
+        raise UserError("missing", field=missing, advice="give both --weight and --lever")
     if mass is None or lever is None:
         held = _HELD * asked.config.belief().coulomb.low / (GRAVITY * _LEVER)
         real = asked.config.servo.kind == "hardware"
@@ -295,8 +295,8 @@ def _refuse_nobody(asked: Asked) -> None:
     servo = asked.config.servo
     if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
         raise UserError(
-            f"the servo at {servo.port} is a real one and standard input is no terminal to ask at",
-            advice="give --yes when its way is free",
+            f"the servo at {servo.port} is real, and standard input is no terminal for a question",
+            advice="give --yes when the shaft's way is free",
         )
 
 
@@ -345,5 +345,5 @@ def _text(report: dict[str, Any]) -> str:
         if step["reason"]:
             lines += wrapped(f"{step['step']}: {step['state']}: {step['reason']}", "", "  ")
     return "\n".join(
-        [*lines, f"report {report['report']}", f"send back {report['bundle']}, after a look at it"]
+        [*lines, f"report {report['report']}", f"look through {report['bundle']}, and send it back"]
     )

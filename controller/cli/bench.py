@@ -72,9 +72,8 @@ _PAGE = Kind(
 def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_wanted: bool) -> None:
     """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
-    Pieces of work that are compared take turns over several rounds; the figures are medians. Times
-    are of this machine, now: nothing is asserted about another. A Ctrl-C ends it with a report of
-    what is finished.
+    Compared programs take turns over several rounds; the figures are medians. Times hold for this
+    machine at this moment. Ctrl-C ends the command with a report of the finished sections.
     """
     from haptic_wall.controller.bench.report import measured
 
@@ -119,7 +118,7 @@ def _text(report: Mapping[str, Any]) -> str:
         for note in section["notes"]:
             lines += _folded(note, 2)
     if report["interrupted"]:
-        lines += ["", "interrupted: only what is above was finished"]
+        lines += ["", "interrupted: only the sections above are complete"]
     return "\n".join(lines)
 
 

@@ -45,8 +45,8 @@ from haptic_wall.controller.system.whole_file import whole
     "--delay",
     callback=span,
     metavar="td",
-    help="Whole delay from a sample to its torque [s]; with CONFIG by default what that has: "
-    "inserted, guard.sample_age and model.delay.",
+    help="Total delay from a sample to its torque [s]. Default with CONFIG: the sum of inserted "
+    "delay, guard.sample_age and model.delay.",
 )
 @click.option(
     "--torque-gain",
@@ -72,21 +72,26 @@ from haptic_wall.controller.system.whole_file import whole
 @click.option("--load-inertia", type=float, metavar="J",
               help="Inertia behind a flexible transmission; --inertia and --damping are then those "
               "of the motor's side [kg·m²].")  # fmt: skip
-@click.option("--transmission-stiffness", type=float, metavar="k", help="Its stiffness [N·m/rad].")
+@click.option(
+    "--transmission-stiffness",
+    type=float,
+    metavar="k",
+    help="Stiffness of the transmission [N·m/rad].",
+)
 @click.option("--transmission-damping", type=float, metavar="c",
-              help="Its damping [N·m·s/rad]; default: 0.")  # fmt: skip
+              help="Damping of the transmission [N·m·s/rad]; default: 0.")  # fmt: skip
 @click.option("--encoder", type=click.Choice(["output", "motor"]),
               help="Side of the transmission that the encoder is on; default: output.")  # fmt: skip
 @click.option("--counts-per-rev", type=float, metavar="N", help="Encoder counts in one turn.")
 @click.option("--torque-limit", type=float, metavar="NM", help="Torque limit [N·m].")
 @click.option(
-    "--baud", type=float, help="Baud rate of a Dynamixel bus, whose wire time is part of the delay."
+    "--baud", type=float, help="Baud rate of a Dynamixel bus; its wire time is part of the delay."
 )
 @click.option(
     "--latency-timer",
     type=float,
     metavar="MS",
-    help="Latency timer of the adapter, part of the delay [ms].",
+    help="Latency timer of the USB adapter [ms]; it is part of the delay.",
 )
 @click.option("--plot", type=FileToWrite(), help="Draw the K-B plane as PNG to this path.")
 @force_option
@@ -100,12 +105,12 @@ def command(
     as_json_wanted: bool,
     **given: Any,  # noqa: ANN401 - the options that make the question
 ) -> None:
-    """Compute the stiffness limits of a wall over its virtual damping, and what would raise them.
+    """Compute the stiffness limits of a wall over its virtual damping, and remedies to raise them.
 
     The servo is an inertia with viscous friction. Its torque is held over each period and acts a
     delay after its sample. Inertia, damping, delay and torque gain may be ranges LOW:HIGH; limits
-    then hold at the least safe corner. With CONFIG servo and loop are those that it believes, a
-    load on a flexible transmission included.
+    then hold at the least safe corner. CONFIG gives the loop and the belief about the servo, with a
+    load on a flexible transmission.
 
     \b
     haptic-wall boundary --servo MX-64 --rate 1000 --delay 0.002 --virtual-damping 0,0.1,0.5
@@ -121,7 +126,7 @@ def command(
         with working("computing the limits"):
             found = report(question, chosen)
     except ValueError as error:  # numbers so extreme that only the theory can tell
-        raise UserError(error, advice="are all in SI units?") from None
+        raise UserError(error, advice="check that all values are in SI units") from None
     if plot is not None:
         from haptic_wall.controller.report.boundary import plot_boundary
 

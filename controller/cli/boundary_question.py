@@ -39,9 +39,9 @@ def of_config(name: str, sets: tuple[str, ...], given: dict[str, Any]) -> Questi
     for option, value in given.items():
         if value is not None and option not in ("delay", "side"):
             raise UserError(
-                "CONFIG has it",
+                "CONFIG gives this value",
                 field=f"--{option.removesuffix('_name').replace('_', '-')}",
-                advice="leave it out, or change CONFIG by --set",
+                advice="leave the option out, or change CONFIG with --set",
             )
     config = load_config(name, sets).config
     belief, period = config.belief(), config.period_ns * 1e-9
@@ -80,7 +80,7 @@ def of_options(given: dict[str, Any]) -> Question:
     period = _period(given["period"], given["rate"])
     delay: Bounded | None = given["delay"]
     if delay is None:
-        raise UserError("missing", field="--delay", advice="give it, or a CONFIG that has it")
+        raise UserError("missing", field="--delay", advice="give it, or give a CONFIG")
     _check_delay(delay, period)
     counts, limit = _encoder(given, facts)
     belief = Belief(
@@ -121,7 +121,7 @@ def _filter(given: dict[str, Any], period: float) -> VelocityFilter | None:
     if given["side"] == "one":
         raise _one_sided(kind)
     if hertz is None:
-        raise UserError("missing", field="--velocity-hz", advice="a filter has a frequency")
+        raise UserError("missing", field="--velocity-hz", advice="give the filter's frequency")
     most = MOST_OF_RATE / period
     if not 0.0 < hertz < most:
         raise UserError(
@@ -140,7 +140,7 @@ def _filter(given: dict[str, Any], period: float) -> VelocityFilter | None:
 
 def _one_sided(kind: str) -> UserError:
     return UserError(
-        "with a filter of the velocity its limit is not known",
+        "the limit of a one-sided wall with a velocity filter is not known",
         field="--side",
         given=f"one, {kind}",
         wanted="both",
@@ -153,7 +153,7 @@ def _check_delay(delay: Bounded, period: float) -> None:
             f"wanted 0 to {_LONGEST_DELAY_S:g} s",
             field="--delay",
             given=_span(delay),
-            advice="it is in seconds, so that 2 ms is 0.002",
+            advice="give seconds: 2 ms is 0.002",
         )
     if delay.high > _MOST_PERIODS * period:
         raise UserError(
@@ -161,7 +161,7 @@ def _check_delay(delay: Bounded, period: float) -> None:
             field="--delay",
             given=_span(delay),
             wanted=f"at most {_MOST_PERIODS}",
-            advice="is the period right?",
+            advice="check the period",
         )
 
 
@@ -184,7 +184,9 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
     ):
         if value is None:
             raise UserError(
-                "missing", field=option, advice="a load has an inertia and a stiffness before it"
+                "missing",
+                field=option,
+                advice="give both --load-inertia and --transmission-stiffness",
             )
         _check(option, value, "wanted more than 0", _IN_SI)
     damping = 0.0 if damping is None else damping
@@ -192,7 +194,7 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
     _check_exact(given, belief, periods, "a load")
     if not (belief.damping.low > 0 or damping > 0):
         raise UserError(
-            "nothing damps servo and load",
+            "servo and load have no damping",
             field="--damping",
             given="0",
             advice="give --damping or --transmission-damping",
@@ -206,18 +208,17 @@ def _check_exact(given: dict[str, Any], belief: Belief, periods: float, what: st
         bounds: Bounded = getattr(belief, name)
         if bounds.low < bounds.high:
             raise UserError(
-                f"with {what} no corner of a range is the least safe",
+                f"with {what} a range has no least safe corner",
                 field=f"--{name.replace('_', '-')}",
                 given=_span(bounds),
-                advice="give one number, and the command once for each end",
+                advice="give one number, and run the command once for each end of the range",
             )
     found = max(periods, given["velocity_samples"] or 1)
     if found > MOST_PERIODS:
         raise UserError(
-            f"with {what} at most {MOST_PERIODS} periods of delay and velocity "
-            f"samples are computed, found {found:.4g}",
+            f"found {found:.4g} periods of delay or velocity samples",
             field="--delay",
-            advice="give less",
+            wanted=f"at most {MOST_PERIODS} of each with {what}",
         )
 
 
@@ -230,17 +231,16 @@ def _facts(name: str | None) -> ServoFacts | None:
     alike = sister(name)
     if alike is not None:
         raise UserError(
-            f"nobody has published the inertia and friction of {alike[0]}",
+            f"inertia and friction of the {alike[0]} are not published",
             field="--servo",
-            advice=f"its sister is {alike[1]}: choose that, or give its inertia and damping "
-            "as numbers",
+            advice=f"choose the similar {alike[1]}, or give inertia and damping as numbers",
         )
     near = did_you_mean(name.upper(), SERVOS, likeness=0.5)
     choose = f"{near} Choose" if near else "choose"
     raise UserError(
         f"servo {name!r} is not known",
         field="--servo",
-        advice=f"{choose} one of {', '.join(SERVOS)}, or give its inertia and damping as numbers",
+        advice=f"{choose} one of {', '.join(SERVOS)}, or give inertia and damping as numbers",
     )
 
 
@@ -269,7 +269,7 @@ def _period(period: float | None, rate: float | None) -> float:
             f"wanted a period above 0 and up to {_LONGEST_PERIOD_S:g} s",
             field="--period",
             given=f"{period:g}",
-            advice="it is in seconds, so that 1 ms is 0.001",
+            advice="give seconds: 1 ms is 0.001",
         )
     return period
 
@@ -290,11 +290,11 @@ def _domain(option: str, given: Bounded, zero: bool) -> Bounded:
         raise UserError(f"wanted {wanted}", field=option, given=_span(given), advice=_IN_SI)
     if given.high > _WIDEST * given.low > 0:
         raise UserError(
-            f"the upper end is {given.high / given.low:.3g} times the lower",
+            f"the upper end is {given.high / given.low:.3g} times the lower end",
             field=option,
             given=_span(given),
             wanted=f"at most {_WIDEST} times",
-            advice="give what the servo can truly be, in SI units",
+            advice="give a narrower range, in SI units",
         )
     return given
 
@@ -303,22 +303,22 @@ def _encoder(given: dict[str, Any], facts: ServoFacts | None) -> tuple[float, fl
     """Return counts per turn (0: the encoder is not counted) and torque limit [N·m]."""
     counts, limit = given["counts_per_rev"], given["torque_limit"]
     for option, value in (("--counts-per-rev", counts), ("--torque-limit", limit)):
-        _check(option, value, "wanted more than 0", "give it or leave it out")
+        _check(option, value, "wanted more than 0", "give such a value, or leave the option out")
     if counts is None and facts is not None:
         counts = facts.counts_per_rev
     if limit is None:
         if given["counts_per_rev"] is not None:
             raise UserError(
-                "what one count commands is judged by the torque limit",
+                "the quantisation limit needs the torque limit too",
                 field="--counts-per-rev",
-                advice="give --torque-limit too",
+                advice="give --torque-limit",
             )
         return 0.0, 1.0
     if counts is None:
         raise UserError(
-            "it judges what one encoder count commands",
+            "the quantisation limit needs the encoder's counts too",
             field="--torque-limit",
-            advice="give --counts-per-rev too",
+            advice="give --counts-per-rev",
         )
     return counts, limit
 
@@ -330,7 +330,7 @@ def _delay_parts(
     named: dict[str, float] = {}
     _check("--baud", baud, "wanted bits per second", "give --baud 1000000")
     _check("--latency-timer", latency_timer, "wanted milliseconds, 0 or more",
-           "it is 16 from the factory", zero=True)  # fmt: skip
+           "the factory setting is 16", zero=True)  # fmt: skip
     if baud is not None:
         named[WIRE] = cycle_s(baud)
     if latency_timer is not None:
@@ -341,7 +341,7 @@ def _delay_parts(
             f"frames and adapter timer alone take {sum(named.values()):.4g} s",
             field="--delay",
             given=f"{delay:g}",
-            advice="give the whole delay, from sample to torque, or leave out --baud and "
+            advice="give the total delay from sample to torque, or leave out --baud and "
             "--latency-timer",
         )
     return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)})

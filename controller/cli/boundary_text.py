@@ -151,7 +151,7 @@ def _unknown(unknown: Mapping[str, Any] | None) -> Iterator[str]:
     yield ""
     yield (
         f"Guaranteed for every servo within the ranges, two-sided: "
-        f"{unknown['guaranteed']:.4g} N·m/rad; {unknown['known']:.4g} if all were known"
+        f"{unknown['guaranteed']:.4g} N·m/rad; {unknown['known']:.4g} if all values were known"
     )
     rows = [["if exactly known", "at", "guaranteed", "lost now"]]
     rows += [

@@ -87,7 +87,7 @@ def _wall(guard: Mapping[str, Any] | None) -> list[str]:
 def _ticks(report: Mapping[str, Any]) -> list[str]:
     ticks, missed = report["ticks"], report["missed_ticks"]
     if not ticks and not missed:
-        return entry("ticks", "none: it ended before the wall was on")
+        return entry("ticks", "none: the run ended before the wall was on")
     share = f"{100 * missed / (ticks + missed):.2g} %" if missed else "none"
     parts = [f"{ticks} at {number(report['rate_hz'])} Hz, {share} missed"]
     late = report.get("lateness_us") or {}

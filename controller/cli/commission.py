@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--fresh", is_flag=True, help="Replace what an earlier commissioning left in DIR.")
+@click.option("--fresh", is_flag=True, help="Replace an earlier commissioning in DIR.")
 @click.option("--plan", "only_plan", is_flag=True, help="Only announce the motions and their size.")
 @click.option(
     "--reach",
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
     default=REACH,
     show_default=True,
     metavar="RAD",
-    help="Largest excursion of the shaft from where it is, to either side, for identify.",
+    help="Largest excursion of the shaft to either side of its position, for identify.",
 )
 @experiment(
     folder_option(
-        "Where report.html, config.yaml, a JSON file of each step, pictures and logs/ go; a"
-        " commissioning of the same settings that was interrupted there goes on."
+        "Folder for report.html, config.yaml, a JSON file of each step, pictures and logs/. The"
+        " command continues an interrupted commissioning of the same settings in DIR."
     ),
     force=False,
     of_walls=True,
 )
 def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
-    """Examine, identify and measure CONFIG's servo; say how stiff it can be, and why.
+    """Examine, identify and measure CONFIG's servo; report its stiffest wall and the reasons.
 
-    Runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
+    It runs doctor, identify, delay, rendered and a short sweep, and writes DIR/config.yaml for
     haptic-wall run and DIR/report.html for you. The shaft moves by itself and must be free.
 
     Exit status: that of the first step that failed.
@@ -66,7 +66,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
         raise UserError(
             "found nothing",
             field="--out",
-            wanted="the folder that report.html and config.yaml go to",
+            wanted="the folder for report.html and config.yaml",
             advice="give for example --out my-testbed",
         )
     announcement = announce(loaded.config, reach)
@@ -84,7 +84,7 @@ def command(asked: Asked, fresh: bool, only_plan: bool, reach: float) -> None:
             store.discard(keep_folder=was_there)
     asked.answer(report, lambda: _text(report, folder))
     if ended.interrupted and not empty:
-        say(f"interrupted: what is done is kept; the same command with --out {folder} goes on")
+        say(f"interrupted: finished steps are kept; the same command with --out {folder} continues")
     sys.exit(ended.exit_status)
 
 
@@ -142,11 +142,11 @@ def _plan_lines(loaded: Loaded, announcement: Announcement) -> Iterator[str]:
     minutes = announcement.seconds / 60.0
     config = loaded.config
     if config.loop.clock == "simulated":
-        time = f"about {minutes:.0f} min of simulated time, a small part of it here"
+        time = f"about {minutes:.0f} min of simulated time, which pass in a fraction of that"
     else:
         time = f"about {minutes:.0f} min"
         if config.servo.kind == "simulated":
-            time += "; --set loop.clock=simulated does the same in a fraction of it"
+            time += "; --set loop.clock=simulated does the same in a fraction of that"
     yield f"{loaded.name}: {time}"
     for line in announcement.lines:
         yield from _wrapped(line, "  ")
@@ -159,8 +159,8 @@ def _announce(asked: Asked, announcement: Announcement) -> None:
     servo = asked.config.servo
     if servo.kind == "hardware" and not asked.yes and not sys.stdin.isatty():
         raise UserError(
-            f"the servo at {servo.port} is a real one and standard input is no terminal to ask at",
-            advice="give --yes when its way is free",
+            f"the servo at {servo.port} is real, and standard input is no terminal for a question",
+            advice="give --yes when the shaft's way is free",
         )
     asked.may_move()
 
@@ -182,7 +182,7 @@ def _written(ended: Ended, name: str, store: CommissionStore) -> dict[str, Any]:
         with whole(without_link(picture), PICTURE, force=True) as part:
             draw_allowed(GuardQuestion.of(ended.config, data["delay"]), data, part)
     except Exception as error:  # noqa: BLE001 - whatever may be wrong with what draws
-        say(f"the picture of the verdict could not be drawn ({error}); the report is without it")
+        say(f"the picture of the verdict could not be drawn ({error}); the report lacks it")
         allowed = None
     data["report"] = str(store.keep_page(page(data, folder, allowed)))
     return data

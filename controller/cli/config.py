@@ -26,7 +26,7 @@ _VALUE_WIDTH = 40
 @set_option
 @json_option
 def command(config: str, sets: tuple[str, ...], as_json_wanted: bool) -> None:
-    """Show the effective values of CONFIG: unit, where each came from, range and meaning.
+    """Show the effective values of CONFIG, each with its unit, origin, range and meaning.
 
     Any line's name can be changed with --set NAME=VALUE, here and in every command that takes
     CONFIG. This kind of servo does not use the values marked -.

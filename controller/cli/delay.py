@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     "steps",
     callback=periods,
     metavar="n[,n...]",
-    help="Inserted delays to recover, in whole periods, beside that of CONFIG; default: 0, and 5"
-    " more than CONFIG.",
+    help="Inserted delays to measure, in whole periods, beside CONFIG's; default: 0, and 5 more"
+    " than CONFIG's.",
 )
 @click.option(
     "--bursts",
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the torque steps.")
 @experiment(
-    folder_option("Where delay.json, delay.png and the logs go; default: a folder in ./runs/.")
+    folder_option("Folder for delay.json, delay.png and the logs; default: a new one in ./runs/.")
 )
 def command(
     asked: Asked,
@@ -41,10 +41,10 @@ def command(
     bursts: int | None,
     seed: int,
 ) -> None:
-    """Measure the delay of CONFIG's loop from torque command to motion, and what it is made of.
+    """Measure the delay of CONFIG's loop from torque command to motion, and its parts.
 
-    The torque is stepped to and fro; the shaft swings by a few degrees about where it is. The same
-    is done with delay inserted on purpose, which must be found again.
+    Torque steps in both directions make the shaft swing by a few degrees about its position. Runs
+    with an inserted delay check the method: the result must contain that delay.
     """
     from haptic_wall.controller.experiments.delay import (
         BURST_S,

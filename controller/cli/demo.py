@@ -17,11 +17,11 @@ from haptic_wall.controller.system.signals import on_signals
 @click.command()
 @place_option
 def command(place: str) -> int:
-    """Show in a browser why a stiff wall oscillates, and what the guard does about it.
+    """Show in a browser why a stiff wall oscillates, and how the guard prevents it.
 
-    The address is the first line on standard output; it serves until Ctrl-C. The page has two
-    simulated servos, one with the guard and one without. A mouse or a finger drags each of them.
-    Needs no hardware.
+    The address is the first line on standard output; Ctrl-C ends the demo. The page has two
+    simulated servos, one with the guard and one without. A mouse or a finger drags each of them. No
+    hardware is needed.
     """
     from haptic_wall.controller.processes.demo import demo, serve
 

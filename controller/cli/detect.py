@@ -46,9 +46,14 @@ _LIGHTEST, _MOST = 1e-12, 1e6
     "--stiffness", type=_NUMBER, metavar="K", help="Stiffness of the rendered wall [N·m/rad]."
 )
 @click.option(
-    "--virtual-damping", type=_NUMBER, metavar="B", help="Its virtual damping [N·m·s/rad]."
+    "--virtual-damping",
+    type=_NUMBER,
+    metavar="B",
+    help="Virtual damping of the rendered wall [N·m·s/rad].",
 )
-@click.option("--wall-position", type=_NUMBER, metavar="X", help="Position of the wall [rad].")
+@click.option(
+    "--wall-position", type=_NUMBER, metavar="X", help="Position of the rendered wall [rad]."
+)
 @click.option("--plot", type=FileToWrite(), help="Draw the result as PNG to this path.")
 @force_option
 @json_option
@@ -67,10 +72,10 @@ def command(
 ) -> None:
     """Look for an oscillation in LOG: a log that run wrote, or a CSV.
 
-    A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at that
-    sample, an oscillation that the wall feeds is told from a hand that moves. The parameters of
-    servo and wall come from a log's own configuration; the options replace them, and give those of
-    a CSV. Without options the wall of a CSV is estimated from torque and position.
+    A CSV needs the columns time_s and position_rad. With torque_nm, the torque commanded at each
+    sample, the detector separates an oscillation that the wall feeds from the motion of a hand. A
+    log has the parameters of servo and wall in its configuration; the options replace them, or give
+    those of a CSV. Without options the wall of a CSV is estimated from torque and position.
     """
     from haptic_wall.controller.logs.detected import NO_WALL, detect_all
     from haptic_wall.controller.logs.reader import is_log
@@ -83,9 +88,9 @@ def command(
         most = MOST_LAG_S if name == "lag" else _MOST
         if value is not None and not (least <= value <= most):
             option = "delay" if name == "lag" else name
-            wanted = "above 0" if name == "inertia" else "from 0 up"
+            wanted = "above 0 and up to" if name == "inertia" else "from 0 to"
             raise UserError(
-                f"found {value:g}", field=f"--{option}", wanted=f"a number {wanted} to {most:g}"
+                f"found {value:g}", field=f"--{option}", wanted=f"a number {wanted} {most:g}"
             )
     wall = _given_wall(stiffness, virtual_damping, wall_position)
     refuse_same_file({"LOG": log, "--plot": plot})
@@ -95,7 +100,7 @@ def command(
     with reading("LOG", log, "a log of run, or a CSV"):
         of_ours = is_log(log)
         pace = _LOG_BYTES_S if of_ours else _CSV_BYTES_S
-        with working("looking at the motion", log.stat().st_size / pace):
+        with working("analysing the motion", log.stat().st_size / pace):
             detected = None
             if wall == NO_WALL and of_ours:
                 detected = replayed(log, given)
@@ -103,7 +108,9 @@ def command(
                 detected = detect_all(read_recordings(log), given, wall)
     if not detected.drawn:
         raise UserError(
-            f"no stretch of it is long enough: {'; '.join(detected.notes)}", field="LOG", given=log
+            f"found no stretch of sufficient length: {'; '.join(detected.notes)}",
+            field="LOG",
+            given=log,
         )
     if plot is not None:
         from haptic_wall.controller.report.detect import plot_detection

@@ -35,13 +35,13 @@ TORQUE = "No torque was enabled."
 @config_argument(default="simulated")
 @set_option
 @click.option(
-    "--fix", is_flag=True, help="Apply the remedies that can be written, and read them back."
+    "--fix", is_flag=True, help="Write the settings that remedy faults, and read them back."
 )
 @click.option("--yes", is_flag=True, help="With --fix: do not ask before each change.")
 @click.option(
     "--change-baud",
     is_flag=True,
-    help="With --fix: set a servo found at another baud rate to servo.baud.",
+    help="With --fix: set a servo that answers at another baud rate to servo.baud.",
 )
 @json_option
 def command(
@@ -55,13 +55,15 @@ def command(
     """Examine the testbed of CONFIG: port, servo, registers, timing, machine.
 
     It only reads, and never enables torque. --fix writes the remedies. At a terminal it asks before
-    each change, unless --yes is given; if standard input is no terminal it does not ask.
+    each change, unless --yes is given; without a terminal on standard input it does not ask.
 
-    Exit status: 0 all well; 1 something is wrong; 4 the port or the servo cannot be reached.
+    Exit status: 0 no fault; 1 something is wrong; 4 the port or the servo cannot be reached.
     """
     for option, given in (("--yes", yes), ("--change-baud", change_baud)):
         if given and not fix:
-            raise UserError("it belongs to --fix", field=option, advice="add that, or leave it out")
+            raise UserError(
+                "found without --fix", field=option, advice=f"add --fix, or leave {option} out"
+            )
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
     with interrupting():  # the port's settings are restored
@@ -150,4 +152,4 @@ def _verdict(report: Report) -> str:
         return "All well."
     fixable = [finding.name for finding in wrong if finding.fixable]
     text = f"{len(wrong)} wrong: {', '.join(finding.name for finding in wrong)}."
-    return text + (f" --fix can mend {', '.join(fixable)}." if fixable else "")
+    return text + (f" --fix can remedy {', '.join(fixable)}." if fixable else "")

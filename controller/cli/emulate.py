@@ -51,7 +51,8 @@ _MS_NS = 1_000_000
     default=("XM430-W350:1",),
     show_default=True,
     metavar="MODEL[:ID[:FIRMWARE]]",
-    help="A servo on the bus (repeatable). The id is 1 unless given; two with one id collide.",
+    help="A servo on the bus (repeatable). Default id: 1. Replies of two servos with one id"
+    " collide.",
 )
 @click.option(
     "--baud",
@@ -63,7 +64,7 @@ _MS_NS = 1_000_000
 @click.option(
     "--link",
     type=click.Path(path_type=Path),
-    help="Keep a symbolic link to the terminal here while it runs.",
+    help="Path of a symbolic link to the terminal; it exists while the bus runs.",
 )
 @click.option(
     "--record",
@@ -75,7 +76,7 @@ _MS_NS = 1_000_000
     default="0",
     show_default=True,
     metavar="MS",
-    help="Latency timer of the USB adapter, 1 to 255; 0: it forwards replies at once.",
+    help="Latency timer of the USB adapter, 1 to 255; 0: the adapter forwards replies at once.",
 )
 @click.option(
     "--block",
@@ -90,7 +91,8 @@ _MS_NS = 1_000_000
     metavar="SPEC",
     help="Fault to inject (repeatable), e.g. "
     + ", ".join(kind.example for kind in KINDS.values())
-    + ". While it runs, each line on standard input is one more; `off NAME` ends it, `list` lists.",
+    + ". While the bus runs, each line on standard input injects one more; `off NAME` ends a fault,"
+    " `list` lists them.",
 )
 @click.option(
     "--seed",
@@ -131,7 +133,7 @@ def command(
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
     The path of its pseudo-terminal is the first line on standard output; any serial client can
-    open it. Runs until interrupted.
+    open it. The bus runs until Ctrl-C.
     """
     signals: list[int] = []
     orphaned = _orphaned(owner) if die_with_parent else lambda: False
@@ -197,7 +199,7 @@ def command(
         serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say)
     if witness is not None and witness.failure is not None:
         what = f"the record is incomplete: {witness.failure.strerror}"
-        advice = "make room or name another place (the bus itself was not disturbed)"
+        advice = "make room, or name another place (the bus was not disturbed)"
         raise PlatformError(Problem(what, advice=advice, field="--record", given=str(record)))
     return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
 
@@ -252,7 +254,9 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
         return timer_ms, BLOCKS[-1]
     if not timer_ms:
         raise UserError(
-            "without a latency timer nothing waits for a block", field="--block", advice="give both"
+            "without a latency timer the block size has no effect",
+            field="--block",
+            advice="give --latency-timer too",
         )
     try:
         return timer_ms, sizes(block)
@@ -282,7 +286,7 @@ def _warn_of_shared_ids(ids: Sequence[int]) -> None:
     for id_ in sorted({id_ for id_ in ids if ids.count(id_) > 1}):
         say(
             f"{ids.count(id_)} servos have the id {id_}: as on a real bus all of them obey and "
-            "answer, and their replies collide; give each an id of its own unless this is meant"
+            "answer, and their replies collide; give each an id of its own unless you want this"
         )
 
 

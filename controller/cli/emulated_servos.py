@@ -135,7 +135,7 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
         if section != "servo" or name not in TRUTH:
             hint = suggestion(name or section, TRUTH, "servo.")
             raise UserError(
-                "an emulated servo has no such value", field="--set", given=path, advice=hint
+                "an emulated servo has no such parameter", field="--set", given=path, advice=hint
             )
         parse = TRUTH[name]
         try:
@@ -147,8 +147,8 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
     if "kick" in given and "position" in given:
         raise UserError(
             field="--set",
-            given="servo.kick and servo.position both say where it starts",
-            advice="give one",
+            given="found both servo.kick and servo.position, which set the start",
+            advice="give one of them",
         )
     return given
 

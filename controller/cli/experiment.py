@@ -137,7 +137,7 @@ def experiment(
                 raise UserError(
                     f"found {filtered}",
                     field="wall.velocity_filter",
-                    wanted="none: of the experiments only sweep and zwidth count a filter",
+                    wanted="none: only the experiments sweep and zwidth know a filter",
                     advice="haptic-wall run renders it",
                 )
             function(Asked(loaded, file_of(config), out, yes, force, as_json_wanted), **own)
@@ -223,7 +223,10 @@ def ask_to_move(servo: Servo, yes: bool) -> None:
     """
     if servo.kind != "hardware" or yes or not sys.stdin.isatty():
         return
-    say("keep its way free and the power switch at hand; Ctrl-C ends it at any time, torque off")
+    say(
+        "keep the shaft's way free and the power switch within reach; Ctrl-C ends the motion at any"
+        " time and switches the torque off"
+    )
     click.confirm(f"May servo {servo.id} at {servo.port} move?", abort=True, err=True)
 
 

@@ -58,6 +58,8 @@ def _value(name: str, arguments: Sequence[str]) -> str:
 
 
 _NO_NUMBER = re.compile(r"(.*) is not a valid (float|integer)(?: range)?\.")
+_OUTSIDE = re.compile(r"(.*) is not in the range (.*)\.")
+_NO_CHOICE = re.compile(r"('.*?') is not one of (.*)\.")
 
 
 class EndedEarlyError(HapticWallError):
@@ -101,7 +103,7 @@ def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
     if not isinstance(error, click.ClickException):
         return Problem(str(error))
     context = error.ctx if isinstance(error, click.UsageError) else None
-    more = f"`{context.command_path} --help` lists what there is" if context else ""
+    more = f"`{context.command_path} --help` lists options and arguments" if context else ""
     if isinstance(error, NoSuchCommandError):
         return error.problem
     if isinstance(error, click.NoSuchOption):
@@ -119,6 +121,10 @@ def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
 
 def _of_value(message: str) -> Problem:
     """Return click's own message about a value in our words, where it has some for it."""
+    if said := _OUTSIDE.fullmatch(message):
+        return Problem(f"found {said[1]}", wanted=f"a number x in {said[2]}")
+    if said := _NO_CHOICE.fullmatch(message):
+        return Problem(f"found {said[1]}", wanted=f"one of {said[2].replace(chr(39), '')}")
     said = _NO_NUMBER.fullmatch(message)
     if said is None:
         return Problem(message)

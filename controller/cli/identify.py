@@ -48,37 +48,37 @@ _CONFIG = Kind(
     default=REACH,
     show_default=True,
     metavar="RAD",
-    help="Largest excursion of the shaft from where it is, to either side.",
+    help="Largest excursion of the shaft to either side of its position.",
 )
 @click.option(
     "--from-sweep",
     "sweep",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="A sweep.json: also fit damping and delay to its boundary, and compare.",
+    help="A sweep.json: also fit damping and delay to its boundary, and compare both results.",
 )
 @click.option(
     "--no-motion",
     is_flag=True,
-    help="With --from-sweep: do not move; compare with the model section of CONFIG.",
+    help="With --from-sweep: move nothing; compare the boundary with the model section of CONFIG.",
 )
 @click.option(
     "--record",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Nothing moves, and there is no CONFIG: fit the motion in this CSV.",
+    help="Fit the motion recorded in this CSV. Nothing moves, and CONFIG is left out.",
 )
 @click.option(
     "--pendulum-mass",
     type=float,
     metavar="KG",
-    help="With --record: the weight that hangs on the shaft.",
+    help="With --record: mass of the weight that hangs on the shaft.",
 )
 @click.option(
     "--pendulum-length",
     type=float,
     metavar="M",
-    help="With --record: from the axis to that weight's centre.",
+    help="With --record: distance from the axis to that weight's centre.",
 )
 @experiment(
     click.option(
@@ -100,13 +100,13 @@ def command(
     pendulum_mass: float | None,
     pendulum_length: float | None,
 ) -> None:
-    """Find inertia, friction and delay of CONFIG's servo from motions of its own.
+    """Find inertia, friction and delay of CONFIG's servo from its motion.
 
-    The shaft moves by itself, to both sides, and must be free to turn.
+    The shaft moves by itself to both sides, and must be free to turn.
 
-    With --record FILE nothing moves: a motion that was recorded elsewhere is fitted. FILE is a CSV
-    with the columns time_s, position_rad and those that are known of torque_nm, current_a and
-    torque_enabled (0: the motor is off).
+    With --record FILE nothing moves; the recorded motion is fitted. FILE is a CSV with the columns
+    time_s and position_rad and, if known, torque_nm, current_a and torque_enabled (0: the motor is
+    off).
     """
     refuse_pendulum(pendulum_mass, pendulum_length)
     from haptic_wall.controller.experiments.identify.identification import announcement, bounds_of
@@ -115,9 +115,9 @@ def command(
     loaded, out = asked.loaded, asked.out
     if no_motion and (sweep is None or out is not None):
         raise UserError(
-            "without motion there is only the boundary to identify from",
+            "without motion only the boundary of a sweep can be fitted",
             field="--no-motion",
-            advice="wanted --from-sweep FILE with it, and no --out",
+            advice="give --from-sweep FILE too, and leave --out out",
         )
     boundary = None if sweep is None else _boundary(sweep, loaded.config)
     found = None
@@ -226,7 +226,7 @@ def _boundary(sweep: Path, config: Config) -> tuple[BoundaryPoints, Config]:
         return points, config if held is None else Config.model_validate(held)
     except (ValidationError, RecursionError):
         raise UserError(
-            "the configuration in it is not one of this program",
+            "this program does not know the configuration in it",
             field="--from-sweep",
             given=sweep,
             advice="name the sweep.json that haptic-wall sweep wrote",

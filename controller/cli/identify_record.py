@@ -92,9 +92,9 @@ def refuse_pendulum(mass: float | None, length: float | None) -> None:
     for name, value in (("mass", mass), ("length", length)):
         if value is not None:
             raise UserError(
-                "a pendulum is known only to a record",
+                "found without --record",
                 field=f"--pendulum-{name}",
-                advice="wanted --record FILE with it",
+                advice="add --record FILE, or leave the option out",
             )
 
 
@@ -114,10 +114,10 @@ def _refuse(given: dict[str, object]) -> None:
         found.append("--reach")
     if found:
         raise UserError(
-            f"found {' and '.join(found)} beside it, but nothing moves and no "
-            "configuration is read or written then",
+            f"found with {' and '.join(found)}, but a record moves nothing, and no configuration "
+            "is read or written",
             field="--record",
-            advice="leave that out",
+            advice=f"leave {' and '.join(found)} out",
         )
 
 
@@ -128,7 +128,7 @@ def _pendulum(mass: float | None, length: float | None) -> Pendulum | None:
     if mass is None or length is None:
         given, missing = ("length", "mass") if mass is None else ("mass", "length")
         raise UserError(
-            f"found none beside --pendulum-{given}",
+            f"missing beside --pendulum-{given}",
             field=f"--pendulum-{missing}",
             advice="give both, or neither",
         )

@@ -28,8 +28,8 @@ _NO_FILE = Kind("empty", re.compile(rb"(?!)"))
 """Kind of an editable configuration, which is never replaced without ``--force``"""
 _HINT = """\
 #
-# Lines such as `# key: value` show what else can be set, and its default: take the first # away
-# to set it. `haptic-wall config FILE` checks the file and shows what is in force.
+# Lines such as `# key: value` show further settings and their defaults: remove the first # to set
+# one. `haptic-wall config FILE` checks the file and shows the effective values.
 """
 
 
@@ -66,10 +66,10 @@ def command(file: Path, preset: str, force: bool) -> None:
         )
     if str(file) in preset_names():
         raise UserError(
-            "found a preset's name, under which CONFIG means the preset",
+            "found the name of a preset: as CONFIG it means the preset",
             field="FILE",
             given=file,
-            wanted="another one",
+            wanted="another name",
             advice=f"give for example `haptic-wall init my-{file}.yaml --from {file}`",
         )
     take_file("FILE", file, _NO_FILE, force=force)

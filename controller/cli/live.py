@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @place_option
-@click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
+@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
 def command(log: Path, place: str, start_s: float | None, end_s: float | None) -> int:
-    """Show LOG, a file written by run, in a browser; serves until Ctrl-C.
+    """Show LOG, a file that run wrote, in a browser, until Ctrl-C.
 
-    The address is the first line on standard output. The page shows what `run --live` shows of a
-    running wall: zoom, cursors, events, export.
+    The address is the first line on standard output. The page is that of `run --live` for a running
+    wall: zoom, cursors, events, export.
     """
     stretch = stretch_between(start_s, end_s)
     live = live_at(place, field="--at")

@@ -48,14 +48,12 @@ _READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 
 
 @click.command()
 @click.argument("log", type=_FILE)
-@click.option("--from", "start_s", type=float, metavar="S", help="Begin of the stretch [s].")
+@click.option("--from", "start_s", type=float, metavar="S", help="Start of the stretch [s].")
 @click.option("--to", "end_s", type=float, metavar="S", help="End of the stretch [s].")
-@click.option("--csv", "csv_path", type=FileToWrite(), help="Write its rows as CSV to this path.")
-@click.option("--mcap", "mcap_path", type=_FILE, help="Write its rows as MCAP to this path.")
-@click.option("--plot", type=FileToWrite(), help="Draw it as PNG to this path.")
-@click.option(
-    "--cut", "cut_path", type=_FILE, help="Write the stretch as a log of its own to this path."
-)
+@click.option("--csv", "csv_path", type=FileToWrite(), help="Write the rows as CSV to this path.")
+@click.option("--mcap", "mcap_path", type=_FILE, help="Write the rows as MCAP to this path.")
+@click.option("--plot", type=FileToWrite(), help="Draw the rows as PNG to this path.")
+@click.option("--cut", "cut_path", type=_FILE, help="Write the stretch as a new log to this path.")
 @force_option
 @json_option
 def command(
@@ -69,10 +67,10 @@ def command(
     force: bool,
     as_json_wanted: bool,
 ) -> None:
-    """Summarise LOG, a file written by run; on request export it, draw it, or cut a stretch out.
+    """Summarise LOG, a file that run wrote; on request export it, draw it, or cut a stretch out.
 
     --from and --to choose the stretch, in seconds since the log's first row, for the summary and
-    for all that is written. Damaged parts are left out and reported.
+    all written files. Damaged parts are left out and reported.
     """
     wanted: dict[str, Path | None] = {
         "--csv": csv_path,
@@ -89,8 +87,8 @@ def command(
                 "found a pipe or a device",
                 field=option,
                 given=path,
-                wanted="a file: it is not written from its beginning to its end",
-                advice="only --csv is",
+                wanted="a file: this format is not written in sequence",
+                advice="only --csv can go to a pipe or a device",
             )
     for option, path in wanted.items():
         if path is not None:
@@ -98,7 +96,7 @@ def command(
     stretch = stretch_between(start_s, end_s)
     if cut_path is not None and start_s is None and end_s is None:
         raise UserError(
-            "found neither --from nor --to", field="--cut", advice="say which stretch, in seconds"
+            "found neither --from nor --to", field="--cut", advice="give the stretch in seconds"
         )
     with (
         reading("LOG", log, "a log of run"),

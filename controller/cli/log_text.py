@@ -17,7 +17,7 @@ def config_line(config: object) -> str:
         f"{_value(wall, 'position')} rad"
         f"{' from the start' if wall.get('reference') == 'start' else ''}, "
         f"K {_value(wall, 'stiffness')} N·m/rad, "
-        f"B {_value(wall, 'damping')} N·m·s/rad asked, "
+        f"B {_value(wall, 'damping')} N·m·s/rad requested, "
         f"{_value(loop, 'rate_hz')} Hz"
     )
 
@@ -79,7 +79,7 @@ def _cut(cut: object) -> str:
     held = cut if isinstance(cut, dict) else {}
     log, start, end = held.get("log"), held.get("from_s"), held.get("to_s")
     if not isinstance(log, str) or not isinstance(start, float) or not isinstance(end, float):
-        return "from another log; which one cannot be read"
+        return "from another log, whose name cannot be read"
     return f"from {in_line(log)}, {start:.6g} to {end:.6g} s"
 
 
@@ -101,16 +101,16 @@ def _damage(damaged: Mapping[str, Any]) -> Iterator[str]:
 
 def _misplaced(misplaced: Mapping[str, int]) -> Iterator[str]:
     if misplaced["late"]:
-        yield f"misplaced   {misplaced['late']} rows stand behind later ones: they are left out"
+        yield f"misplaced   {misplaced['late']} rows come after later ones: they are left out"
     if misplaced["twice"]:
-        yield f"twice       {misplaced['twice']} rows stand there twice: they are read once"
+        yield f"twice       {misplaced['twice']} rows occur twice: they are read once"
 
 
 def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
     """Describe the logs that are joined in one file, if there are several."""
     if len(parts) == 1:
         return
-    yield f"joined      {len(parts)} logs in one file: the time of each goes on 1 s after the last"
+    yield f"joined      {len(parts)} logs in one file: each begins 1 s after the end of the last"
     for number, part in enumerate(parts, 1):
         where = "no rows"
         if part["rows"]:
@@ -167,7 +167,7 @@ def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
 def _ended(summary: Mapping[str, Any], log: str) -> str:
     reason = summary["stop_reason"]
     if reason is None:
-        return f"not told in {log}: the run goes on, was killed, or this is a part of it"
+        return f"not recorded in {log}: the run goes on, was killed, or this is a part of its log"
     how = {"duration": "as planned", "interrupted": "interrupted"}.get(reason, in_line(reason))
     if trip := Trip.of(reason):
         how = f"BY A SAFETY TRIP: {trip.label}"

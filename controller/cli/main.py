@@ -35,10 +35,10 @@ COMMANDS = {
     "doctor": "Find the faults of a testbed, and the remedy of each.",
     "presets": "List the configurations that come with the program.",
     "config": "List all settings: value, unit, origin, range, meaning.",
-    "boundary": "Compute the stiffness limits of a servo, and what sets them.",
+    "boundary": "Compute the stiffness limits of a servo and their causes.",
     "map": "Simulate many walls of a servo; map the critical stiffness.",
     "commission": "Run doctor, identify, delay, rendered and sweep in one.",
-    "acceptance": "Lead through the acceptance of a first real servo.",
+    "acceptance": "Guide you through the acceptance of a first real servo.",
     "identify": "Measure inertia, friction and delay of a servo.",
     "sweep": "Measure the critical stiffness of a servo.",
     "zwidth": "Show which stiffness and damping a servo can render.",
@@ -78,6 +78,8 @@ _LIMITS = (*_OF_OUTPUT, errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
 _COLLECTIONS = (50_000, 20, 50)
 """Allocations between two searches for garbage: Python's own 700 take an eighth of a start"""
 
+_ALL = "`haptic-wall --help` lists the commands"
+
 
 class _Commands(click.Group):
     """Imports a command of ``COMMANDS`` when it is called."""
@@ -88,7 +90,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in COMMANDS:
             near = did_you_mean(cmd_name, COMMANDS)
-            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near), ctx)
+            raise NoSuchCommandError(Problem(f"no command {cmd_name}", advice=near or _ALL), ctx)
         if cmd_name in NEEDS_LINUX and sys.platform != "linux":
             raise PlatformError(
                 f"this machine runs {sys.platform}, but {cmd_name} needs Linux",
@@ -176,8 +178,8 @@ def _tell_of_system(error: OSError, *, json: bool) -> int:
     if error.errno in _OF_OUTPUT:
         forget_output()
     limit = PlatformError(
-        f"this machine has no more for it ({error.strerror})",
-        advice="raise the limits of this shell, ulimit -a shows them, or end other programs",
+        f"the system refuses a resource ({error.strerror})",
+        advice="raise the limits of this shell (ulimit -a shows them), or end other programs",
     )
     return tell(limit, limit.exit_status, json=json)
 

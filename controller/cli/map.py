@@ -67,11 +67,9 @@ _KINDS = {**FILES, "map.rows": RESULT}
     help="Parallel processes; default: one per core.",
 )
 @dask_option
-@click.option(
-    "--resume", is_flag=True, help="Go on with the unfinished map that an earlier call left in DIR."
-)
+@click.option("--resume", is_flag=True, help="Continue the unfinished map in DIR.")
 @experiment(
-    folder_option("Where map.csv, map.json, map.png go; default: in ./runs/."),
+    folder_option("Folder for map.csv, map.json and map.png; default: a new one in ./runs/."),
     "simulated",
     moves=False,
     of_walls=True,
@@ -87,9 +85,9 @@ def command(
 ) -> None:
     """Simulate the walls of CONFIG's servo, and find the stiffness above which motion grows.
 
-    The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, own
-    delay); guard, safety and the believed model are not used. In a two-sided wall the shaft is
-    kicked; a one-sided wall is hit, and returns the shaft.
+    The servo has the parameters of servo.* (friction, loads, encoder, backlash, torque limit, lag);
+    guard, safety and model.* are not used. In a two-sided wall the shaft is kicked; the shaft hits
+    a one-sided wall, which returns it.
     """
     from haptic_wall.controller.experiments.maps.maps import MapQuestion, MapSettings
     from haptic_wall.controller.experiments.maps.store import MapStore
@@ -99,11 +97,11 @@ def command(
     _refuse_long(setting, max(chosen_steps))
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
-        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="above 0 rad")
+        raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="a kick above 0 rad")
     chosen_dampings = _default_dampings(setting, chosen_steps) if dampings is None else dampings
     if asked.out is None:
         if resume:
-            raise UserError("found no folder", field="--resume", wanted="the map's, as --out DIR")
+            raise UserError("found without --out", field="--resume", advice="add --out DIR")
         folder = new_folder("--out", "map")
     else:
         folder = asked.out
@@ -125,8 +123,8 @@ def command(
         answer(_text(found, files))
     if interrupted:
         say(
-            "interrupted: what was done until then is kept, the rest is empty; the same command"
-            f" with --out {folder} --resume goes on"
+            "interrupted: the points computed so far are kept, the others are empty; the same"
+            f" command with --out {folder} --resume continues"
         )
         sys.exit(INTERRUPTED)
 
@@ -185,7 +183,7 @@ def _refuse_long(setting: MapSettings, steps: int) -> None:
         raise UserError(
             f"found {periods:.4g} periods of delay",
             field="--delay-steps",
-            wanted=f"with servo.load_inertia at most {MOST_PERIODS}, servo.delay included",
+            wanted=f"at most {MOST_PERIODS} with servo.load_inertia, servo.delay included",
         )
 
 

@@ -47,7 +47,7 @@ class MapPlan:
     def __str__(self) -> str:
         return (
             f"{self.points} points take {_span(self.seconds)}, {self.memory / 1e6:.0f} MB of memory"
-            f" and {self.size / 1e6:.0f} MB on the disk, as a sample of them shows"
+            f" and {self.size / 1e6:.0f} MB on the disk, estimated from a sample"
         )
 
 

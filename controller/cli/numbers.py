@@ -46,7 +46,7 @@ def periods(_: click.Context, parameter: click.Parameter, text: str | None) -> l
     found = [_number(part) for part in text.split(",")]
     good = [number for number in found if number is not None and number >= 0 == number % 1]
     if len(good) < len(found):
-        wanted = "whole periods with commas between, such as 0,5"
+        wanted = "whole periods from 0 up with commas between, such as 0,5"
         raise WrongValueError(Problem(f"found {text!r}", wanted=wanted), parameter)
     return good
 

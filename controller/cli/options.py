@@ -88,7 +88,7 @@ def place_option(command: Command) -> Command:
         "place",
         metavar="HOST:PORT",
         default="localhost:0",
-        help="Where to listen; default: a free port of this machine, for this machine only.",
+        help="Address to listen on; default: a free port, for this machine only.",
     )(command)
 
 

@@ -31,8 +31,8 @@ _ITEM_S = 2.0
 @force_option
 @json_option
 def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> None:
-    """Compute the paper's results anew: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5,
-    fig6, fig8, fig9, fig10 or all (the default), which also writes a page that shows all of them.
+    """Reproduce the paper's results: CSV and PNG of ITEM, one of table2, fig3, fig4, fig5, fig6,
+    fig8, fig9, fig10 or all (the default), which also writes a page with all of them.
 
     Source: Gil et al., "Stability Boundary for Haptic Rendering: Influence of Damping and Delay",
     ICRA 2007.
@@ -45,7 +45,10 @@ def command(item: str, out: Path | None, force: bool, as_json_wanted: bool) -> N
         raise _unknown(item, [*names, _ALL])
     if out is None:
         raise UserError(
-            "no folder is named", field="--out", wanted="where the files go, e.g. --out paper"
+            "found nothing",
+            field="--out",
+            wanted="the folder for the files",
+            advice="give for example --out paper",
         )
     wanted = names if item == _ALL else [item]
     kinds = {f"{name}.csv": TABLE for name in wanted} | {f"{name}.png": PICTURE for name in wanted}

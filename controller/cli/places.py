@@ -57,7 +57,7 @@ def take_file(
             "found standard output",
             field=option,
             given="-",
-            wanted="a file: it is not written from its beginning to its end",
+            wanted="a file: this format is not written in sequence",
             advice="name one",
         )
     refuse_same_file({option: path})  # as one that cannot be looked at
@@ -97,7 +97,7 @@ def take_folder(
         _make_new(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
-            "found a folder without leave to write",
+            "found a folder without write permission",
             field=option,
             given=folder,
             advice="name another place",

@@ -11,7 +11,7 @@ from haptic_wall.controller.settings.load import preset_names, preset_summary
 @click.command()
 @json_option
 def command(as_json_wanted: bool) -> None:
-    """List the presets: names that can stand for CONFIG, and what each is for."""
+    """List the presets, whose names can stand for CONFIG, and their purposes."""
     presets = {name: preset_summary(name) for name in preset_names()}
     if as_json_wanted:
         listed = [{"name": name, "summary": summary} for name, summary in presets.items()]

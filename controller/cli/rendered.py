@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of all random choices.")
 @experiment(
     folder_option(
-        "Where rendered.json, rendered.png and the logs go; default: a folder in ./runs/."
+        "Folder for rendered.json, rendered.png and the logs; default: a new one in ./runs/."
     ),
     of_walls=True,
 )
 def command(asked: Asked, seed: int) -> None:
     """Measure the stiffness, drag and contacts that CONFIG's servo renders.
 
-    A slow torque pushes the shaft in the wall to and fro, the free shaft is moved at several
-    speeds, and the shaft hits the wall. The shaft moves by up to half a radian either way.
+    A slow torque pushes the shaft in the wall to both sides, the free shaft moves at several
+    speeds, and the shaft hits the wall. The shaft moves by up to half a radian to each side.
     """
     from haptic_wall.controller.experiments.rendered.rendering import (
         SECONDS,
@@ -61,7 +61,7 @@ def _text(found: Rendering, files: list[Path]) -> str:
         )
     if found.binding is not None:
         lines.append(
-            f"{found.requested.stiffness:g} N·m/rad were asked for; the guard commands"
+            f"{found.requested.stiffness:g} N·m/rad were requested; the guard commands"
             f" {found.stiffness:.4g} ({found.binding} limit)"
         )
     return "\n".join([*lines, *found.notes, "", "written", *(f"  {path}" for path in files)])

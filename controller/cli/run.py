@@ -73,7 +73,7 @@ SIMULATED_S = 5.0
 @click.option(
     "--stream",
     metavar="HOST:PORT",
-    help="Send rows there while the wall runs: UDP, one JSON object each, for PlotJuggler.",
+    help="Send rows to this address during the run: UDP, one JSON object each, for PlotJuggler.",
 )
 @click.option("--stream-rate", type=float, metavar="HZ", help="Rows per second; default: 100.")
 @click.option("--stream-anywhere", is_flag=True, help="Let --stream go to another machine.")
@@ -85,14 +85,14 @@ SIMULATED_S = 5.0
     help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
 )
 @click.option("--page-socket", type=int, hidden=True)  # inherited, of a page of several runs
-@click.option("--live-control", is_flag=True, help="Whoever has that address may change the wall.")
+@click.option("--live-control", is_flag=True, help="With --live: let the page change the wall.")
 @click.option(
     "--hold",
     metavar="SOURCE",
     multiple=True,
-    help="Dead man: the wall is on only while SOURCE is held. /dev/input/eventN[:KEY] (a key or"
-    " pedal; any key, unless KEY names one), a file that something renews every 150 ms, or page:"
-    " a button on the page of --live-control.",
+    help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a key or"
+    " pedal (default: any key); a file that a program renews every 150 ms; or page, a button on the"
+    " page of --live-control.",
 )
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
@@ -121,8 +121,8 @@ def command(
     """Run the wall of CONFIG: a preset's name or a YAML file (default: simulated).
 
     On hardware it runs until Ctrl-C, simulated and emulated for 5 s. --duration sets another time;
-    --duration inf: until Ctrl-C. However the run ends, the torque is off at its end. At a terminal
-    one line shows the state of the run; space or q ends it.
+    --duration inf: until Ctrl-C. At the end of every run the torque is off. At a terminal one line
+    shows the state of the run; space or q ends it.
     """
     from haptic_wall.controller.cli.live_line import live_line
     from haptic_wall.controller.processes import run_report as reports
@@ -199,14 +199,14 @@ def _stream(
                 raise UserError(
                     "found without --stream",
                     field=f"--stream-{option}",
-                    advice="say where to, or leave it out",
+                    advice="add --stream HOST:PORT, or leave the option out",
                 )
         return None
     if _in_memory(config):
         raise UserError(
             "on the simulated clock a run is over before it can be watched",
             field="--stream",
-            advice="leave it out and look at the log, or run with --set loop.clock=monotonic",
+            advice="read the log instead, or run with --set loop.clock=monotonic",
         )
     from haptic_wall.controller.processes.stream import RATE_HZ, stream_to
 
@@ -250,12 +250,11 @@ def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | Non
         raise UserError(
             f"found {len(sources)} sources ({', '.join(sources)})",
             field="--hold",
-            wanted="one",
-            advice="a run has one dead man",
+            wanted="one: a run has one dead man",
         )
     if _in_memory(config):
         raise UserError(
-            "on the simulated clock a run is over before anything can be held",
+            "on the simulated clock a run is over before a key can be held",
             field="--hold",
             advice="leave it out, or run with --set loop.clock=monotonic",
         )
@@ -267,7 +266,7 @@ def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | Non
         raise UserError(
             f"a {PAGE} can hold the dead man only if it may change the wall",
             field="--hold",
-            advice=f"add --live --live-control; a file with that name is ./{PAGE}",
+            advice=f"add --live --live-control, or write ./{PAGE} for a file of that name",
         )
     return Hold(PAGE, "page")
 

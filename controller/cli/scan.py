@@ -24,26 +24,26 @@ HARDWARE = 4
 
 
 @click.command()
-@click.option("--port", metavar="P", help="The adapter's device (default: the only one).")
+@click.option("--port", metavar="P", help="The adapter's device; default: the only one.")
 @click.option(
     "--baud",
     "bauds",
     metavar="RATE[,RATE...]",
-    help="Rates to try (default: all that servos have).",
+    help="Baud rates to try; default: all that servos have.",
 )
 @click.option(
     "--ids",
     default=f"{IDS[0]}-{IDS[-1]}",
     show_default=True,
     metavar="LIST",
-    help="Ids to ask one by one, e.g. 1-20,100; a ping to all may find others.",
+    help="Ids to ping one by one, e.g. 1-20,100; a ping to all may find others.",
 )
 @json_option
 def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool) -> int:
     """List the servos on a bus: id, baud rate, model, firmware.
 
-    It sends only pings, and restores the port's settings when it ends. Exit status 4 when
-    nothing answers.
+    It sends only pings, and restores the port's settings when it ends. The exit status is 4 if
+    no servo answers.
     """
     rates = LIKELY_FIRST if bauds is None else _rates(bauds)
     wanted = _ids(ids)
@@ -117,8 +117,8 @@ def _text(found: dict[str, Any]) -> str:
             lines.append(f"{one['baud']} bit/s was not tried: {one['refused']}")
         elif one["garbled"]:
             lines.append(
-                f"{one['baud']} bit/s: something that is no reply was heard; two servos with one "
-                "id, or noise"
+                f"{one['baud']} bit/s: bytes arrived that are no reply: two servos with one id, or "
+                "noise"
             )
     return "\n".join(lines)
 

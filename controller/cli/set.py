@@ -23,7 +23,7 @@ MOST_WAIT_S = 3600.0
     "run",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Folder or log of the run; default: the only one that runs.",
+    help="Folder or log of the run; default: the only running one.",
 )
 @click.option(
     "--wait",
@@ -37,7 +37,7 @@ MOST_WAIT_S = 3600.0
 def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_wanted: bool) -> None:
     """Change the wall that runs in another terminal, e.g. wall.stiffness=4.
 
-    Several changes are made in one tick: wall.law=detents wall.count=12. These can be changed:
+    Several changes are made in one tick: wall.law=detents wall.count=12. You can change
     wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law.
     The change waits for a moment in which it gives the shaft no energy.
     """
@@ -55,12 +55,12 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
 def _text(told: dict[str, Any]) -> str:
     changes = ", ".join(f"{path}: {value}" for path, value in told["changed"].items())
     if not changes:
-        return "nothing changes: the wall is so already"
+        return "no change: the wall has these values already"
     lines = [f"applied after {number(told['waited_s'])} s: {changes}"]
     guard = told["guard"]
     commanded = guard["commanded"]
     lines.append(
-        f"commanded are {number(commanded['stiffness'])} N·m/rad and "
+        f"commanded: {number(commanded['stiffness'])} N·m/rad and "
         f"{number(commanded['damping'])} N·m·s/rad"
     )
     return "\n".join([*lines, *map(str, guard["reasons"])])

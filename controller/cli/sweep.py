@@ -40,8 +40,8 @@ _MOST_STEPS = 1000
     type=click.Choice(["stiffness", "damping"]),
     default="stiffness",
     show_default=True,
-    help="stiffness: the critical one at each virtual damping; damping: its ceiling, above which"
-    " the servo vibrates without any stiffness.",
+    help="stiffness: measure the critical stiffness at each virtual damping; damping: measure the"
+    " ceiling of the virtual damping, above which the servo vibrates without any stiffness.",
 )
 @click.option(
     "--virtual-damping",
@@ -65,7 +65,7 @@ _MOST_STEPS = 1000
     help="Distance from the wall at which the shaft is released [rad]; default: for each point"
     " the largest up to 0.1 that the torque limit allows.",
 )
-@click.option("--fresh", is_flag=True, help="Replace what an earlier sweep left in DIR.")
+@click.option("--fresh", is_flag=True, help="Replace an earlier sweep in DIR.")
 @click.option(
     "--repeats",
     type=click.IntRange(min=1, max=100),
@@ -79,7 +79,7 @@ _MOST_STEPS = 1000
     type=click.FloatRange(min=1e-5, max=0.5),
     default=0.005,
     show_default=True,
-    metavar="SHARE",
+    metavar="FRACTION",
     help="Trials continue until the standard error is this fraction of the stiffness.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N",
@@ -87,8 +87,8 @@ _MOST_STEPS = 1000
 @dask_option
 @experiment(
     folder_option(
-        "Where sweep.csv, sweep.json, sweep.png and logs/ go; a sweep of the same settings that"
-        " was interrupted there goes on. Default: a new folder in ./runs/."
+        "Folder for sweep.csv, sweep.json, sweep.png and logs/; default: a new one in ./runs/. The"
+        " command continues an interrupted sweep of the same settings in DIR."
     ),
     of_walls=True,
     filters=True,
@@ -108,9 +108,10 @@ def command(
     """Measure the stiffness above which CONFIG's servo oscillates, at each damping and delay.
 
     The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
-    still, then the wall takes over and its first cycles are observed. A real shaft moves by itself!
+    still, then the wall takes over, and its first cycles are observed. A real shaft moves by
+    itself!
 
-    With --over damping it travels to and fro at constant speed under more and more damping, until a
+    With --over damping the shaft travels to and fro at constant speed under rising damping, until a
     vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
     _check_delays(asked.config, steps)
@@ -121,8 +122,8 @@ def command(
         raise UserError(
             "found none",
             field="--virtual-damping",
-            wanted="the dampings at which the critical stiffness is measured",
-            advice="give it, or --over damping",
+            wanted="the virtual dampings at which to measure the critical stiffness",
+            advice="give them, or --over damping",
         )
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.sweep.device import Device
@@ -134,11 +135,11 @@ def command(
     from haptic_wall.controller.processes.run_report import exit_status
 
     if kick is not None and not 0.0 < kick <= 3.0:
-        raise UserError(f"found {kick:g}", field="--kick", wanted="above 0 and up to 3 rad")
+        raise UserError(f"found {kick:g}", field="--kick", wanted="a kick above 0 and up to 3 rad")
     effective = experiment_config(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(
-            "found a servo in real time",
+            "found a run in real time",
             field="--dask",
             given=dask,
             wanted="a simulated one",
@@ -183,7 +184,7 @@ def command(
         why = "interrupted" if tripped is None else f"{tripped.stop_reason}: {tripped}"
         say(
             f"{why}: {len(points)} of {len(settings)} points are kept; the same command with"
-            f" --out {folder} goes on"
+            f" --out {folder} continues"
         )
         sys.exit(INTERRUPTED if tripped is None else exit_status(tripped.stop_reason))
 
@@ -221,7 +222,7 @@ def _announce(
     if done:
         say(f"{len(done)} of {len(settings)} points were measured before and are kept")
     if not left:
-        say("nothing is left to measure; --fresh measures anew")
+        say("all points are measured; --fresh measures them again")
         return
     if config.loop.clock == "monotonic":
         hint = ""
@@ -233,8 +234,8 @@ def _announce(
         far = excursion(config, left, options)
         say(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
-            f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
-            f" to {config.servo.torque_limit:g} N·m, at more and more stiffness; Ctrl-C ends it"
+            f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
+            f" to {config.servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
         )
 
 
@@ -302,7 +303,7 @@ def _text(points: list[PointResult], folder: Path) -> str:
         if point.reason is not None:
             lines.append(f"{'':>9} {point.reason}")
         elif point.trips:
-            lines.append(f"{'':>9} tripped on the way: {'; '.join(point.trips)}")
+            lines.append(f"{'':>9} trips in between: {'; '.join(point.trips)}")
     return "\n".join([*lines, "", f"written to {folder}: sweep.csv, sweep.json, sweep.png, logs/"])
 
 

@@ -12,8 +12,8 @@ from haptic_wall.controller.runtime.safety import Trip
 _WORST = 3
 """Number of named worst ticks"""
 _UNCONFIRMED = (
-    "the servo did not answer when its torque was switched off: without a supply it has none, and "
-    "else its Bus Watchdog ends it; switch its power off before you reach for it"
+    "the servo did not confirm that its torque is off: without a supply it has none, otherwise its "
+    "Bus Watchdog ends it; switch its power off before you touch it"
 )
 
 
@@ -63,7 +63,7 @@ def ending(report: Mapping[str, Any]) -> Iterator[str]:
 def _timing(report: Mapping[str, Any]) -> Iterator[str]:
     ticks, missed = report["ticks"], report["missed_ticks"]
     if not ticks and not missed:
-        yield from entry("ticks", "none: it ended before the wall was on")
+        yield from entry("ticks", "none: the run ended before the wall was on")
         return
     share = f" ({100 * missed / (ticks + missed):.2f} %)" if missed else ""
     yield from entry(
@@ -188,9 +188,9 @@ def _rebound(low: float | None, high: float) -> str:
     """Describe the entry speeds at which the device is guaranteed to return no faster."""
     least = 0.0 if low is None else low
     if least >= high:
-        return "at no speed is the device guaranteed to come back no faster than it came"
+        return "no guarantee at any speed: the device may come back faster than it came"
     span = f"up to {number(high)}" if low is None else f"from {number(low)} to {number(high)}"
-    return f"no faster than it came, for speeds {span} rad/s"
+    return f"the device comes back no faster than it came, at speeds {span} rad/s"
 
 
 def _motion(report: Mapping[str, Any]) -> Iterator[str]:
@@ -236,7 +236,7 @@ def _change(change: Mapping[str, Any]) -> str:
     commanded = change.get("commanded") or {}
     waited = number(change.get("waited_s"), 2)
     return (
-        f"{text}: made after {waited} s, {number(commanded.get('stiffness'))} N·m/rad, "
+        f"{text}: applied after {waited} s, {number(commanded.get('stiffness'))} N·m/rad, "
         f"{number(commanded.get('damping'))} N·m·s/rad"
     )
 

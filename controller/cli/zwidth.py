@@ -28,26 +28,26 @@ _MOST_SAMPLES = 30
     "samples",
     callback=periods,
     metavar="N[,N...]",
-    help="Samples of the velocity difference to compare; default: CONFIG's, 1, 2 and 4.",
+    help="Lengths of the velocity difference to compare, in samples; default: CONFIG's, 1, 2, 4.",
 )
 @click.option(
     "--measure",
     type=click.Choice(["own", "all", "none"]),
-    help="Measure the boundary with CONFIG's own velocity, with all, or not at all; default: all on"
-    " the simulated clock, else own.",
+    help="own: measure the boundary with CONFIG's velocity; all: with all that are compared; none:"
+    " do not measure. Default: all on the simulated clock, otherwise own.",
 )
 @click.option(
     "--log",
     type=click.Path(path_type=Path),
     metavar="LOG",
-    help="Log of a run in which a hand moved the shaft in the wall, for the impedance. Default: a"
-    " run with a tapping hand; a real servo needs the log.",
+    help="Log of a run in which a hand moved the shaft in the wall; the impedance is computed from"
+    " it. Default: a run with a simulated hand; a real servo needs the log.",
 )
-@click.option("--fresh", is_flag=True, help="Measure points anew that an earlier call has kept.")
+@click.option("--fresh", is_flag=True, help="Measure the points of an earlier call again.")
 @experiment(
     folder_option(
-        "Where zwidth.json, zwidth.png and the measured points go; the same command goes on there."
-        " Default: a new folder in ./runs/."
+        "Folder for zwidth.json, zwidth.png and the measured points; default: a new one in ./runs/."
+        " The command continues an interrupted call of the same settings in DIR."
     ),
     of_walls=True,
     filters=True,
@@ -61,9 +61,9 @@ def command(
 ) -> None:
     """Show the Z-width of CONFIG's servo: the largest stiffness over the virtual damping.
 
-    For velocities over several samples and with a filter: by exact theory, by the guard, and
-    measured as sweep does. And the impedance of CONFIG's wall over frequency, commanded and
-    measured. A real shaft moves by itself, unless --measure none.
+    It compares velocities over several samples and with a filter: by exact theory, by the guard,
+    and by measurements as in sweep. It also shows the impedance of CONFIG's wall over frequency,
+    commanded and measured. A real shaft moves by itself, unless --measure none is given.
     """
     from haptic_wall.controller.experiments.zwidth.measured import (
         Found,
@@ -130,8 +130,8 @@ def _announce(asked: Asked, chosen: Sequence[Width], seconds: float) -> None:
         )
         say(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
-            f" of where it stands, about {far:.2g} rad ({far * 57.3:.0f} degrees) at most, with up"
-            f" to {config.servo.torque_limit:g} N·m; Ctrl-C ends it"
+            f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
+            f" to {config.servo.torque_limit:g} N·m; Ctrl-C ends the motion"
         )
 
 

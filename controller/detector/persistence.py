@@ -103,9 +103,10 @@ class Persistence:
         self._largest = max(self._largest, amplitude)
         if self._beyond % self._tuning.beyond_half_cycles:
             return False
-        goes_on = self._largest > self._evidence.dying * self._largest_before
+        goes_on: bool = self._largest > self._evidence.dying * self._largest_before
         self._largest, self._largest_before = 0.0, self._largest
         return goes_on
 
     def _forget_beyond(self) -> None:
-        self._beyond, self._largest, self._largest_before = 0, 0.0, math.inf
+        self._beyond = 0
+        self._largest, self._largest_before = 0.0, math.inf

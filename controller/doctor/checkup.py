@@ -192,7 +192,7 @@ class _Checkup:
         text = f"{model.name} ({number})" if model else f"unknown model ({number})"
         fix, ok = "", model is not None and model.name == settings.model
         if model is not None and not model.current_mode:
-            fix = "it has no current mode, so it cannot be commanded in torque: use another model"
+            fix = "it has no current mode, so it cannot follow a torque: use another model"
             ok = False
         elif not ok:
             known = f", or set servo.model={model.name}" if model else ""
@@ -209,7 +209,7 @@ class _Checkup:
         ok = firmware >= WATCHDOG_FIRMWARE
         fix = ""
         if not ok:
-            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} brought the Bus Watchdog"
+            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} or later has a watchdog"
         elif not model.knows_fast_reads(firmware):
             fix = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
         wanted = f"at least {WATCHDOG_FIRMWARE}"

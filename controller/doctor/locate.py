@@ -64,7 +64,7 @@ class Locator:
             fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
             self._add(Finding("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
         else:
-            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "made by the adapter"))
+            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "set by the adapter"))
         mine = next((servo for servo in here.servos if servo.id == settings.id), None)
         wanted = f"id {settings.id} at {settings.baud} bit/s"
         if mine is not None:
@@ -72,7 +72,7 @@ class Locator:
             found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
             self._add(Finding("servo answers", True, found, wanted))
             return mine
-        self._tell("no answer there: searching the other baud rates")
+        self._tell("no answer: searching the other baud rates")
         rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
         ids = {*IDS, settings.id}
         searches = [here]
@@ -87,14 +87,14 @@ class Locator:
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
         found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
-        fix = "check power and cable; `haptic-wall scan --ids 0-252` asks every id"
+        fix = "check power and cable; `haptic-wall scan --ids 0-252` pings every id"
         if servos:
-            found, fix = f"no, but {listed}", "set servo.id and servo.baud to what is there"
+            found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:
             found = f"garbage at {', '.join(garbled)} bit/s"
             fix = (
-                "two servos have one id, or there is noise: leave only one connected, and give it "
-                "another id if it answers then"
+                "two servos have one id, or there is noise: connect only one servo, and give it "
+                "another id if it answers"
             )
         self._add(Finding("servo answers", False, found, wanted, fix))
         return None
@@ -145,7 +145,7 @@ class Locator:
         model = model_by_number(found.model_number)
         value = BAUD_RATES.index(settings.baud)
         if model is None or value > model.registers["baud_rate"].maximum:
-            return Change(name, before, f"{settings.baud} is none it can have", False), found
+            return Change(name, before, f"it cannot have {settings.baud}", False), found
         with opened(settings.port, found.baud, self._clock) as line:
             table = ServoAccess.of(line, found.baud, found.id, settings.port, model).table
             try:

@@ -51,7 +51,7 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
         f"median {p50 / 1000:.0f} µs, 99 % {p99 / 1000:.0f} µs, longest "
         f"{lateness_ns[-1] / 1000:.0f} µs",
         f"99 % below {limit_ns / 1000:.0f} µs",
-        "" if ok else "end what else runs on this machine, grant real-time rights, isolate a core",
+        "" if ok else "end other programs on this machine, grant real-time rights, isolate a core",
     )
 
 

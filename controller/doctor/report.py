@@ -46,5 +46,5 @@ def question(finding: Finding, repair: Repair) -> str:
     if not repair.register:
         return f"{finding.name}: {finding.found} -> reboot"
     if repair.register == "torque_enable":
-        return "torque: on -> off (what hangs on the shaft will fall)"
+        return "torque: on -> off (a load on the shaft will fall)"
     return f"{finding.name}: {finding.found} -> {finding.wanted}"

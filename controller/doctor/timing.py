@@ -115,19 +115,19 @@ def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
         ways.append(f"set servo.schedule={best}")
     elif disturbed:
         return (
-            "most replies are quick and a few are not, as where a machine is busy: end what else "
-            "runs on this one (line wake-up lateness), then examine again"
+            "a few replies are slow, as on a busy machine: end other programs on this machine (see "
+            "wake-up lateness), then examine again"
         )
     rate = _lower_rate(replies, wanted)
     if rate is not None:
         ways.append(f"set loop.rate_hz={rate}")
-    return ", or ".join(ways) or "examine again: no rate holds with replies like these"
+    return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
 
 
 def _about_the_timer(replies: Replies, wanted: Wanted) -> str:
     text = (
-        f"something holds replies for {_ms(replies.in_row_ns)}, as an adapter's latency timer "
-        "does (16 ms from the factory): set it to 1 ms"
+        f"replies are held back for {_ms(replies.in_row_ns)}, as by an adapter's latency timer "
+        "(factory setting 16 ms): set it to 1 ms"
     )
     periods = round(replies.in_row_ns * 1e-9 * wanted.rate_hz)
     if periods < 2:
@@ -183,16 +183,16 @@ def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Fi
         found = _series_text(one, wanted.most_missed)
         limit = f"at most {wanted.most_missed:.0%} missed at every phase"
         if not used and not holds:
-            found = f"would not do here: {found}"
+            found = f"not suitable here: {found}"
         fix = "" if holds or not used else advice
         findings.append(Finding(f"schedule {one.schedule}", holds or not used, found, limit, fix))
     best = suits(series, wanted.most_missed)
     ok = any(s.schedule == wanted.schedule and s.worst <= wanted.most_missed for s in series)
     fix = "" if ok else advice
     if ok and best != wanted.schedule:
-        fix = f"set servo.schedule={best}: samples would be younger"
+        fix = f"set servo.schedule={best}, which has younger samples"
     text = best or f"none at {wanted.rate_hz:g} Hz"
-    findings.append(Finding("schedule", ok, wanted.schedule, f"what suits: {text}", fix))
+    findings.append(Finding("schedule", ok, wanted.schedule, f"suitable: {text}", fix))
     return findings
 
 

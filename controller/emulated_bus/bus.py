@@ -213,7 +213,7 @@ class DynamixelBus:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None:
-            raise BusError("The emulated bus does not run: use it inside of its `with` block.")
+            raise BusError("The emulated bus does not run: use it inside its `with` block.")
         return self._process
 
     def _tell(self, line: str, sign: str) -> None:

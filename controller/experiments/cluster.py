@@ -70,14 +70,14 @@ def cluster(address: str) -> Iterator[Cluster]:
         try:
             yield Cluster(client.get_executor(pure=False), sum(client.nthreads().values()))
         except KilledWorker as error:
-            what = "workers of the cluster were lost time and again with the same task"
+            what = "several workers of the cluster were lost with the same task"
             raise PlatformError(Problem(what, advice="look at their logs")) from error
         except CancelledError as error:
             what = f"the scheduler at {address} was lost"
             raise PlatformError(Problem(what, advice="start it again, and the command")) from error
         except ModuleNotFoundError as error:
             what = f"a worker of the cluster lacks {error.name}"
-            advice = "install on each what is installed here"
+            advice = "install the same packages on each worker as here"
             raise PlatformError(Problem(what, advice=advice)) from error
 
 
@@ -113,7 +113,7 @@ def checked(wanted: str, task: Callable[[], Result]) -> Result:
             Problem(
                 f"found a worker of the cluster with {found}",
                 wanted=wanted,
-                advice="install the same on all, and start them again",
+                advice="install the same versions on all, and start them again",
             )
         )
     return task()

@@ -87,7 +87,7 @@ def planned(
     reach = max(run.plan.reach for run in runs)
     text = (
         f"the shaft will swing over about {plan.travel:.2g} rad at up to {plan.speed:.2g} rad/s,"
-        f" within ±{reach:.2g} rad of where it is, under torques of up to {plan.torque:.3g} N·m;"
+        f" within ±{reach:.2g} rad of its position, with torques of up to {plan.torque:.3g} N·m;"
         f" {len(runs)} runs of about {bursts * BURST_S:.0f} s"
     )
     return runs, text

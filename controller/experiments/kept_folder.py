@@ -55,7 +55,7 @@ def made(folder: Path, logs: str) -> None:
         what = f"the folder cannot be made ({error.strerror})"
         raise refused(folder, what, "name another place") from error
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise refused(folder, "found a folder without leave to write", "name another place")
+        raise refused(folder, "found a folder without write permission", "name another place")
 
 
 def kept_bytes(path: Path, again: str) -> bytes:

@@ -54,7 +54,7 @@ def processes(count: int) -> Iterator[Executor]:
         try:
             yield pool
         except BrokenExecutor as error:
-            what = "a process that computes was ended from outside, perhaps because memory ran out"
+            what = "a computing process was killed from outside, perhaps for lack of memory"
             raise PlatformError(Problem(what, advice="try with fewer workers")) from error
         except BaseException:
             stop.close()

@@ -187,7 +187,7 @@ class Testbed:
         except (ServoLostError, ServoMissingError) as error:
             if self.config.servo.kind != "emulated":
                 raise  # a cable may be loose: it is looked at first
-            self.tell(f"{name}: {error} The emulator was not run in time; once more")
+            self.tell(f"{name}: {error} The emulator got no processor time; once more")
             first = Trip.SERVO_LOST
         return replace(self._played(name, phases, delay_steps), repeated=first)
 
@@ -219,7 +219,7 @@ class Testbed:
         )
         ended = run(plan, self._tell_new)
         if ended.stop_reason == End.INTERRUPTED or ended.asked:
-            kept = f"{log} holds what was recorded" if ended.logged else ""
+            kept = f"{log} holds the recorded rows" if ended.logged else ""
             raise ExperimentInterruptedError("interrupted", advice=kept)
         if ended.stop_reason != End.DURATION:
             raise ExperimentTrippedError(

@@ -24,7 +24,7 @@ def assumed(belief: Belief, decision: Decision, damping_cap: float) -> str:
     if not belief.transmission_stiffness.high > 0.0:
         return (
             "no vibration is known (model.flexible_hz is not set): a rigid servo without a link is"
-            " assumed. A link on the horn may vibrate at a far lower damping than the ceiling of"
+            " assumed. A link on the horn may vibrate at a virtual damping far below the ceiling of"
             f" {decision.damping_ceiling:.3g} N·m·s/rad: {_MEASURE}"
         )
     train, load = belief.transmission_stiffness, belief.load_inertia

@@ -111,7 +111,7 @@ def boundary(
             peak_virtual_damping=top["virtual_damping"],
         )
     except ValueError as error:  # numbers so extreme that only the theory can tell
-        raise UserError(error, advice="are all in SI units?") from None
+        raise UserError(error, advice="check that all values are in SI units") from None
 
 
 def _span(name: str, given: Span, *, zero: bool) -> Bounded:

@@ -44,7 +44,7 @@ def sentences(reasons: Iterable[Reason], asked: bool = True) -> list[str]:
 
     Args:
         reasons: In order.
-        asked: Say which stiffness was asked for; no where any was.
+        asked: Name the requested stiffness; no if any was requested.
     """
     return [_sentence(reason, asked) for reason in reasons]
 
@@ -63,8 +63,8 @@ def _sentence(reason: Reason, asked: bool) -> str:
             )
         case DampingTooLow():
             said = (
-                f"{_damping(reason)}: at {reason.lowest:.4g} or below it would take away all the "
-                "damping the servo has, and no stiffness is stable"
+                f"{_damping(reason)}: at {reason.lowest:.4g} or below it cancels all damping of "
+                "the servo, and no stiffness is stable"
             )
         case DampingBound():
             said = _ceiling(reason)
@@ -73,7 +73,7 @@ def _sentence(reason: Reason, asked: bool) -> str:
         case GuardOff():
             said = (
                 f"the guard is off: stiffness {reason.stiffness:.4g} N·m/rad and damping "
-                f"{reason.damping:.4g} N·m·s/rad are commanded as asked; the smallest limit at "
+                f"{reason.damping:.4g} N·m·s/rad are commanded as requested; the smallest limit at "
                 f"this damping is {reason.limit}, {reason.value:.4g} N·m/rad"
             )
         case Unstable():
@@ -82,20 +82,20 @@ def _sentence(reason: Reason, asked: bool) -> str:
             said = _slower(reason)
         case Derated():
             said = (
-                f"an oscillation of {reason.frequency_hz:.3g} Hz was noticed after "
+                f"an oscillation of {reason.frequency_hz:.3g} Hz was found after "
                 f"{reason.first_alarm_s:.3g} s: the stiffness is reduced to "
                 f"{100 * reason.stiffness_share:.3g} % and the damping to "
-                f"{100 * reason.damping_share:.3g} % of what the guard allows, until it is asked "
-                "to raise them"
+                f"{100 * reason.damping_share:.3g} % of the values that the guard allows, until "
+                "the full wall is requested"
             )
         case WaitsForRest():
             said = (
-                f"{reason.allowed:.4g} N·m/rad are allowed, but K is raised only where that adds "
-                "no more than safety.engage_torque, and the shaft has not been there since"
+                f"{reason.allowed:.4g} N·m/rad are allowed, but K rises only at positions where "
+                "this adds at most safety.engage_torque, and the shaft has not been there since"
             )
         case FromTank():
             said = (
-                f"{reason.law} depends on time, and gives only what it absorbed: it absorbed "
+                f"{reason.law} depends on time, and gives only absorbed energy: it absorbed "
                 f"{reason.absorbed * 1e3:.3g} mJ and gave at most {reason.given * 1e3:.3g} mJ; its "
                 f"tank limited the torque in {reason.limited} ticks"
             )
@@ -105,8 +105,8 @@ def _sentence(reason: Reason, asked: bool) -> str:
 def _unstable(reason: Unstable) -> str:
     if reason.only_friction:
         return (
-            "stable only because of friction, if at all: without it this wall is unstable for "
-            "the believed servo, so small motion dies and larger motion grows"
+            "only friction can keep this wall stable: without friction it is unstable for the "
+            "believed servo, so small motion dies and larger motion grows"
         )
     return (
         "this wall is unstable for the believed servo: any motion grows until the torque "
@@ -115,20 +115,15 @@ def _unstable(reason: Unstable) -> str:
 
 
 def _verb(commanded: bool) -> str:
-    return "is commanded" if commanded else "is allowed"
+    return "commands" if commanded else "allows"
 
 
 def _stiffness(reason: StiffnessBound, asked: bool) -> str:
-    allowed = f"{reason.allowed:.4g} {_verb(reason.commanded)}"
-    if reason.law:
-        allowed += f" where the law is steepest ({reason.law})"
-    start = (
-        f"stiffness {reason.asked:.4g} N·m/rad was asked, {allowed}"
-        if asked
-        else f"a stiffness of {allowed}"
-    )
+    instead = f" instead of {reason.asked:.4g}" if asked else ""
+    where = f" where the law is steepest ({reason.law})" if reason.law else ""
     return (
-        f"{start}: {reason.margin:g} of the limit {reason.limit}, {reason.value:.4g} "
+        f"the guard {_verb(reason.commanded)} {reason.allowed:.4g}{instead} N·m/rad{where}: "
+        f"{reason.margin:g} of the limit {reason.limit}, {reason.value:.4g} "
         f"({MEANING[reason.limit]})"
     )
 
@@ -136,21 +131,21 @@ def _stiffness(reason: StiffnessBound, asked: bool) -> str:
 def _coarse_count(reason: CoarseCount) -> str:
     said = (
         f"one encoder count in one sample commands {reason.torque:.3g} N·m through the damping "
-        f"alone, and {reason.allowed:.3g} N·m is the share of the torque limit a count may command"
+        f"alone, and a count may command {reason.allowed:.3g} N·m, a fraction of the torque limit"
     )
     if reason.highest_damping is None:
         return said
     return (
-        f"{said}: only virtual damping below {reason.highest_damping:.3g} N·m·s/rad leaves any to "
-        f"the stiffness, or in proportion more with a velocity over more than {reason.samples} "
-        f"sample{'s' if reason.samples > 1 else ''}"
+        f"{said}: only virtual damping below {reason.highest_damping:.3g} N·m·s/rad leaves torque "
+        f"for the stiffness; a velocity over more than {reason.samples} "
+        f"sample{'s' if reason.samples > 1 else ''} raises this bound in proportion"
     )
 
 
 def _damping(reason: DampingTooLow | DampingBound) -> str:
     return (
-        f"damping {reason.asked:.4g} N·m·s/rad was asked, {reason.allowed:.4g} "
-        f"{_verb(reason.commanded)}"
+        f"the guard {_verb(reason.commanded)} {reason.allowed:.4g} instead of {reason.asked:.4g} "
+        "N·m·s/rad"
     )
 
 
@@ -164,7 +159,7 @@ def _ceiling(reason: DampingBound) -> str:
         return said
     return (
         f"{said}: the believed load vibrates on its flexible transmission. An encoder on the"
-        " motor's side or a stiffer horn and link would raise it"
+        " motor's side, or a stiffer horn and link, raises this ceiling"
     )
 
 
@@ -182,8 +177,8 @@ def _remedy(reason: WouldRaise) -> str:
         case "damping":
             low = belief.damping.low
             return (
-                f"with twice the viscous damping, {2 * low:.3g} instead of the {low:.3g} "
-                f"N·m·s/rad it has at least, {could}"
+                f"with twice the viscous damping, {2 * low:.3g} instead of at least {low:.3g} "
+                f"N·m·s/rad, {could}"
             )
         case "encoder":
             return f"with an encoder {FINER} times finer, {could}"
@@ -194,12 +189,12 @@ def _remedy(reason: WouldRaise) -> str:
         case "stiffer":
             frequency = 2.0 * belief.flexible_hz.low
             return (
-                "with a stiffer horn and link, whose vibration has twice the frequency, "
-                f"{frequency:.3g} Hz at least, {could}"
+                "with a stiffer horn and link, whose vibration has twice the frequency, at least "
+                f"{frequency:.3g} Hz, {could}"
             )
         case _:
             return (
-                "the belief is wide: were the servo known to be as its believed values say "
+                "the parameter bounds are wide: if the servo had exactly the believed values "
                 f"(inertia {belief.inertia.value:.3g} kg·m², damping {belief.damping.value:.3g} "
                 f"N·m·s/rad, delay {ms(belief.delay.value)}, torque gain "
                 f"{belief.torque_gain.value:.3g}), {could}"
@@ -216,13 +211,13 @@ def _shorter(reason: WouldRaise, could: str) -> str:
     what = {
         SAMPLE_AGE: "the sample's age",
         "inserted": "the inserted delay",
-        "device": "the device's own delay, at most",
+        "device": "the device's lag of at most",
     }[name]
     least = shorter(parts, reason.slow_replies)
     found = f"{what} {ms(size)} is {share} {total}"
     if reason.slow_replies and name == SAMPLE_AGE:
         return (
-            f"{found}, because the adapter keeps replies back: with its latency timer at "
+            f"{found}, because the adapter holds back replies: with its latency timer at "
             f"{ms(SHORT_TIMER)} the age is at most {ms(least)}, and {could}"
         )
     return f"{found}: at {ms(least)} {could}"
@@ -233,7 +228,7 @@ def _slower(reason: ServedSlower) -> str:
         f"every {ms(reason.interval)} instead of every {ms(reason.period)}, which counts as the"
         " period"
     )
-    late = "report key timing says what makes ticks late"
+    late = "the report's key timing names the causes of late ticks"
     if not reason.failed:
         return f"a tick is executed {start}; {late}"
     replies = f"{reason.failed} of {reason.cycles} replies were lost or broken"

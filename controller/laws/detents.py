@@ -74,7 +74,7 @@ def make(numbers: Numbers, grid: Grid) -> Shape:
     count, width = numbers.count, numbers.width
     if (count is None) == (width is None):
         found = "found nothing" if count is None else "found wall.width too"
-        raise LawError("count", found, "detents a turn here, or their distance as wall.width [rad]")
+        raise LawError("count", found, "the number of detents in a turn, or wall.width [rad]")
     name = "count" if width is None else "width"
     width = math.tau / count if width is None and count is not None else width
     assert width is not None

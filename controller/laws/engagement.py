@@ -148,13 +148,13 @@ def waiting_text(
     """
     away = position - law.position
     if not law.in_contact(position) or abs(law.elongation(position)) <= room:
-        return f"the wall waits until the shaft has stayed where it is for {1e3 * REST_S:g} ms"
+        return f"the wall waits until the shaft has stayed here for {1e3 * REST_S:g} ms"
     if not law.linear:
         return (
             f"the law {law.name} holds {1e3 * 0.5 * stiffness * law.elongation(position) ** 2:.3g}"
-            f" mJ where the shaft is, {place_text(position)}: it goes on when the shaft has been "
-            f"turned to where it holds less than {1e3 * 0.5 * stiffness * room**2:.2g} mJ, and "
-            f"stays there for {1e3 * REST_S:g} ms"
+            f" mJ at the shaft's position, {place_text(position)}: it comes on when the shaft has "
+            f"been turned to a position where it holds less than "
+            f"{1e3 * 0.5 * stiffness * room**2:.2g} mJ, and stays there for {1e3 * REST_S:g} ms"
         )
     surface = place_text(law.position)
     goal = {
@@ -165,6 +165,6 @@ def waiting_text(
     inside = "the shaft is inside the wall" if law.one_sided else "the shaft is away from the wall"
     return (
         f"{inside}, which would push it with {torque:.3g} N·m: it is at "
-        f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall goes on when "
+        f"{place_text(position)}, {place_text(abs(away))} from the surface; the wall comes on when "
         f"the shaft has been turned {goal} and stays there for {1e3 * REST_S:g} ms"
     )

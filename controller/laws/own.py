@@ -201,9 +201,9 @@ def tabulated(name: str, law: OwnLaw, second: OwnLaw, grid: Grid) -> Profile:
     if (low, high) != (float(second.low), float(second.high)) and math.isfinite(high - low):
         raise LawError(
             "law",
-            f"found {name}, whose range is {low:.4g} to {high:.4g} rad once and "
+            f"found {name}, whose range is {low:.4g} to {high:.4g} rad one time and "
             f"{second.low:.4g} to {second.high:.4g} rad another time",
-            "the same law whenever it is made",
+            "the same range each time",
         )
     positions = _positions(name, law, grid)
     torques = [_torque(name, law, position) for position in positions]

@@ -64,8 +64,8 @@ class Profile(Memoryless):
             raise LawError(
                 "profile",
                 f"found {torques[0]:g} N·m at its first position, {torques[-1]:g} N·m at its last",
-                "a first torque of 0 or above and a last one of 0 or below: the torque stays "
-                "beyond the ends, and would drive the shaft away for ever",
+                "a first torque of 0 or above and a last one of 0 or below: beyond the ends the "
+                "torque stays, and would drive the shaft away without end",
             )
         self.stiffness = stiffness = max(map(abs, slopes))
         if stiffness == 0.0:

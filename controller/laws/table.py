@@ -93,10 +93,10 @@ def _sum(numbers: Numbers, grid: Grid) -> Sum:
             raise LawError(
                 "parts",
                 f"in part {place}, found {part.law}, which depends on time",
-                "it alone, not in a sum",
+                "it outside of a sum",
             )
     if not made:
-        raise LawError("parts", "found none", "a list of laws, each with its numbers and a share")
+        raise LawError("parts", "found none", "a list of laws, each with its numbers and its share")
     return Sum(made)
 
 

@@ -39,7 +39,7 @@ def judged(
     """
     host = request.headers.get("Host", "")
     if not _is_ours(host, own_host):
-        return _answer(403, "Forbidden", f"this server is not called {host!r:.200}\n")
+        return _answer(403, "Forbidden", f"this server does not have the name {host!r:.200}\n")
     path = urlsplit(request.path).path
     if path == ROWS_PATH:
         origin = request.headers.get("Origin")

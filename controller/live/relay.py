@@ -66,7 +66,7 @@ async def ask(run: Path, sets: list[str], tell: Callable[[dict[str, Any]], None]
         connection.setblocking(False)
         reader, writer = await asyncio.open_unix_connection(sock=connection, limit=MOST_BYTES)
     except OSError:
-        tell({"error": "the run takes no changes: it is over, or on the way"})
+        tell({"error": "the run accepts no changes: it is over, or has not started yet"})
         return
     try:
         writer.write((json.dumps({"set": sets, "wait_s": WAIT_S}) + "\n").encode())

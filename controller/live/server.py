@@ -105,7 +105,7 @@ class LiveServer:
             await connection.close(1008, "the token in the address is not that of this run")
             return
         if len(view.clients) >= MOST_CLIENTS:
-            await connection.close(1013, f"{MOST_CLIENTS} others look on already")
+            await connection.close(1013, f"{MOST_CLIENTS} other pages are connected already")
             return
         client = Client(connection, view.source.first(), turns=bool(given))
         view.welcome(client, controls=client.turns)
@@ -140,7 +140,7 @@ class LiveServer:
         if sets is None and not grasps and "hold" not in request:
             client.tell({"kind": "refused", "words": f"not understood: {message[:80]!r}"})
         elif not client.turns:
-            client.tell({"kind": "refused", "words": "this page may look, but not change the wall"})
+            client.tell({"kind": "refused", "words": "this page may not change the wall"})
         elif sets is None:
             view = self._view
             known = view.grasp(client, hand) if grasps else view.hold(client, request["hold"])

@@ -82,13 +82,13 @@ class LoggedSource:
             blocks.append(block)
             if sum(map(len, blocks)) > MOST_ROWS:
                 raise UserError(
-                    f"holds more than {MOST_ROWS} rows there",
+                    f"holds more than {MOST_ROWS} rows in this stretch",
                     field="LOG",
                     given=log.log.path,
-                    advice="choose a stretch of it with --from and --to",
+                    advice="choose a shorter stretch with --from and --to",
                 )
         if not blocks:
-            raise UserError("holds no rows there", field="LOG", given=log.log.path)
+            raise UserError("holds no rows in this stretch", field="LOG", given=log.log.path)
         self.rows = np.concatenate(blocks)
         self._origin_ns = log.origin_ns
         self.capacity = len(self.rows)

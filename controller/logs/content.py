@@ -170,17 +170,17 @@ def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
     """Return the implausible part of a run's end; None: all of it is plausible."""
     for name in ("stop_reason", "message"):
         if not isinstance(ended.get(name), str | None):
-            return f"how the run ended: {name} is no text in it"
+            return f"the run's end: {name} is no text in it"
     rows = ended.get("rows", 0)
     if not isinstance(rows, int) or not 0 <= rows <= 1 << 53:
-        return "how the run ended: rows is no count in it"
+        return "the run's end: rows is no count in it"
     return None
 
 
 def _fault_of_event(change: object) -> str | None:
     """Return the implausible part of an event; None: all of it is plausible."""
     if not isinstance(change, dict):
-        return "an event: it tells no change"
+        return "an event: it has no change"
     row = change.get("row")
     if row is not None and not (type(row) is int and 0 <= row <= 1 << 53):
         return "an event: row is no count in it"

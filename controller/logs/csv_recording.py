@@ -134,7 +134,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
         period = float(np.average([s.period for s in group], weights=[s.size for s in group]))
         if number:
             since = whole.times[group[0].start]
-            notes.append(f"from {seconds(since)} s on there is a sample each {1e3 * period:.4g} ms")
+            notes.append(f"from {seconds(since)} s on the samples are {1e3 * period:.4g} ms apart")
         parts = [
             part
             for stretch in group
@@ -174,14 +174,14 @@ def columns_in_time(
     if not ordered.all():
         first = float(times[~ordered][0])
         notes.append(
-            f"{np.count_nonzero(~ordered)} rows are left out: their time does not lie after that of"
+            f"{np.count_nonzero(~ordered)} rows are left out: their time is not later than that of"
             f" the rows before, first at {seconds(first)} s"
         )
         columns = {column: values[ordered] for column, values in columns.items()}
         times = columns["time_s"]
     if times.size < LEAST:
         raise UserError(
-            f"found {times.size} rows with a time of their own",
+            f"found {times.size} rows with increasing times",
             field=name,
             given=path,
             wanted=f"at least {LEAST}",
@@ -211,11 +211,11 @@ def _whole(path: Path) -> tuple[Part, list[str]]:
         notes.append(f"{np.count_nonzero(missing)} rows have no position, first at {seconds(at)} s")
     torques = columns.get(TORQUE)
     if torques is None:
-        notes.append(f"there is no column {TORQUE}: judged by the motion alone, not by its energy")
+        notes.append(f"there is no column {TORQUE}: only the motion is judged, not its energy")
     elif not np.isfinite(torques).all():
         notes.append(
-            f"{np.count_nonzero(~np.isfinite(torques))} rows have no torque: the one before is"
-            " taken to hold"
+            f"{np.count_nonzero(~np.isfinite(torques))} rows have no torque: they count with the"
+            " torque before them"
         )
         torques = _held(torques)
     return Part(times, positions, torques, None), notes
@@ -236,8 +236,8 @@ def _going_on(times: Floats) -> tuple[Floats, list[str]]:
         at = int(anew[0])
         before = float(np.max(times[:at]))
         notes.append(
-            f"time goes back from {seconds(before)} to {seconds(times[at])} s: taken for another"
-            " recording, one second after the one before"
+            f"time goes back from {seconds(before)} to {seconds(times[at])} s: the rows from there"
+            " count as another recording, one second after the one before"
         )
         times = np.concatenate([times[:at], times[at:] + (before + _JOINT_S - times[at])])
     return times, notes
@@ -312,7 +312,7 @@ def _even(whole: Part, period: float, notes: list[str]) -> Part:
     notes.append(
         f"{np.count_nonzero(off)} of {steps.size} time stamps are uneven: positions are"
         f" interpolated onto a grid of {1e3 * period:.4g} ms, so that small or fast oscillations"
-        " are seen smaller than they are"
+        " appear smaller than they are"
     )
     good = np.isfinite(whole.positions)
     times = whole.times[good]

@@ -65,7 +65,8 @@ def columns_of(
                 replace(
                     file,
                     what=f"found {size} bytes",
-                    wanted=f"a CSV of at most {MOST_BYTES}: part it",
+                    wanted=f"a CSV of at most {MOST_BYTES} bytes",
+                    advice="split it",
                 )
             )
         try:
@@ -75,7 +76,7 @@ def columns_of(
                 replace(
                     file,
                     what=f"cannot be read as a CSV: {error}",
-                    advice="wanted rows of numbers: is a quote left open?",
+                    advice="look for a quote that is not closed; wanted rows of numbers",
                 )
             ) from None
     table = np.frombuffer(numbers, np.float64).reshape(-1, len(names))
@@ -100,12 +101,12 @@ class _Lines:
             self.number += 1
             self.of_row += 1
             if len(line) > _MOST_IN_LINE:
-                open_quote = ": is a quote left open?" if '"' in line else ""
+                open_quote = ", perhaps after a quote that is not closed" if '"' in line else ""
                 self._refuse(f"has more than {_MOST_IN_LINE} characters{open_quote}")
             if found := _CONTROL.search(line):
                 self._refuse(f"holds the control character {found[0]!r}")
             if self.of_row > _MOST_LINES:
-                self._refuse(f"and the {_MOST_LINES} before are one row: is a quote left open?")
+                self._refuse(f"and the {_MOST_LINES} before are one row, as a quote is not closed")
             if self.of_row == 1 and line.lstrip().startswith("#"):
                 self.of_row = 0
                 continue
@@ -151,7 +152,12 @@ def _read(file: Problem, text: TextIO, known: tuple[str, ...]) -> tuple[list[str
             continue
         if len(numbers) >= most:
             raise UserError(
-                replace(file, what=f"found more than {MOST_ROWS} rows", wanted="fewer: part it")
+                replace(
+                    file,
+                    what=f"found more than {MOST_ROWS} rows",
+                    wanted="fewer",
+                    advice="split it",
+                )
             )
         for place, name in zip(places, names, strict=True):
             cell = row[place].strip() if place < len(row) else ""

@@ -103,7 +103,7 @@ def detect_all(
             servo = _servo(detected, recording, part, given) if unknown else known
             _see(detected, recording, part, servo, wall)
     if detected.parts > _DRAWN:
-        detected.notes.append(f"a picture shows the first {_DRAWN} stretches")
+        detected.notes.append(f"the picture shows only the first {_DRAWN} stretches")
     if more:
         detected.notes.append(f"there are {more} more such notes")
     return detected
@@ -146,8 +146,8 @@ def _servo(
         detected.known = estimated
         late = estimated["lag"] / recording.period > _LATE
         detected.notes.append(
-            f"torque against motion is a servo's of {estimated['inertia']:.3g} kg·m²"
-            + (f", {1e3 * estimated['lag']:.3g} ms late" if late else "")
+            f"torque and motion are those of a servo of {estimated['inertia']:.3g} kg·m²"
+            + (f" with a lag of {1e3 * estimated['lag']:.3g} ms" if late else "")
         )
     return estimated
 
@@ -196,9 +196,9 @@ def _wall(detected: Detected, recording: Recording, part: Part, given: GivenWall
 
 def _estimated(wall: KnownWall) -> str:
     sides = {0: "two-sided", 1: "above its position", -1: "below its position"}
-    late = f", {1e3 * wall.inserted:.4g} ms before its torque" if wall.inserted else ""
+    late = f", with an inserted delay of {1e3 * wall.inserted:.4g} ms" if wall.inserted else ""
     return (
-        f"torque against position is a wall's, {sides[wall.side]}:"
+        f"torque and position are those of a wall, {sides[wall.side]}:"
         f" {float(np.asarray(wall.stiffness)):.4g} N·m/rad,"
         f" {wall.virtual_damping:.3g} N·m·s/rad, at {round(wall.surface, 9) + 0.0:.4g} rad{late}"
     )

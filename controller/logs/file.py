@@ -112,7 +112,7 @@ class LogWriter:
         reader = LogReader(path)
         last = reader.last()
         if last is not None and last.array.dtype != dtype:
-            raise LogFormatError(f"{path} is a log of other rows: name another file")
+            raise LogFormatError(f"{path} is a log with other columns", advice="name another file")
         log = cls.__new__(cls)
         log._beside = None
         log._begin(path, dtype, "r+b")

@@ -73,8 +73,8 @@ def fault_text(piece: Piece) -> Iterator[str]:
     elif isinstance(piece, Misplaced):
         late = piece.rows - piece.twice
         if late:
-            yield f"{late} rows stand behind later ones and were left out"
+            yield f"{late} rows come after later ones and were left out"
         if piece.twice:
-            yield f"{piece.twice} rows stand there twice and were read once"
+            yield f"{piece.twice} rows occur twice and were read once"
     elif isinstance(piece, Head):
         yield "another log is joined to it"

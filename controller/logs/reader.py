@@ -138,7 +138,7 @@ class LogReader:
                 _refuse_later(path, metadata)
             elif not _has_rows(path, file, min(size, BEGINS_WITHIN)):
                 raise LogFormatError(
-                    f"{path} is not a log of haptic-wall: it does not begin with one's metadata",
+                    f"{path} is not a log of haptic-wall: it does not begin with metadata",
                     advice=f"wanted a {SUFFIX} file",
                 )
 
@@ -232,7 +232,7 @@ def _pieces(path: Path, file: BinaryIO, start: int, size: int, checked: bool) ->
             after = start + 1 if block is None or not block.summed else block.end
             start = next_begin(file, after, size)
             if may_look < 0:
-                why = "too much in them looks like the beginning of a block"
+                why = "too many places in them look like the beginning of a block"
                 damage, start = Damage(damage.start, 0, last=False, why=why), size
             continue
         if damage is not None:

@@ -109,7 +109,7 @@ def seconds(moment_s: float) -> str:
 def gap_text(start_s: float, end_s: float) -> str:
     """Describe a gap between two moments [s]."""
     since, until = seconds(start_s), seconds(end_s)
-    return f"nothing is known from {since} to {until} s: looked at anew from there on"
+    return f"nothing is known from {since} to {until} s: the analysis restarts there"
 
 
 def short_text(samples: int, since_s: float) -> str:

@@ -30,7 +30,7 @@ from haptic_wall.hw.servo import Outcome
 
 MOST_LAG_S = 10.0
 """Longest time between a sample and its torque [s]; acting torques are kept for this long"""
-MOVED = "the wall was moved, or had another law, meanwhile: each stretch is judged with its own"
+MOVED = "position or law of the wall changed: each stretch is judged with its own wall"
 _MOST_TOLD = 5
 """Largest number of damaged places reported one by one"""
 
@@ -82,7 +82,7 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
     of = sum(-(-each.count // WINDOW) for each in logs)
     origin_ns = next(each.origin_ns for each in logs if each.count)
     notes += [
-        f"{each.count} rows of part {number} with the wall on are too few to look at"
+        f"{each.count} rows of part {number} with the wall on are too few to analyse"
         for number, each in enumerate(logs, 1)
         if each.count < LEAST
     ]
@@ -191,7 +191,7 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
         notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
     lag = age + belief.delay.value
     if lag > MOST_LAG_S:
-        notes.append(f"torques are {lag:.4g} s late in it: counted as {MOST_LAG_S:g} s")
+        notes.append(f"the delay in it is {lag:.4g} s: it counts as {MOST_LAG_S:g} s")
     known = Knowledge(
         inertia=belief.inertia.value / gain,
         damping=belief.damping.value / gain,

@@ -211,7 +211,7 @@ def _seen(
         detected.notes.append(f"{failed} readings failed or were late and are left out")
     if replay.unknown:
         detected.notes.append(
-            f"the log does not tell {replay.unknown} changes of the wall: the wall before is used"
+            f"the log lacks {replay.unknown} changes of the wall: the wall before them is used"
         )
     watch = replay.watch
     detected.known["lag"] += float(np.median(ages)) if replay.counts_ages else 0.0

@@ -37,7 +37,7 @@ def upgraded(rows: NDArray[Any], path: Path) -> NDArray[np.void]:
     missing = [name for name in ROW.names or () if name not in names and name not in _LATER]
     if missing:
         raise LogFormatError(
-            f"{path}: its rows have no column {' and no '.join(missing)}",
+            f"{path}: its rows lack the column {' and '.join(missing)}",
             advice="read it with the haptic-wall that wrote it",
         )
     whole = np.zeros(len(rows), ROW)

@@ -53,7 +53,7 @@ def walls_of(metadata: Mapping[str, Any], changes: Iterable[Mapping[str, Any]]) 
     """
     if "config" not in metadata:
         raise LogFormatError(
-            "the log tells no configuration, that part of it is damaged",
+            "the log has no configuration, because that part of it is damaged",
             advice="export its rows with `haptic-wall log LOG --csv FILE`",
         )
     since, configs = [0], [_config(metadata["config"])]
@@ -102,10 +102,10 @@ def _config(data: object) -> Config:
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)
     if law is not None:
         raise LogFormatError(
-            f"the run's law cannot be made here: {law}",
-            advice="install the distribution that brings it, or start in the folder of its module",
+            f"the run's law is not available here: {law}",
+            advice="install its distribution, or start in the folder of its module",
         )
     raise LogFormatError(
-        f"the log's configuration is not one this program knows ({len(problems)} differences)",
+        f"this program does not know the log's configuration ({len(problems)} differences)",
         advice="use the haptic-wall that wrote the log",
     )

@@ -48,12 +48,12 @@ _TABLE2 = Item(
     "Table II: critical stiffness by theory and by simulation",
     "All 36 cells for m = 1 kg, b = 0.1 N·s/m, T = 1 ms: the stiffness at which the loop starts "
     "to oscillate, by the exact boundary and by simulating the loop, beside the printed values. "
-    "Picture: how far both are from print; grey is half of the last printed digit (for B = 0.1, "
+    "Picture: deviation of both from print; grey is half of the last printed digit (for B = 0.1, "
     "where it weighs most).",
-    "Theory and simulation are independent of each other here: one solves the characteristic "
-    "equation on the unit circle, the other moves the device and watches whether its oscillation "
-    "grows. They agree within 0.001 %, far better than either with print, so what is left is the "
-    "way in which the printed values were found.",
+    "Theory and simulation are independent of each other: theory solves the characteristic "
+    "equation on the unit circle, the simulation moves the device and tests whether its "
+    "oscillation grows. They agree within 0.001 %, far better than either with print, so the "
+    "remaining deviation comes from the method behind the printed values.",
     "Dots: deviation of the 36 cells from print in percent over the delay. Theory and simulation "
     "lie on one another, most of them within 0.01 %; without delay the deviation is largest.",
 )

@@ -58,7 +58,7 @@ def ask(
     raise UserError(
         f"the run of {run.log} has ended, or does not answer",
         field="--run",
-        advice="its report says what was applied",
+        advice="its report lists the applied changes",
     )
 
 

@@ -126,7 +126,7 @@ class ChangeDesk:
         except ExplainedError as error:
             return self._refused(asked.peer, asked.sets, error)
         except OSError:
-            return self._not_made("the run is over, or its loop takes no changes")
+            return self._not_made("the run is over, or its loop accepts no changes")
         asked.began_s = time.monotonic()
         asked.until_s = asked.began_s + max(wait_s, LEAST_S)
         return None
@@ -147,7 +147,7 @@ class ChangeDesk:
                 asked.why = OVER
                 self._give_up(asked)
             elif now_s > asked.until_s:
-                asked.why = self.obstacle() or "the loop has not taken it in time"
+                asked.why = self.obstacle() or "the loop has not made the change in time"
                 self._give_up(asked)
         elif now_s > asked.withdrawn_s + LOOP_S:
             return self._not_made(asked.why)  # the loop has ended
@@ -174,7 +174,7 @@ class ChangeDesk:
     def withdraw(self) -> None:
         """Give the change at hand up."""
         if self._asked is not None and self._asked.withdrawn_s is None:
-            self._asked.why = "the one who asked has gone"
+            self._asked.why = "the client has closed its connection"
             self._give_up(self._asked)
 
     def give_up(self, why: str) -> dict[str, Any]:
@@ -278,32 +278,33 @@ def obstacle_text(kind: Obstacle, size: float) -> str:
         case Obstacle.NOT_ON:
             return "the wall has not come on yet"
         case Obstacle.READING:
-            return "where the shaft is, and how fast, is not known"
+            return "position and speed of the shaft are not known"
         case Obstacle.PROBED:
             return "the wall is being probed for an oscillation"
         case Obstacle.REDUCED:
             return (
-                "an oscillation has reduced the wall, and until it is raised again (SIGUSR1) only "
-                "its stiffness can be lowered"
+                "an oscillation has reduced the wall: only a lower stiffness is accepted until the "
+                "full wall is requested (SIGUSR1)"
             )
         case Obstacle.ENERGY:
             return (
-                "where the shaft is, the new wall would hold more energy than the old one: "
-                f"{1e3 * size:.3g} mJ more, at most {1e3 * MOST_J:g} are allowed; move the shaft "
-                "out of it"
+                "at the shaft's position the spring of the new wall would hold "
+                f"{1e3 * size:.3g} mJ more than that of the old one, wanted at most "
+                f"{1e3 * MOST_J:g} mJ; move the shaft out of the wall"
             )
         case Obstacle.TORQUE:
             return (
-                f"the torque would jump: by {size:.3g} N·m, more than safety.engage_torque; move "
-                "the shaft to where both walls push alike"
+                f"the torque would jump by {size:.3g} N·m, wanted at most safety.engage_torque; "
+                "move the shaft to a position where both walls have the same torque"
             )
         case Obstacle.DELAY:
             return (
-                f"the shaft moves too fast for another delay: {size:.3g} rad/s; let it come to rest"
+                f"the shaft moves at {size:.3g} rad/s, too fast for a change of the delay; let it "
+                "come to rest"
             )
         case Obstacle.GAINS:
             return (
-                "a hand that moves the shaft in so long a delay would be given "
-                f"{1e3 * size:.3g} mJ, at most {1e3 * MOST_WITH_HAND_J:g} are allowed; lower the "
+                "with so long a delay the wall would give a hand that moves the shaft "
+                f"{1e3 * size:.3g} mJ, wanted at most {1e3 * MOST_WITH_HAND_J:g} mJ; lower the "
                 "stiffness or the damping first, or raise the delay in steps"
             )

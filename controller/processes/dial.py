@@ -155,9 +155,9 @@ class Dial:
         self._clients[connection] = client
         self._selector.register(connection, selectors.EVENT_READ)
         if client.peer.uid != self._owner:
-            self._refuse(client, "this wall belongs to another user, who alone may change it")
+            self._refuse(client, "only the owner of this wall may change it")
         elif len(self._clients) > MOST_CLIENTS:
-            self._refuse(client, f"{MOST_CLIENTS} others ask at the same time; try again")
+            self._refuse(client, f"{MOST_CLIENTS} other clients wait; try again")
 
     def _read(self, client: _Client) -> None:
         try:

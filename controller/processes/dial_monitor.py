@@ -105,7 +105,7 @@ def start_dial(
 def change_text(change: dict[str, Any]) -> str:
     """Return a change in one line, for people."""
     by = change["by"]
-    who = f"{' '.join(change['set'])}, asked by {by['user']} (process {by['pid']})"
+    who = f"{' '.join(change['set'])}, requested by {by['user']} (process {by['pid']})"
     if change["outcome"] != "applied":
         return f"{change['outcome']}: {who}: {change['why']}"
     commanded = change["commanded"] or {}
@@ -117,4 +117,4 @@ def change_text(change: dict[str, Any]) -> str:
         )
         if value is not None
     )
-    return f"changed: {who}; commanded are {values}"
+    return f"changed: {who}; commanded: {values}"

@@ -260,7 +260,7 @@ def _device(path: str, descriptor: int, key: int | None) -> Hold:
     """Return the settings for an input device with keys."""
     if os.isatty(descriptor):
         raise UserError(
-            f"{path} is a terminal, which does not say when a key is let go",
+            f"{path} is a terminal, which does not report the release of a key",
             field="--hold",
             advice="name an input device such as /dev/input/event3",
         )
@@ -272,7 +272,7 @@ def _device(path: str, descriptor: int, key: int | None) -> Hold:
             f"{path} is neither an input device nor a file",
             field="--hold",
             advice="name an input device such as /dev/input/event3, or a file that "
-            "something renews",
+            "a program renews",
         ) from None
     if not known or (key is not None and key not in known):
         what = "no key" if key is None else f"no key {key}"
@@ -305,10 +305,10 @@ def _code(name: str) -> int:
 def _unusable(path: str, error: Exception) -> UserError:
     reason = error.strerror if isinstance(error, OSError) else error
     denied = isinstance(error, PermissionError)
-    hint = "; the devices under /dev/input want the group input" if denied else ""
+    hint = "; devices under /dev/input are open to members of the group input" if denied else ""
     return UserError(
         f"{path} cannot be opened ({reason}){hint}",
         field="--hold",
-        advice="name an input device such as /dev/input/event3, or a file that exists "
-        "and that something renews",
+        advice="name an input device such as /dev/input/event3, or an existing file that "
+        "a program renews",
     )

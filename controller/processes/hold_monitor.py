@@ -52,11 +52,11 @@ class HoldMonitor:
         if not rows[-1]["flags"] & FLAG_OFF:
             news, text = "on", "the wall is on again" if self._told else ""
         elif self._telemetry.words[Word.HELD_NS] < rows[-1]["deadline_ns"]:
-            news, text = "released", "let go; the wall is off"
+            news, text = "released", "released; the wall is off"
         else:
             where = place_text(float(rows[-1]["position"]))
             news = "waits"
-            text = f"held, but the shaft, at {where}, is where the wall would come on with a blow"
+            text = f"held, but the wall waits: at {where} it would push the shaft with a blow"
         if text and news != self._told:
             tell(f"--hold: {text}")
         if text or self._told:

@@ -57,9 +57,9 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
     except (OSError, UnicodeError, OverflowError) as error:
         why = getattr(error, "strerror", None) or error
         raise UserError(
-            f"{place} cannot be listened at ({why})",
+            f"cannot listen at {place} ({why})",
             field=field,
-            advice="give another port, or none: localhost:0 takes a free one",
+            advice="give another port, or localhost:0 for a free one",
         ) from None
     port = listener.getsockname()[1]
     token = secrets.token_urlsafe(16) if control else ""

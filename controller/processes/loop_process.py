@@ -157,8 +157,8 @@ def _strict(missing: list[realtime.Setting]) -> Problem:
     wishes = "; ".join(f"{s.name}: wanted {s.wanted}, {s.got}; {s.remedy}" for s in missing)
     return Problem(
         field="realtime.profile",
-        given=f"is strict, and the system did not grant what it needs ({wishes})",
-        advice="or run with --set realtime.profile=best-effort to take what is granted",
+        given=f"is strict, but the system did not grant all settings ({wishes})",
+        advice="or run with --set realtime.profile=best-effort to use the granted ones",
     )
 
 

@@ -77,9 +77,7 @@ class RecorderMonitor:
         waiting = words[Word.HEAD] - words[Word.TAIL]
         if waiting > CAPACITY and not self._losing:
             self._losing = True
-            self._tell(
-                "rows are being lost from the log: more wait to be written than memory holds"
-            )
+            self._tell("the log loses rows: more rows wait to be written than memory holds")
         if waiting <= CAPACITY // 2 or self._trouble is not None:
             self._kept_up = now
         if self._recorder is not None:
@@ -152,7 +150,7 @@ class RecorderMonitor:
         self._trouble = None
         self._deaths[how] += 1
         if not self._words[Word.FINISHED]:
-            self._tell(f"the recorder {how}; another one goes on with the log")
+            self._tell(f"the recorder {how}; another one continues the log")
 
     def _is_dead(self, timeout_s: float) -> bool:
         """Whether the recorder killed last is dead; waits for it up to ``timeout_s``."""
@@ -195,7 +193,7 @@ class RecorderMonitor:
     def _notes(self) -> list[str]:
         head, tail = self._words[Word.HEAD], self._words[Word.TAIL]
         missing = rows_lacking(self._words)
-        well = "; another one went on, and no row is missing from the log"
+        well = "; another one continued, and no row is missing from the log"
         if missing or self._lost is not None:
             well = ""
         notes = [
@@ -205,14 +203,14 @@ class RecorderMonitor:
         if missing:
             why = self._trouble or "more rows waited to be written than memory holds"
             if tail != head and self._trouble is None:
-                why = "no recorder came to write its end"
+                why = "no recorder wrote its end"
             notes.append(
                 f"the log is incomplete ({why}): it lacks {missing} of {head} rows; the run was"
                 " not disturbed"
             )
         if self._lost is not None:
             notes.append(
-                f"part of the log is lost ({self._lost}), and nobody knows which rows; the run was"
-                " not disturbed"
+                f"part of the log is lost ({self._lost}), and the lost rows are not known; the run"
+                " was not disturbed"
             )
         return notes

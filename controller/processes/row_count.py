@@ -61,8 +61,8 @@ class RowCount:
         oscillates = bool(np.any(rows["oscillation"] >= State.SUSTAINED))
         if oscillates and not self._oscillates:
             softer = (
-                f"; the wall is made softer until it decays, kill -USR1 {os.getpid()} asks for the"
-                " full wall again"
+                f"; stiffness and damping are reduced until it decays, `kill -USR1 {os.getpid()}`"
+                " requests the full wall again"
                 if self._reduces
                 else ""
             )

@@ -139,6 +139,6 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
     try:
         append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")
     except OSError as error:
-        ended.warnings.append(f"the log does not tell how the run ended: {error.strerror or error}")
+        ended.warnings.append(f"the end of the run is not in the log: {error.strerror or error}")
         return LogState.INCOMPLETE
     return LogState.WHOLE if ended.lacking == 0 else LogState.INCOMPLETE

@@ -180,10 +180,10 @@ def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
             f"found {len(which)} running walls: {names}",
             field="--run",
             wanted="one",
-            advice="name the log of the one that you mean",
+            advice="name the log of one of them",
         )
     raise UserError(
         "no wall is running" if asked is None else f"no wall is running in {asked}",
         field="--run",
-        advice=f"running are {names}" if runs else "start one with `haptic-wall run`",
+        advice=f"name one of {names}" if runs else "start one with `haptic-wall run`",
     )

@@ -69,10 +69,10 @@ def stream_to(place: str, rate_hz: float, anywhere: bool) -> Stream:
     stream = Stream(f"{address}{scope}", port, rate_hz)
     if not anywhere and not _is_here(stream):
         raise UserError(
-            f"{host} is not this machine ({stream.host}), and whoever is on the way "
-            "there could read the rows",
+            f"{host} is not this machine ({stream.host}), so others in the network "
+            "could read the rows",
             field="--stream",
-            advice=f"add --stream-anywhere if that is meant, or give for example localhost:{port}",
+            advice=f"add --stream-anywhere to allow this, or give for example localhost:{port}",
         )
     return stream
 

@@ -21,7 +21,7 @@ __all__ = ["BusError", "BusRow", "DynamixelBus", "dynamixel_bus"]
 
 _MARKER = (
     "dynamixel_bus(servos=['XM430-W350:1'], baud=4000000, latency_timer=0, block=None, faults=[], "
-    "seed=0, truth={}): what the fixture dynamixel_bus emulates (haptic-wall)"
+    "seed=0, truth={}): settings of the fixture dynamixel_bus (haptic-wall)"
 )
 
 

@@ -114,7 +114,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
         color=style.INK,
         markersize=3.5,
         clip_on=False,
-        label=f"asked for ({'one' if question.side == 'one' else 'two'}-sided)",
+        label=f"requested ({'one' if question.side == 'one' else 'two'}-sided)",
     )
 
 

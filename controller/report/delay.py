@@ -53,7 +53,7 @@ def plot_delay(found: LoopDelay, name: str, path: Path) -> None:
             left = figure.subplots()
         for point, colour in zip(found.points, colours, strict=True):
             _motion(left, point, colour)
-        left.set_xlabel("since the sample the torque was computed with  [ms]")
+        left.set_xlabel("time since the sample of the torque  [ms]")
         left.set_ylabel("motion per torque step  [mrad / (N$\\cdot$m)]")
         grid(left)
         figure.legend(loc="outside right upper")

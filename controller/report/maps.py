@@ -220,7 +220,7 @@ def _title(found: CriticalMap, name: str) -> str:
         limits.append(f"{servo.counts_per_rev} counts/rev")
     if servo.torque_limit < _LARGE:
         limits.append(f"torque limit {servo.torque_limit:.3g} N·m")
-    unfinished = "" if found.complete else "   INTERRUPTED: NOT ALL COMPUTED"
+    unfinished = "" if found.complete else "   INTERRUPTED: SOME POINTS ARE NOT COMPUTED"
     return f"{style.titled(name)}: simulated critical stiffness, {wall}{unfinished}\n" + "\n".join(
         "   ".join(parts) for parts in (device, limits)
     )

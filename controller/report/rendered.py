@@ -44,12 +44,12 @@ def plot_rendering(found: Rendering, name: str, path: Path) -> None:
         axes = figure.subplots(1, 3)
         if found.static is not None:
             _push(axes[0], found.static, found.stiffness)
-        _labels(axes[0], "displacement  [rad]", "torque beside the spring  [N$\\cdot$m]")
+        _labels(axes[0], "displacement  [rad]", "torque less that of the spring  [N$\\cdot$m]")
         if found.drag is not None:
             _drag(axes[1], found.drag)
-        _labels(axes[1], "speed  [rad/s]", "torque to move it  [N$\\cdot$m]")
+        _labels(axes[1], "speed  [rad/s]", "torque to move the shaft  [N$\\cdot$m]")
         _contacts(axes[2], found.contacts, found.predicted)
-        _labels(axes[2], "since the entry  [s]", "depth in the wall  [rad]")
+        _labels(axes[2], "time since the entry  [s]", "penetration  [rad]")
 
 
 def _labels(ax: Axes, across: str, up: str) -> None:

@@ -243,7 +243,7 @@ def shade_warm_up(ax: Axes, run: DrawnRun) -> None:
     label = "warm-up: the wall is off" if _is_first(ax) else ""
     warm_up = (run.rows["flags"] & FLAG_WARM_UP) != 0
     _shade(ax, run.time, warm_up, _WARM_UP, label)
-    label = "the wall is off: let go, or loaded" if _is_first(ax) else ""
+    label = "the wall is off: released, or loaded" if _is_first(ax) else ""
     _shade(ax, run.time, ~run.on & ~warm_up, _WARM_UP, label)
 
 

@@ -90,22 +90,22 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         advice="this is a defect or a broken servo: please report it with the log",
     ),
     Trip.OVERSPEED: Problem(
-        "the position moved faster than safety.max_speed allows, or the torque drove "
+        "the shaft moved faster than safety.max_speed allows, or the torque drove "
         "it to nearly the servo's no-load speed",
         advice="check the wall's stability and the encoder, or set safety.max_speed",
     ),
     Trip.TRAVEL: Problem(
         "the shaft left safety.travel",
-        advice="look at the turns that the start-up line shows, turn the shaft back by "
-        "hand, or widen safety.travel",
+        advice="compare the turns in the start-up line, turn the shaft back by hand, or "
+        "widen safety.travel",
     ),
     Trip.OSCILLATION: Problem(
         "the wall oscillates by itself",
-        advice="ask for less stiffness or damping, let guard.mode be stable, or correct "
-        "what model.* believes of the servo",
+        advice="request less stiffness or damping, set guard.mode=stable, or correct the "
+        "belief about the servo in model.*",
     ),
     Trip.LAW_FAILED: Problem(
-        "the law of your own gave no torque",
+        "your own law gave no torque",
         advice="correct its class: torque(position, time) must return a finite number [N·m] within "
         "half a period, at every position and time",
     ),
@@ -114,13 +114,13 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         advice="check cable, power, baud rate and adapter",
     ),
     Trip.LOSS_RATE: Problem(
-        "a larger share of the readings failed than safety.max_loss allows",
+        "a larger fraction of the readings failed than safety.max_loss allows",
         advice="check cable, power, baud rate and adapter, or lower loop.rate_hz",
     ),
     Trip.MISSED_PERIODS: Problem(
         "the loop missed a larger fraction of its periods than safety.max_missed allows",
-        advice="find what holds its core (report key timing), lower loop.rate_hz, or let "
-        "realtime.profile be best-effort, which makes the wall softer instead",
+        advice="remove the cause that the report's key timing names, lower loop.rate_hz, or set "
+        "realtime.profile=best-effort, which makes the wall softer instead",
     ),
     Trip.HARDWARE_ERROR: Problem(
         "the servo has latched a hardware error (overload, overheating, voltage, encoder or shock)",
@@ -134,27 +134,27 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         "the servo's supply or its temperature is out of the servo's own limits",
     ),
     Trip.SERVO_LOST: Problem(
-        "the port is gone, or the servo answers no more",
+        "the port is gone, or the servo no longer answers",
         advice="check that both are plugged in and powered",
     ),
     Trip.PORT_SHARED: Problem(
-        "two programs on one bus garble each other",
-        advice="end the other one, and keep it from this port",
+        "two programs on one bus corrupt each other's frames",
+        advice="end the other program, and keep it away from this port",
     ),
     Trip.SUSPENDED: Problem(
-        "the servo's Bus Watchdog has dropped the torque meanwhile, and nobody watched the shaft",
+        "meanwhile the servo's Bus Watchdog dropped the torque, and no loop watched the shaft",
         advice="keep the computer awake (`systemd-inhibit haptic-wall run ...`), then start again",
     ),
     Trip.LOOP_HUNG: Problem(
         "",
-        advice="look for what stopped it or stalled the machine, or raise safety.heartbeat_s",
+        advice="find the cause of the stop or stall, or raise safety.heartbeat_s",
     ),
     Trip.LOOP_DIED: Problem(
-        "find out who killed it (the kernel's log says so when memory ran out)",
-        advice="if nobody did, please report it with the log",
+        "look for the cause in the kernel's log, which names a lack of memory",
+        advice="if there is none, please report this with the log",
     ),
     Trip.INTERNAL_ERROR: Problem(
-        "the program met an error it does not know",
+        "the program met an unexpected error",
         advice="please report it with the log",
     ),
 }
@@ -162,9 +162,9 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
 
 EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
     trip: Problem(
-        f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator was"
-        " not run in time",
-        advice="end what keeps the cores busy, give both real-time rights"
+        f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator got no"
+        " processor time",
+        advice="end programs that keep the cores busy, give both processes real-time rights"
         f" (`sudo scripts/setup-testbed`), run the preset emulated-port, or raise {limit}",
     )
     for trip, what, limit in (
@@ -175,7 +175,7 @@ EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
         ),
         (
             Trip.LOSS_RATE,
-            "a larger share of the readings failed than safety.max_loss allows",
+            "a larger fraction of the readings failed than safety.max_loss allows",
             "safety.max_loss",
         ),
     )

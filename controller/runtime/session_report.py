@@ -149,5 +149,5 @@ def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:
     return [
         f"in the worst half second the loop missed {missed.worst:.0%} of its periods, more than "
         f"safety.max_missed ({config.safety.max_missed:.0%}); stiffness and damping follow the "
-        "interval that is really served (guard.interval_s)"
+        "served interval (guard.interval_s)"
     ]

@@ -95,7 +95,7 @@ class WallWait:
         if math.isnan(tick.position):
             return "reading", "the wall waits for the first reading"
         if not tick.held():
-            return "dead man", "the dead man is not held; the wall goes on when it is"
+            return "dead man", "the dead man is not held; the wall comes on when it is"
         stiffness = parts.gains.decision.stiffness
         room = parts.engagement.limits.room(stiffness)
         text = waiting_text(

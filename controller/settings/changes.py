@@ -101,7 +101,7 @@ def _refuse_fixed(path: str) -> None:
         return
     wanted = "wall.stiffness, wall.damping, wall.position, delay.steps, wall.law or its numbers"
     if path in fields():
-        what = "found a setting that a running wall keeps"
+        what = "found a setting that a running wall cannot change"
         hint = "end the run, and start it with --set"
     else:
         what = "unknown"

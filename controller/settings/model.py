@@ -68,13 +68,13 @@ class Loop(Section):
     rate_hz: float = setting(1000.0, "Ticks per second", "Hz", ge=50, le=10_000)
     clock: Literal["monotonic", "simulated"] = setting(
         "monotonic",
-        "The system's clock, or a simulated one: the same run, deterministic, as fast as the "
+        "monotonic: the system's clock; simulated: the same run, deterministic, as fast as the "
         "machine allows",
     )
     warm_up_s: float = setting(
         0.5,
-        "How long the loop runs without torque and measures the delay before the wall is switched "
-        "on",
+        "Time at the start in which the loop measures the delay without torque, before the wall "
+        "comes on",
         "s",
         ge=0,
         le=10,
@@ -86,8 +86,8 @@ class Realtime(Section):
 
     profile: Literal["off", "best-effort", "strict"] = setting(
         "best-effort",
-        "off: ask for nothing; best-effort: take what is granted and report the rest; strict: "
-        "refuse to start without it (default on real hardware)",
+        "off: request nothing; best-effort: use the granted settings and report the others; "
+        "strict: refuse to start without all of them (default on real hardware)",
     )
     priority: Whole = setting(80, "SCHED_FIFO priority of the loop", ge=1, le=98)
     core: Whole | None = setting(
@@ -95,15 +95,16 @@ class Realtime(Section):
     )
     spin_us: float | None = setting(
         None,
-        "How long before each deadline to stop sleeping and spin; null: measured at the start",
+        "Time before each deadline in which the loop spins instead of sleeping; null: measured at "
+        "the start",
         "µs",
         ge=0,
         le=1000,
     )
     rehearse: bool = setting(
         True,
-        "Run the tick on stand-ins shortly before each deadline, so that it is in the processor's "
-        "caches: ticks get shorter, and the loop's core busier",
+        "Cache warm-up: run a tick without effect shortly before each deadline; ticks get shorter, "
+        "and the loop's core busier",
     )
 
 
@@ -112,8 +113,8 @@ class _Rendered(Section):
 
     stiffness: float = setting(
         8.0,
-        "Stiffness K; any value may be asked for, the guard commands what is stable. Of another "
-        "law it is the steepest slope; a profile and a law of your own bring theirs",
+        "Requested stiffness K, of any size; the guard commands a stable one. Of another law: its "
+        "steepest slope; a profile and a law of your own have their own slopes",
         "N·m/rad",
         ge=0,
         le=1e12,
@@ -127,51 +128,51 @@ class _Rendered(Section):
     )
     position: float = setting(
         0.0,
-        "Where the surface is, or from where a law's positions count, itself counted over turns "
-        "as wall.reference says",
+        "Position of the wall's surface, or zero of another law's positions; counted over turns "
+        "from wall.reference",
         "rad",
         ge=-1000,
         le=1000,
     )
     reference: Literal["absolute", "start"] = setting(
         "absolute",
-        "What wall.position and safety.travel count from: absolute: the servo's own zero, start: "
-        "where the shaft stands when the run begins",
+        "Zero of wall.position and safety.travel; absolute: the servo's own; start: position of "
+        "the shaft at the start of the run",
     )
     torque_clip: Positive | None = setting(
         None,
         "Largest torque that the wall commands, spring and damper together; null: only "
-        "servo.torque_limit limits it. It is no part of the quantisation limit",
+        "servo.torque_limit applies. The quantisation limit does not depend on it",
         "N·m",
     )
     velocity_samples: Whole = setting(
-        1, "Samples the velocity is differenced over; 1: the backward difference", ge=1, le=64
+        1, "Samples over which the velocity is a difference; 1: backward difference", ge=1, le=64
     )
     velocity_filter: Literal["none", "lowpass", "notch"] = setting(
         "none",
-        "Filter of the velocity that damps, of the second order: lowpass, notch (both for "
-        "two-sided walls; the guard counts their delay)",
+        "Filter of second order of the velocity that damps: lowpass or notch (both for two-sided "
+        "walls; the guard counts their delay)",
     )
     velocity_hz: Positive = setting(
         100.0, "Corner of the low-pass, or middle of the notch; below half the rate", "Hz"
     )
     velocity_q: float = setting(
         0.7,
-        "Quality of the filter: the gain of the low-pass at its corner; the middle of the notch "
-        "over its width",
+        "Quality of the filter: gain of the low-pass at its corner, or middle of the notch over "
+        "its width",
         ge=0.1,
         le=20.0,
     )
     tank: float = setting(
         0.05,
-        "Of a law of your own that depends on time: the most energy that it may have absorbed and "
-        "not yet given",
+        "Of a law of your own that depends on time: largest absorbed energy that it may store and "
+        "give back",
         "J",
         ge=1e-3,
         le=10.0,
     )
     passivity_control: bool = setting(
-        False, "Put damping in where the wall gives more energy than it took"
+        False, "Add damping when the wall has given more energy than it took"
     )
 
 
@@ -190,9 +191,9 @@ class LawNumbers(Section):
 
     law: str = setting(
         "wall",
-        "What is rendered: wall, stops (a wall at each end), spring, damper, detents, friction, "
-        "texture (a grating), profile (torque over position), sum (of wall.parts), a law that is "
-        "installed, or your own as module:Class",
+        "Rendered law: wall, stops (a wall at each end), spring, damper, detents, friction, "
+        "texture (a grating), profile (torque over position), sum (of wall.parts), an installed "
+        "law, or your own as module:Class",
         min_length=1,
         max_length=200,
     )
@@ -202,15 +203,15 @@ class LawNumbers(Section):
         "below and pushes up; both: two-sided, always in contact",
     )
     low: Place | None = setting(None, "Of stops: the lower end of the free range", "rad")
-    high: Place | None = setting(None, "Of stops: its upper end", "rad")
-    count: Whole | None = setting(None, "Of detents: how many there are in a turn", ge=1, le=1024)
+    high: Place | None = setting(None, "Of stops: the upper end of the free range", "rad")
+    count: Whole | None = setting(None, "Of detents: number in a turn", ge=1, le=1024)
     width: Positive | None = setting(
         None, "Of detents: their distance, in place of wall.count", "rad"
     )
     snap: float = setting(
         0.25,
-        "Of detents: where the torque peaks between two of them, as a fraction of their distance; "
-        "a smaller one is firm at the detent, a larger one lets go sharply",
+        "Of detents: position of the largest torque, as a fraction of their distance; a smaller "
+        "value is firmer at the detent, a larger one releases more sharply",
         ge=0.05,
         le=0.45,
     )
@@ -219,7 +220,7 @@ class LawNumbers(Section):
     profile: Annotated[tuple[Row, ...] | None, BeforeValidator(rows)] = setting(
         None,
         "Of profile: a CSV file with the columns position_rad and torque_nm, or a list of "
-        "[position, torque]; straight in between, constant beyond its ends",
+        "[position, torque]; linear in between, constant beyond its ends",
         max_length=MOST_ROWS,
     )
     options: dict[str, Any] = setting(
@@ -230,7 +231,7 @@ class LawNumbers(Section):
 class Part(LawNumbers):
     """One law in a sum, with its share."""
 
-    share: float = setting(1.0, "How stiff this part is beside the others", gt=0, le=1e3)
+    share: float = setting(1.0, "Stiffness of this part relative to the others", gt=0, le=1e3)
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -243,8 +244,8 @@ class Wall(LawNumbers, _Rendered):
 
     parts: Annotated[tuple[Part, ...], BeforeValidator(pair)] = setting(
         (),
-        "Of sum: its laws, each a section with law, its numbers, and share: how stiff it is beside "
-        "the others",
+        "Of sum: its laws, each a section with law, its numbers, and share: its stiffness relative "
+        "to the others",
         max_length=16,
     )
 
@@ -258,7 +259,7 @@ class Delay(Section):
     """Additional, inserted delay."""
 
     steps: Whole = setting(
-        0, "Whole sampling periods the wall's torque is held back", "periods", ge=0, le=1000
+        0, "Whole periods by which the wall's torque is delayed", "periods", ge=0, le=1000
     )
 
 
@@ -267,25 +268,25 @@ class Guard(Section):
 
     mode: Literal["stable", "passive", "off"] = setting(
         "stable",
-        "stable: below the stability limits; passive: toward any passive hand too; off: command "
-        "what is asked (for experiments that look for the boundary)",
+        "stable: below the stability limits; passive: stable with any passive hand too; off: "
+        "command the requested wall (for experiments that search the boundary)",
     )
     margin: float = setting(
-        0.8, "Share of the smallest limit that is commanded at most", gt=0, lt=1
+        0.8, "Largest fraction of the smallest limit that is commanded", gt=0, lt=1
     )
     damping_cap: float = setting(
-        0.7, "Share of the damping ceiling that is commanded at most", gt=0, lt=1
+        0.7, "Largest fraction of the damping ceiling that is commanded", gt=0, lt=1
     )
     quantisation_share: float = setting(
-        0.1, "Share of the torque limit that one encoder count may command", gt=0, le=1
+        0.1, "Fraction of the torque limit that one encoder count may command", gt=0, le=1
     )
     delay_percentile: float = setting(
-        90.0, "Which percentile of the measured sample age counts as delay", "%", ge=50, le=100
+        90.0, "Percentile of the measured sample age that counts as delay", "%", ge=50, le=100
     )
-    window_s: float = setting(1.0, "Over how long the percentile is taken", "s", ge=0.05, le=60)
+    window_s: float = setting(1.0, "Window of that percentile", "s", ge=0.05, le=60)
     sample_age: Lag = setting(
         0.0,
-        "Lower bound for the age of a sample when its torque is sent, whatever is measured",
+        "Least sample age that the guard counts, even if a smaller one is measured",
         "s",
     )
 
@@ -323,13 +324,13 @@ class Model(Section):
     )
     damping: Estimate[NotNegative] | None = setting(None, "Believed viscous friction", "N·m·s/rad")
     coulomb: Estimate[NotNegative] | None = setting(
-        None, "Believed Coulomb friction; the guard counts it as zero, reports name it", "N·m"
+        None, "Believed Coulomb friction; the guard counts it as zero, reports show it", "N·m"
     )
     delay: Estimate[Lag] | None = setting(
-        None, "Believed lag from a torque being sent to its action", "s"
+        None, "Believed lag, from sending a torque until it acts", "s"
     )
     torque_gain: Estimate[Gain] | None = setting(
-        None, "Believed torque that acts per torque commanded; unset and simulated: 1"
+        None, "Believed acting torque per commanded torque; unset and simulated: 1"
     )
     backlash: Estimate[NotNegative] | None = setting(
         None,
@@ -339,14 +340,14 @@ class Model(Section):
     )
     load_inertia: Estimate[NotNegative] | None = setting(
         None,
-        "The part of model.inertia that is behind a flexible transmission, horn and link; unset "
-        "and real: none, a rigid servo without a link is assumed",
+        "Part of model.inertia behind a flexible transmission, horn and link; unset and real: "
+        "none, a rigid servo without a link is assumed",
         "kg·m²",
     )
     transmission_stiffness: Estimate[Positive] | None = setting(
         None,
-        "Believed stiffness of gear train and horn; where model.flexible_hz is unset that "
-        "frequency follows from it and model.load_inertia",
+        "Believed stiffness of gear train and horn; an unset model.flexible_hz follows from it and "
+        "model.load_inertia",
         "N·m/rad",
     )
     flexible_hz: Estimate[NotNegative] | None = setting(
@@ -362,36 +363,35 @@ class Safety(Section):
 
     max_speed: Positive | None = setting(
         None,
-        "Faster than this trips, whoever moves the shaft; null: 0.8 of the model's no-load speed "
-        "where the wall drives it, 3 times that speed for any motion (30 rad/s for emulated and "
+        "Speed of the shaft above which the run trips; null: 0.8 of the model's no-load speed if "
+        "the wall drives the shaft, 3 times that speed for any motion (30 rad/s for emulated and "
         "simulated servos)",
         "rad/s",
     )
     engage: Literal["wait", "at-once"] = setting(
         "wait",
-        "wait: the wall comes on only where its spring is unloaded, and until then the run goes "
-        "on without torque; at-once: wherever the shaft is (simulated and emulated servos only)",
+        "wait: the wall comes on where its spring is unloaded, and until then the run has no "
+        "torque; at-once: at any position (simulated and emulated servos only)",
     )
     engage_torque: float | None = setting(
         None,
-        "Elastic torque up to which a spring counts as unloaded, but never less than two encoder "
-        "counts of it; at most 0.1 on a real servo; null: 5 % of the servo's stall torque, at "
-        "most 0.1",
+        "Elastic torque up to which a spring counts as unloaded, but at least that of two encoder "
+        "counts; at most 0.1 on a real servo; null: 5 % of the servo's stall torque, at most 0.1",
         "N·m",
         gt=0,
         le=1e3,
     )
     travel: Annotated[tuple[Place, Place] | None, BeforeValidator(pair)] = setting(
         None,
-        "Lowest and highest position that the shaft may have, counted over turns as "
-        "wall.reference says; beyond it trips; null: any",
+        "Lowest and highest position of the shaft, counted over turns from wall.reference; outside "
+        "of them the run trips; null: any position",
         "rad",
     )
     max_loss: float = setting(
-        0.05, "Share of lost readings within the window that trips", gt=0, le=1
+        0.05, "Fraction of lost readings in the window that trips", gt=0, le=1
     )
     loss_window_s: float = setting(
-        0.5, "Over how long lost readings are counted", "s", ge=0.05, le=60
+        0.5, "Window in which lost readings are counted", "s", ge=0.05, le=60
     )
     max_silence_s: float = setting(
         0.015,
@@ -403,19 +403,19 @@ class Safety(Section):
     )
     max_missed: float = setting(
         0.2,
-        "Fraction of the periods of half a second that may be missed; above it "
-        "realtime.profile=strict trips, the others lower stiffness and damping and report it",
+        "Largest fraction of the periods of half a second that may be missed; above it "
+        "realtime.profile=strict trips, the other profiles lower stiffness and damping and warn",
         gt=0,
         le=1,
     )
     on_oscillation: Literal["reduce", "trip", "report"] = setting(
         "reduce",
-        "What is done when the wall oscillates by itself: reduce stiffness and damping until it "
-        "decays, trip, or only report; with guard.mode off it always trips",
+        "Answer to a wall that oscillates by itself; reduce: reduce stiffness and damping until "
+        "it decays; trip: end the run; report: only report it. With guard.mode off it always trips",
     )
     heartbeat_s: float = setting(
         0.1,
-        "The supervisor takes the bus when the loop is silent for this long",
+        "Silence of the loop after which the supervisor takes the bus and ends the torque",
         "s",
         ge=0.02,
         le=10,

@@ -105,10 +105,10 @@ def _truth_is_not_ours_to_say(config: Sections) -> Iterator[Problem]:
         return
     for name in TRUTH_FIELDS:
         if name in config.servo.model_fields_set:
-            belief = f"say what you believe of it in model.{name}" if name in _BELIEVED else ""
+            belief = f"set the belief model.{name} instead" if name in _BELIEVED else "leave it out"
             yield Problem(
-                f"found {getattr(config.servo, name)!r}, but this is for simulated and emulated "
-                f"servos and servo.port {config.servo.port} is a real one",
+                f"found {getattr(config.servo, name)!r}, but only simulated and emulated servos "
+                f"have this setting, and servo.port {config.servo.port} is a real one",
                 advice=belief,
                 field=f"servo.{name}",
             )
@@ -126,8 +126,8 @@ def _hardware_is_believed_something(config: Sections) -> Iterator[Problem]:
             yield Problem(
                 "found nothing",
                 field=f"model.{name}",
-                wanted="a number or {value, low, high}: of a real servo the controller knows "
-                "only what you say",
+                wanted="a number or {value, low, high}: the controller knows a real servo only "
+                "from the configuration",
             )
 
 
@@ -182,7 +182,7 @@ def _real_walls_wait(config: Sections) -> Iterator[Problem]:
             "found at-once",
             field="safety.engage",
             wanted=f"wait: the servo at {config.servo.port} is real, and a wall that comes "
-            "on around its shaft strikes whoever holds it",
+            "on around its shaft strikes the hand that holds it",
         )
 
 
@@ -194,7 +194,7 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
             f"found {asked:g}",
             field="safety.engage_torque",
             wanted=f"at most {MOST_TORQUE:g} N·m: the servo at {config.servo.port} is real, "
-            "and a wall that comes on with more torque strikes whoever holds it",
+            "and a wall that comes on with more torque strikes the hand that holds the shaft",
         )
 
 
@@ -254,7 +254,7 @@ def _passivity_control_knows_the_energy(config: Sections) -> Iterator[Problem]:
             yield Problem(
                 "found true",
                 field="wall.passivity_control",
-                wanted=f"false with the law {law}: what it holds is not the energy that it took",
+                wanted=f"false with the law {law}: its potential is not the energy that it took",
             )
             return
 
@@ -299,8 +299,8 @@ def _travel_reaches_the_wall(config: Sections) -> Iterator[Problem]:
     elif not low <= config.wall.position <= high:
         yield Problem(
             found,
-            wanted=f"a range with wall.position {config.wall.position:g} in it: the run would end "
-            "before the shaft is at the wall",
+            wanted=f"a range that contains wall.position {config.wall.position:g}: otherwise the "
+            "run ends before the shaft is at the wall",
             field="safety.travel",
         )
 
@@ -311,7 +311,7 @@ def _emulated_counts(config: Sections) -> Iterator[Problem]:
         yield Problem(
             f"found {config.servo.counts_per_rev}",
             field="servo.counts_per_rev",
-            wanted="4096: the position register of the X series counts so",
+            wanted="4096, as the position register of the X series has it",
             advice="only servo.backend simulated can have another encoder",
         )
 
@@ -322,7 +322,7 @@ def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
     if config.servo.kind != "hardware" and 0.0 < static < coulomb:
         yield Problem(
             f"found {static:g} N·m",
-            wanted=f"at least servo.coulomb, {coulomb:g} N·m, or 0 for as much",
+            wanted=f"at least servo.coulomb, {coulomb:g} N·m, or 0 for servo.coulomb",
             field="servo.static_friction",
         )
 
@@ -407,8 +407,8 @@ def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
     if 0.0 < whole <= model.load_inertia.value:
         yield Problem(
             f"found {model.load_inertia.value:g} kg·m²",
-            wanted=f"less than model.inertia, {whole:g}: that is the inertia of everything that"
-            " the servo turns, as identify measures it, and the load is a part of it",
+            wanted=f"less than model.inertia, {whole:g}, the inertia of everything that the servo"
+            " turns, as identify measures it: the load is a part of it",
             field="model.load_inertia",
         )
 
@@ -434,9 +434,9 @@ def _emulated_gain(config: Sections) -> Iterator[Problem]:
         yield Problem(
             "found nothing",
             field="model.torque_gain",
-            wanted="a number or {value, low, high}: servo.torque_constant "
-            f"{config.servo.torque_constant:g} makes the emulated servo differ from "
-            "its model's data sheet, which the driver goes by",
+            wanted="a number or {value, low, high}: with servo.torque_constant "
+            f"{config.servo.torque_constant:g} the emulated servo differs from its model's data "
+            "sheet, which the driver uses",
         )
 
 
@@ -457,7 +457,7 @@ def _model_makes_torque(config: Sections) -> Iterator[Problem]:
         yield Problem(
             "found nothing",
             field="servo.torque_constant",
-            wanted=f"a measured torque per current [N·m/A]: that of the {name} is not published",
+            wanted=f"a measured torque per current [N·m/A]: the {name} has no published one",
         )
 
 
@@ -468,7 +468,7 @@ def _faults_can_happen(config: Sections) -> Iterator[Problem]:
         yield Problem(
             f"found {', '.join(servo.faults)}, but a simulated servo has no bus",
             field="servo.faults",
-            advice="wanted an emulated one, such as the preset emulated-xm430",
+            advice="use an emulated one, such as the preset emulated-xm430",
         )
 
 
@@ -496,7 +496,7 @@ def _cycle_fits_the_period(config: Sections) -> Iterator[Problem]:
             f"more than {_CYCLE_SHARE:g} of a period of {1e3 * config.period_s:.3g} "
             "ms",
             field="servo.baud",
-            advice="wanted a faster bus (set the servo to it first) or loop.rate_hz below "
+            advice="use a faster bus (set the servo's rate first) or loop.rate_hz below "
             f"{_CYCLE_SHARE / cycle:.3g}",
         )
 
@@ -521,8 +521,8 @@ def _silence_ends_before_the_watchdog(config: Sections) -> Iterator[Problem]:
             f"found {silence:g} s",
             field="safety.max_silence_s",
             wanted=f"at most {most:g} s, half of servo.watchdog_s "
-            f"({config.servo.watchdog_s:g} s): a servo that is not heard must be "
-            "given up before its Bus Watchdog can have dropped the torque",
+            f"({config.servo.watchdog_s:g} s): the run must end before the Bus "
+            "Watchdog of a silent servo can have dropped the torque",
         )
 
 

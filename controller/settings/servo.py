@@ -108,7 +108,9 @@ class Servo(Section):
     """The servo: true parameters if simulated or emulated, connection if real."""
 
     backend: Annotated[str, AfterValidator(_backend)] = setting(
-        "simulated", "In this process, on a Dynamixel bus, or of an installed plugin"
+        "simulated",
+        "Kind of servo; simulated: in this process; dynamixel: on a bus; or the name of an "
+        "installed plugin",
     )
     inertia: Positive | None = setting(None, "True inertia", "kg·m²", used_by=_TRUTH)
     damping: NotNegative = setting(0.0, "True viscous friction", "N·m·s/rad", used_by=_TRUTH)
@@ -122,19 +124,19 @@ class Servo(Section):
         used_by=_TRUTH,
     )
     delay: Lag = setting(
-        0.0, "True lag from a torque's arrival at the servo to its action", "s", used_by=_TRUTH
+        0.0, "True lag, from a torque's arrival at the servo until it acts", "s", used_by=_TRUTH
     )
     torque_step: NotNegative = setting(
         0.0,
-        "Torques are rounded to multiples of it; 0: not rounded (an emulated servo rounds to its "
+        "Step to which torques are rounded; 0: not rounded (an emulated servo rounds to its "
         "current unit)",
         "N·m",
         used_by=("simulated",),
     )
     backlash: float = setting(
         0.0,
-        "True backlash between shaft and encoder, full width; with a transmission between motor "
-        "and output",
+        "True backlash, full width: between shaft and encoder, or with a transmission between "
+        "motor and output",
         "rad",
         ge=0,
         le=1,
@@ -155,13 +157,13 @@ class Servo(Section):
     )
     chain: Annotated[tuple[LinkRow, ...], BeforeValidator(_links)] = setting(
         (),
-        "True masses behind the output, each a list of its inertia [kg·m²], and of stiffness "
+        "True masses behind the output, each a list of its inertia [kg·m²] and of the stiffness "
         "[N·m/rad] and damping [N·m·s/rad] of its joint to the mass before",
         max_length=MOST_LINKS,
         used_by=_TRUTH,
     )
     encoder: EncoderSide = setting(
-        "output", "The side of a flexible transmission that the encoder measures", used_by=_ANY
+        "output", "Side of a flexible transmission that the encoder measures", used_by=_ANY
     )
     current_bandwidth: float = setting(
         0.0,
@@ -174,8 +176,7 @@ class Servo(Section):
     )
     current_period: float = setting(
         0.0,
-        "The loop that controls the current takes over a goal at multiples of this time; 0: at "
-        "once",
+        "True period of that loop, which accepts a goal at multiples of it; 0: at once",
         "s",
         ge=0,
         le=0.01,
@@ -183,14 +184,14 @@ class Servo(Section):
     )
     dead_band: NotNegative = setting(
         0.0,
-        "True dead band: the motor makes this much less than commanded, and nothing below it",
+        "True dead band: the motor makes this much less torque than commanded, and none below it",
         "N·m",
         used_by=_TRUTH,
     )
     back_emf: bool = setting(
         False,
-        "Whether the true torque in current mode fades with the speed: the supply limits it, and "
-        "servo.current_droop stays",
+        "Whether the true torque in current mode falls with the speed: by the limit of the supply, "
+        "and by servo.current_droop",
         used_by=_TRUTH,
     )
     current_droop: float = setting(
@@ -221,15 +222,15 @@ class Servo(Section):
     )
     static_friction: NotNegative = setting(
         0.0,
-        "True torque up to which it stays at rest, at least servo.coulomb; 0: as much as that. "
-        "Published fits: 1.4 to 3.8 times the friction in motion",
+        "True torque up to which the shaft stays at rest, at least servo.coulomb; 0: "
+        "servo.coulomb. Published fits: 1.4 to 3.8 times the friction in motion",
         "N·m",
         used_by=_TRUTH,
     )
     stribeck_speed: float = setting(
         0.0,
-        "True speed over which the excess of the static friction falls by a factor e; 0: it is "
-        "gone as soon as the shaft moves. Published fits: 0.75 to 4.2",
+        "True speed over which the excess of the static friction falls by a factor e; 0: the "
+        "excess ends as soon as the shaft moves. Published fits: 0.75 to 4.2",
         "rad/s",
         ge=0,
         le=100,
@@ -250,7 +251,7 @@ class Servo(Section):
     )
     load_friction: float = setting(
         0.0,
-        "True share of the load on the gear (motor's less external torque) that adds to the "
+        "True fraction of the load on the gear (motor's less external torque) that adds to the "
         "friction. Published fits: 0.07 to 0.22",
         ge=0,
         le=MOST_LOAD_FRICTION,
@@ -258,22 +259,22 @@ class Servo(Section):
     )
     load_friction_external: float | None = setting(
         None,
-        "True share of the external torque in that load; null: servo.load_friction for both",
+        "True fraction for the external torque in that load; null: servo.load_friction for both",
         ge=0,
         le=MOST_LOAD_FRICTION,
         used_by=_TRUTH,
     )
     load_friction_at_rest: float = setting(
         0.0,
-        "What a shaft at rest has more of servo.load_friction, and loses with the speed as it does "
-        "servo.static_friction. Published fits: 0 to 0.23",
+        "True addition to servo.load_friction at rest, which falls with the speed as the excess of "
+        "servo.static_friction does. Published fits: 0 to 0.23",
         ge=0,
         le=MOST_LOAD_FRICTION,
         used_by=_TRUTH,
     )
     load_friction_at_rest_external: float | None = setting(
         None,
-        "The same of the external torque; null: servo.load_friction_at_rest for both",
+        "The same for the external torque; null: servo.load_friction_at_rest for both",
         ge=0,
         le=MOST_LOAD_FRICTION,
         used_by=_TRUTH,
@@ -311,7 +312,7 @@ class Servo(Section):
     cogging_phase: Place = setting(0.0, "Phase of the cogging at position 0", "rad", used_by=_TRUTH)
     torque_ripple: float = setting(
         0.0,
-        "True share by which the motor's torque varies with the position",
+        "True fraction by which the motor's torque varies with the position",
         ge=0,
         le=MOST_TORQUE_RIPPLE,
         used_by=_TRUTH,
@@ -341,10 +342,10 @@ class Servo(Section):
         le=1000,
         used_by=_TRUTH,
     )
-    noise_seed: Whole = setting(0, "Decides what the noise is", ge=0, le=2**32, used_by=_TRUTH)
+    noise_seed: Whole = setting(0, "Seed of the noise", ge=0, le=2**32, used_by=_TRUTH)
     supply: float | None = setting(
         None,
-        "True voltage of the supply; null: the one its model's figures hold for",
+        "True voltage of the supply; null: nominal voltage of its model",
         "V",
         ge=1,
         le=60,
@@ -352,7 +353,7 @@ class Servo(Section):
     )
     ambient: float = setting(
         32.0,
-        "True temperature of the servo while it does nothing",
+        "True temperature of the idle servo",
         "°C",
         ge=-40,
         le=200,
@@ -360,13 +361,11 @@ class Servo(Section):
     )
     faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = setting(
         (),
-        "What goes wrong on the emulated bus, as for haptic-wall emulate --fault, e.g. "
+        "Faults to inject into the emulated bus, as for haptic-wall emulate --fault, e.g. "
         "drop:p=0.01; several as a list, or in one text with blanks between them",
         used_by=_EMULATED,
     )
-    fault_seed: Whole = setting(
-        0, "Decides what the faults strike", ge=0, le=2**32, used_by=_EMULATED
-    )
+    fault_seed: Whole = setting(0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED)
     hand: HandName = setting(
         "none",
         "Scripted hand: push, slowly in and out of the wall; tap; lean, a steady push in the "
@@ -375,9 +374,9 @@ class Servo(Section):
     )
     kick: float | None = setting(
         None,
-        "Displacement from wall.position at the start, positive toward positive positions; up to "
-        "a quarter turn the wall comes on around it at once; null: 0.1 rad outside a one-sided "
-        "wall, on a two-sided one",
+        "Displacement from wall.position at the start, positive toward positive positions; up to a "
+        "quarter turn the wall comes on at once; null: 0.1 rad outside a one-sided wall, 0 on a "
+        "two-sided one",
         "rad",
         ge=-100,
         le=100,
@@ -385,8 +384,8 @@ class Servo(Section):
     )
     torque_limit: Positive | None = setting(
         None,
-        "The largest torque: where a simulated one saturates (null: 4.1); on a bus a limit of "
-        "ours below the servo's own (null: the servo's Current Limit)",
+        "Largest torque: saturation of a simulated servo (null: 4.1); on a bus a limit of the "
+        "driver below the servo's own (null: the servo's Current Limit)",
         "N·m",
         used_by=_ANY,
     )
@@ -399,24 +398,24 @@ class Servo(Section):
     )
     port: Annotated[str, AfterValidator(_port)] | None = setting(
         None,
-        "Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus of our own",
+        "Serial device, e.g. /dev/ttyUSB0; emulated: an emulated bus that the run starts",
         min_length=1,
         used_by=_BUS,
     )
-    baud: Baud | None = setting(None, "Speed of the bus", "bit/s", used_by=_BUS)
+    baud: Baud | None = setting(None, "Baud rate of the bus", "bit/s", used_by=_BUS)
     id: Whole = setting(1, "The servo's id on the bus", ge=0, le=252, used_by=_BUS)
     model: str | None = setting(
         None, "The servo's model, e.g. XM430-W350", min_length=1, used_by=_BUS
     )
     schedule: Schedule = setting(
         "immediate",
-        "immediate: ask and answer within one period; pipelined: the reply travels while the loop "
-        "sleeps, its age is counted",
+        "immediate: request and reply in one tick; pipelined: the reply travels while the loop "
+        "sleeps, and its age is counted",
         used_by=_BUS,
     )
     watchdog_s: float = setting(
         0.04,
-        "The servo stops by itself after this long without a message",
+        "Bus Watchdog: time without a message after which the servo drops its torque",
         "s",
         ge=0.02,
         le=2.54,
@@ -432,7 +431,7 @@ class Servo(Section):
         used_by=_BUS,
     )
 
-    options: dict[str, Any] = setting({}, "What a plugin's backend itself wants to know, by name")
+    options: dict[str, Any] = setting({}, "Settings of a plugin's backend, by name")
 
     @property
     def kind(self) -> Kind:

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-_BUSY = "another run is writing it"
+_BUSY = "another run writes it"
 
 
 class ClaimedError(OSError):

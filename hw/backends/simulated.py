@@ -12,7 +12,7 @@ def _open(settings: ServoSettings, clock: Clock, _descriptor: int | None) -> Ser
     from haptic_wall.hw.simulated import SimulatedServo
 
     if settings.true is None:
-        raise ValueError("a simulated servo needs its truth: found None in ServoSettings.true")
+        raise ValueError("found None in ServoSettings.true, wanted the truth of the servo")
     return SimulatedServo(settings.true, clock)
 
 

@@ -27,7 +27,7 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
         raise UnfitServoError(
-            f"No torque constant of the {model.name} is published",
+            f"The {model.name} has no published torque constant",
             advice="measure it and set servo.torque_constant [N·m/A].",
         )
     return model, constant

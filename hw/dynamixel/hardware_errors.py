@@ -18,9 +18,9 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
     2: ("overheating", "let it cool, and ask for less torque"),
     3: (
         "motor encoder",
-        "have it repaired if the error comes back, since its position cannot be trusted",
+        "have it repaired if the error comes back, because its position may be wrong",
     ),
-    4: ("electrical shock", "look for a short circuit and for a supply that gives too little"),
+    4: ("electrical shock", "look for a short circuit or a weak supply"),
     5: ("overload", "free its shaft, or lower servo.torque_limit"),
 }
 _STATUS: Final = REGISTERS["hardware_error_status"]
@@ -39,7 +39,7 @@ def what_to_do(error: int) -> str:
     """Return advice on the latched errors, to be put after a colon."""
     remedies = [remedy for bit, (_, remedy) in _BITS.items() if error >> bit & 1]
     remove = "; ".join(remedies) or "remove the cause"
-    return f"{remove}; then reboot it or switch its power off and on, nothing else clears it"
+    return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
 
 
 def latched(link: Link, clock: Clock, name: str) -> str:

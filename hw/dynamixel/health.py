@@ -152,7 +152,7 @@ class HealthWatch:
             if (names := [name for name, found in looks.items() if found == count])
         ]
         if not groups:
-            return "nothing: no time is left on this bus at this rate", everything
+            return "nothing: this bus has no time left at this rate", everything
         return "; ".join(groups), everything
 
     def length(self, now_ns: int) -> int:
@@ -203,6 +203,6 @@ class HealthWatch:
 def _refuse_torque_off(torque_enable: int, name: str) -> None:
     if not torque_enable:
         raise TorqueLostError(
-            f"The {name} has its torque off, and it was not switched off by this program",
-            advice="look for another program on this bus, or for a supply that broke down.",
+            f"The torque of the {name} is off, but this program has not switched it off",
+            advice="look for another program on this bus, or for a failed supply.",
         )

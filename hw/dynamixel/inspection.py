@@ -38,7 +38,7 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> T
         no_current = "" if found.current_mode else ", which has no current mode"
         fault = remedy(
             f"It is an {found.name} (model number {number}){no_current}",
-            f"connect an {model.name}, or set servo.model to what is there.",
+            f"connect an {model.name}, or set servo.model to the connected one.",
         )
     checklist.add(
         "model",
@@ -125,7 +125,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "reverse" if drive_mode & _REVERSE else "normal",
         "normal",
         remedy(
-            "Its Drive Mode is reverse, which may turn round the position but not "
+            "Its Drive Mode is reverse, which may reverse the position but not "
             "the torque, so that a wall would push the wrong way",
             "clear bit 0 of Drive Mode (10) with Dynamixel Wizard.",
         ),
@@ -136,8 +136,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "slave" if drive_mode & _SLAVE else "no slave",
         "no slave",
         remedy(
-            "It is the slave of a dual joint, which follows another servo's output "
-            "and not our goals",
+            "It is the slave of a dual joint, which follows another servo and not this program",
             "clear bit 1 of Drive Mode (10) with Dynamixel Wizard, and drive the master.",
         ),
     )
@@ -147,7 +146,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "on" if drive_mode & _TORQUE_ON_BY_GOAL else "off",
         "off",
         remedy(
-            "Any goal, a late one too, would switch its torque back on",
+            "Any goal, even a late one, would switch its torque back on",
             "clear bit 3 of Drive Mode (10) with Dynamixel Wizard.",
         ),
     )

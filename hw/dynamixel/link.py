@@ -130,7 +130,7 @@ class Link:
         """
         length = end - address
         if address > SAMPLE_ADDRESS or end < SAMPLE_END or length in LENGTHS[:-1]:
-            raise ValueError(f"a block from {address} to {end} cannot stand for the sample")
+            raise ValueError(f"a block from {address} to {end} does not contain the sample")
         self._requests[length] = SampleRequest(self._id, address, length)
         self._usual = [self._requests[each] for each in LENGTHS]
         return length

@@ -211,7 +211,7 @@ def access_remedy(path: str) -> str:
     except KeyError:
         group = "root"
     if group == "root" or stat.S_IMODE(found.st_mode) & 0o060 != 0o060:
-        return f"let it with `sudo chmod a+rw {path}`"
+        return f"allow it with `sudo chmod a+rw {path}`"
     return f"join the group {group} with `sudo usermod -aG {group} $USER` and log in again"
 
 
@@ -224,7 +224,7 @@ def _check_baud(path: str, descriptor: int, baud: int) -> None:
     actual = _TERMIOS2.unpack(found)[-1]
     if abs(actual - baud) > _BAUD_TOLERANCE * baud:
         raise BaudRefusedError(
-            f"Port {path} gives {actual} baud where {baud} was asked",
+            f"Port {path} has {actual} baud, wanted {baud}",
             advice="set servo.baud and the servo's Baud Rate (8) to a rate this adapter has.",
         )
 
@@ -238,7 +238,7 @@ def _low_latency(path: str, port: serial.Serial) -> None:
     latency_ms = timer_ms(path)
     if latency_ms is not None and latency_ms > 1:
         _LOG.warning(
-            "port %s hands replies on after up to %d ms, wanted 1: `echo 1 | sudo tee %s`",
+            "port %s forwards replies after up to %d ms, wanted 1: `echo 1 | sudo tee %s`",
             path,
             latency_ms,
             timer_file(path),

@@ -96,7 +96,7 @@ class PortUsers:
         return f"{program} (pid {pid}) has opened {self._path}"
 
     def _unknown(self) -> str:
-        return f"a program that this user may not see has opened {self._path}"
+        return f"a program of another user has opened {self._path}"
 
     def _begin(self, looks: int) -> None:
         self._left = processes()

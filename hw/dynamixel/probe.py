@@ -161,7 +161,7 @@ class _Prober:
                 return
         raise ServoLostError(
             f"The {self._name} has not confirmed its goal of zero torque after the "
-            "push that proves the torque's sign",
+            "probe of the torque's sign",
             advice="check the cable and the power supply.",
         )
 

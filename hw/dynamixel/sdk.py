@@ -178,7 +178,7 @@ class Sdk:
                 self._refuse_error(error, f"to read {_label(register)}")
                 return register.decode(bytes(data))
             self._port.settle()
-        raise self._silent(f"{_label(register)} was to be read", result)
+        raise self._silent(f"{_label(register)} was read", result)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register of one or two bytes, and wait for the servo's confirmation.
@@ -218,7 +218,7 @@ class Sdk:
         self._prepare(last=True)
         result, error = self._packets.reboot(self._port, self._id)
         if result != COMM_SUCCESS:
-            raise self._silent("it was told to reboot", result)
+            raise self._silent("the reboot was requested", result)
         self._refuse_error(error, "to reboot")
 
     def _prepare(self, last: bool, size: int = 0) -> None:

@@ -71,13 +71,12 @@ def _told(push: Push, torque: float, tripped: bool, watchdog_s: float) -> tuple[
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
         return found, remedy(
             f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push",
-            "see that nobody touches the shaft during the start, then check Drive Mode (10).",
+            "keep the shaft free during the start, then check Drive Mode (10).",
         )
     if tripped:
         return "no motion, because the Bus Watchdog tripped", remedy(
-            f"Its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) ended the push that was to prove the "
-            "torque's sign",
-            "find what stalls this machine, or raise servo.watchdog_s.",
+            f"Its Bus Watchdog ({watchdog_s * 1e3:.0f} ms) ended the probe of the torque's sign",
+            "find the cause of this machine's stalls, or raise servo.watchdog_s.",
         )
     return f"no motion at {torque:+.3f} N·m", remedy(
         f"Its shaft did not move at {abs(torque):.2g} N·m",

@@ -135,7 +135,7 @@ class Startup:
         if port:
             latency_ms, found = timer_ms(port), describe(port, descriptor=self._descriptor)
         if latency_ms is not None and latency_ms > 1:
-            found += f": replies come that much later; `echo 1 | sudo tee {self._timer_file}`"
+            found += f", which delays replies; `echo 1 | sudo tee {self._timer_file}` sets 1 ms"
         self.list.add("latency timer", True, found, "1 ms, or none")
 
     # Settings of the driver
@@ -179,8 +179,8 @@ class Startup:
         origin = "configured" if self._settings.torque_constant else "stall torque over current"
         if self._model.senses_supply_current:
             origin += (
-                f"; of the motor: the supply's is sensed, so its square is sent, in steps of at "
-                f"most {self.law.step:.2g} N·m"
+                f"; of the motor's current: the servo senses that of its supply, so goals go with "
+                f"the square of the torque, in steps of at most {self.law.step:.2g} N·m"
             )
         found = f"{self._constant:.3g} N·m/A, {origin}"
         self.list.add(
@@ -190,7 +190,7 @@ class Startup:
             "measured",
             remedy(
                 f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more "
-                f"than the {asked:g} N·m it may make",
+                f"than servo.torque_limit, {asked:g} N·m",
                 "raise servo.torque_limit.",
             ),
         )
@@ -203,8 +203,8 @@ class Startup:
         found = f"{alone:.3g} rad/s at {self.volts:g} V"
         if self._settings.speed_asked and most is not None and most > alone:
             found += (
-                f", below safety.max_speed {most:g}: a wall that drives it does not trip, which "
-                "null would change"
+                f", below safety.max_speed {most:g}: a wall that drives the shaft does not trip; "
+                "with null it does"
             )
         self.list.add("no-load speed", True, found, "above the speed that trips")
 

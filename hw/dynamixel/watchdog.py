@@ -44,9 +44,9 @@ def watchdog_units(settings: DriverSettings) -> int:
     units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
     if not 1 <= units <= _MOST_UNITS:
         raise UnfitServoError(
-            f"A Bus Watchdog of {settings.watchdog_s:g} s was asked for, but servos "
+            f"A Bus Watchdog of {settings.watchdog_s:g} s is requested, but servos "
             "have 0.02 to 2.54 s",
-            advice="set servo.watchdog_s within that.",
+            advice="set servo.watchdog_s in this range.",
         )
     return units
 
@@ -108,17 +108,16 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
     silence = f"{silence_ns * 1e-6:.0f} ms"
     if found is Armed.UNKNOWN:
         return ServoLostError(
-            f"The {name} does not answer any more, after {silence} without a request "
-            "that it answered",
+            f"The {name} no longer answers, after {silence} without an answered request",
             advice="check the cable and the power supply.",
         )
     if not silence_ns:
         return TorqueLostError(
-            f"The Bus Watchdog of the {name} is not what it was set to, or did not take it again",
+            f"The Bus Watchdog of the {name} has another setting than the driver wrote",
             advice="look for another program on this bus.",
         )
     return TorqueLostError(
         f"The {name} heard nothing for {silence}, so its Bus Watchdog "
         f"({watchdog_s * 1e3:.0f} ms) has dropped the torque",
-        advice="find what stalls this machine, or raise servo.watchdog_s.",
+        advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
     )

@@ -54,22 +54,22 @@ class _Kind(NamedTuple):
 KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
     {
         "p": _Key(number(0, 1), "probability for each frame"),
-        "every": _Key(whole(1, 10**9), "each so manieth frame"),
-        "times": _Key(whole(1, 10**9), "how often at most"),
-        "at": _Key(number(0, 1e6), "from when on [s]"),
-        "for": _Key(number(0, 1e6, open_low=True), "how long [s]"),
-        "repeat": _Key(number(0.001, 1e6), "again after so long [s]"),
+        "every": _Key(whole(1, 10**9), "every n-th frame"),
+        "times": _Key(whole(1, 10**9), "largest number of times"),
+        "at": _Key(number(0, 1e6), "start [s]"),
+        "for": _Key(number(0, 1e6, open_low=True), "duration [s]"),
+        "repeat": _Key(number(0.001, 1e6), "time until the next one [s]"),
         "way": _Key(one_of("request", "reply", "both"), "frames to the servos, from them, or both"),
         "id": _Key(whole(0, BROADCAST), "frames with this id, or the servo"),
         "flips": _Key(whole(1, 64), "bits that are flipped"),
-        "keep": _Key(whole(0, 2055), "bytes that come through"),
-        "ms": _Key(number(0.001, 10_000), "how late [ms]"),
+        "keep": _Key(whole(0, 2055), "bytes that arrive"),
+        "ms": _Key(number(0.001, 10_000), "delay [ms]"),
         "to": _Key(whole(0, MAX_ID), "the wrong id"),
-        "bytes": _Key(whole(1, 255), "of garbage"),
+        "bytes": _Key(whole(1, 255), "bytes of garbage"),
         "counts": _Key(whole(-(2**24), 2**24), "encoder counts, signed"),
         "bits": _Key(_error_bits, "hardware errors"),
-        "volts": _Key(SUPPLY, "of the supply [V]"),
-        "celsius": _Key(AMBIENT, "around it [°C]"),
+        "volts": _Key(SUPPLY, "voltage of the supply [V]"),
+        "celsius": _Key(AMBIENT, "temperature around the servo [°C]"),
     }
 )
 KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
@@ -78,11 +78,11 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
         "corrupt": _Kind(
             ("flips",), (), True, "corrupt:p=0.01", "bits are flipped, one by default"
         ),
-        "truncate": _Kind(("keep",), (), True, "truncate:p=0.01", "the end is lost"),
-        "duplicate": _Kind((), (), True, "duplicate:p=0.01", "it comes twice"),
-        "late": _Kind(("ms",), ("ms",), True, "late:ms=3,p=0.01", "it is held up on its way"),
+        "truncate": _Kind(("keep",), (), True, "truncate:p=0.01", "the frame's end is lost"),
+        "duplicate": _Kind((), (), True, "duplicate:p=0.01", "the frame arrives twice"),
+        "late": _Kind(("ms",), ("ms",), True, "late:ms=3,p=0.01", "the frame is delayed"),
         "wrong-id": _Kind(("to",), (), True, "wrong-id:p=0.01", "another id, with a right CRC"),
-        "noise": _Kind(("bytes",), (), True, "noise:p=0.01", "garbage in front of it"),
+        "noise": _Kind(("bytes",), (), True, "noise:p=0.01", "garbage before the frame"),
         "stuck": _Kind(("for", "id"), (), False, "stuck:at=2,for=0.5", "the encoder stands still"),
         "stuffing": _Kind(
             ("for", "id"),
@@ -96,7 +96,7 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
             ("counts",),
             False,
             "jump:counts=500,at=2",
-            "the encoder is off",
+            "the encoder reads a wrong position",
         ),
         "hardware-error": _Kind(
             ("bits", "id"),
@@ -110,17 +110,17 @@ KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
             ("volts",),
             False,
             "supply:volts=9,at=2,for=0.5",
-            "its supply has another voltage",
+            "the supply has another voltage",
         ),
         "ambient": _Kind(
             ("celsius", "for", "id"),
             ("celsius",),
             False,
             "ambient:celsius=60,at=2",
-            "it stands in another temperature",
+            "the servo is in another temperature",
         ),
-        "brown-out": _Kind(("id",), (), False, "brown-out:at=2", "it reboots, unasked"),
-        "unplug": _Kind(("for", "id"), (), False, "unplug:at=2,for=0.5", "it is off the cable"),
+        "brown-out": _Kind(("id",), (), False, "brown-out:at=2", "the servo restarts by itself"),
+        "unplug": _Kind(("for", "id"), (), False, "unplug:at=2,for=0.5", "the servo is unplugged"),
         "unplug-adapter": _Kind(
             ("for",), (), False, "unplug-adapter:at=2,for=0.5", "the host's port is gone"
         ),
@@ -186,14 +186,14 @@ def parse_fault(text: str) -> Fault:
     name, colon, rest = text.strip().partition(":")
     kind = KINDS.get(name)
     if kind is None:
-        raise SpecError(given=f"no fault is called {name!r}", advice=suggestion(name, KINDS))
+        raise SpecError(f"no fault is called {name!r}", advice=suggestion(name, KINDS))
     known = kind.keys + (_FRAME_KEYS if kind.strikes_frames else _SERVO_KEYS)
     values: dict[str, Any] = {}
     for part in rest.split(",") if colon else ():
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if key not in known:
             raise SpecError(
-                given=f"{name} has no {key!r}; {suggestion(key, known)}",
+                f"{name} has no {key!r}; {suggestion(key, known)}",
                 advice=f"e.g. {kind.example}",
             )
         if not equals or key in values:
@@ -215,15 +215,13 @@ def parse_fault(text: str) -> Fault:
 
 def _check_together(name: str, values: Mapping[str, Any]) -> None:
     if "p" in values and "every" in values:
-        raise SpecError("p and every both say which frames", given=name, advice="give one")
+        raise SpecError("found both p and every, wanted one", given=name, advice="leave one out")
     lasts, repeat = values.get("for"), values.get("repeat")
     if "times" in values and repeat is None and not KINDS[name].strikes_frames:
-        raise SpecError(
-            "times says how often, but not after how long", given=name, advice="add repeat=S"
-        )
+        raise SpecError("found times without repeat", given=name, advice="add repeat=S")
     if lasts is not None and repeat is not None and repeat <= lasts:
         raise SpecError(
-            f"it would begin again (repeat={repeat:g}) before it is over (for={lasts:g})",
+            f"the next one begins (repeat={repeat:g}) before this one ends (for={lasts:g})",
             given=name,
             advice="give a longer repeat",
         )

@@ -67,5 +67,5 @@ class MemoryLine:
         if self.bus.times_unplugged != self._times_unplugged or not self.bus.connected:
             raise ServoLostError(
                 "The serial port is gone (the emulated adapter was unplugged)",
-                advice="plug it in again, then open it anew.",
+                advice="plug it in, then open it again.",
             )

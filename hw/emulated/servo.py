@@ -88,7 +88,7 @@ class EmulatedServo:
             )
         if baud not in BAUD_RATES:
             raise SpecError(
-                f"{baud} baud is none a servo can be set to",
+                f"a servo has no baud rate of {baud} bit/s",
                 advice=f"use one of {', '.join(map(str, BAUD_RATES))}",
             )
         self.model = model

@@ -100,8 +100,8 @@ class Effects:
                 at_rest = f", {value + more:g} at rest" if more else ""
                 raise SpecError(
                     f"{name} is {value}{at_rest}",
-                    advice=f"give a share from 0 to {MOST_LOAD_FRICTION}, what is added at rest"
-                    " included: with 1 no torque would ever move the servo",
+                    advice=f"give a fraction from 0 to {MOST_LOAD_FRICTION}, with the addition at"
+                    " rest: with 1 no torque would ever move the servo",
                 )
         for name, low, high in (
             ("torque_ripple", 0.0, MOST_TORQUE_RIPPLE),
@@ -155,7 +155,7 @@ class Effects:
         if static < coulomb:
             raise SpecError(
                 f"static_friction is {static:g} N·m, below coulomb {coulomb:g} N·m",
-                advice="give at least as much, or 0 for as much",
+                advice="give at least coulomb, or 0 for coulomb",
             )
         return static
 

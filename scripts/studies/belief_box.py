@@ -1,4 +1,4 @@
-"""Searches for servos inside a belief whose limits lie below what the guard counts with.
+"""Searches a belief for servos whose limits lie below those that the guard uses.
 
     scripts/study belief_box [--rounds N] [--seed S]
 

@@ -1,4 +1,4 @@
-"""Soaks the driver in damaged replies, in memory and in real time.
+"""Runs the driver on damaged replies for a long time, in memory and in real time.
 
     scripts/study bus_soak [--cycles N] [--frames N] [--seconds S] [--seed N]
 

@@ -1,4 +1,4 @@
-"""Measures what changes from another process cost the ticks of a running wall, in real time.
+"""Measures the effect of changes from another process on the ticks of a running wall.
 
     scripts/study changed_ticks [--rounds N] [--seconds S]
 

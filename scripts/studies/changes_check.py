@@ -1,4 +1,4 @@
-"""Changes random walls in contact at random, and measures the energy that this gives the shaft.
+"""Changes random walls in contact at random, and measures the energy that the shaft gets.
 
 scripts/study changes_check [--runs N]
 """

@@ -1,4 +1,4 @@
-"""Presses Ctrl-C while each command begins, and looks how it ended.
+"""Presses Ctrl-C while each command begins, and checks its end.
 
     scripts/study ctrl_c [--only PART] [--tries N] [--others N] [--span S] [--commands TEXT]
 

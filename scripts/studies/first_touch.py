@@ -1,4 +1,4 @@
-"""Computes what the first wall of a real servo is chosen by.
+"""Computes the figures for the choice of a real servo's first wall.
 
     scripts/study first_touch
 

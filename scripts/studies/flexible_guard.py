@@ -1,4 +1,4 @@
-"""Searches a belief with a link on a flexible transmission for servos on which its walls grow.
+"""Searches a belief with a flexible transmission for servos on which its walls oscillate.
 
     scripts/study flexible_guard [--beliefs N] [--truths N] [--steps N] [--seed S] [--quick]
 

@@ -46,14 +46,14 @@ BOUNDED = ("inertia", "damping", "delay")
 IDEAL_WIDTHS = (0.04, 0.1, 0.1)
 """Of the bounds of an ideal servo: of inertia and damping over the value, of the delay [ms]"""
 NAMED = {
-    "sticks": "it sticks",
+    "sticks": "the shaft sticks",
     "fades": "friction fades",
     "drag": "square of the speed",
     "gear": "the gear adds",
-    "direction": "the smaller one counts",
+    "direction": "the smaller value is used",
     "dead band": "less than commanded",
-    "cogs": "it cogs",
-    "with the angle": "a torque goes",
+    "cogs": "cogging: an amplitude",
+    "with the angle": "depends on the angle",
     "residual": "the residual",
 }
 """Names of the warnings, and words in them"""

@@ -1,4 +1,4 @@
-"""Compares periods that may stand for irregular intervals with the exact loop.
+"""Compares periods that replace irregular intervals with the exact loop.
 
     scripts/study interval_check [--servos N] [--patterns N]
 

@@ -1,4 +1,4 @@
-"""Injects a fault into every process of a run: what becomes of the torque.
+"""Injects a fault into every process of a run, and measures the time until the torque is off.
 
     scripts/study kill_times [--rounds N] [--faults TEXT]
 

@@ -1,4 +1,4 @@
-"""Searches laws, servos and starts for a motion that lasts on what the guard commands.
+"""Searches laws, servos and starts for a motion that lasts on a law that the guard commands.
 
 scripts/study laws_check [--blocks N] [--rounds N]
 """

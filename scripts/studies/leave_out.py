@@ -555,6 +555,6 @@ STUDY = Study(
     ),
     (
         Option("cases", 1000, "cases of each kind at most, for whole criteria", quick=1),
-        Option("every", 1, "of the single numbers only each so many", quick=20),
+        Option("every", 1, "try only every n-th of the single numbers", quick=20),
     ),
 )

@@ -1,4 +1,4 @@
-"""What the live page costs the loop, and how soon the page shows what happens.
+"""Measures the cost of the live page for the loop, and the page's own latency.
 
     scripts/study live_cost [--quick] [--only PART]
 

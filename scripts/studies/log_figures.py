@@ -1,4 +1,4 @@
-"""Measures what a log costs: memory over hours, waits for the disk.
+"""Measures the cost of a log: memory over hours, waits for the disk.
 
     scripts/study log_figures [--hours H] [--folder DIR]
 

@@ -1,4 +1,4 @@
-"""Measures what maps cost: time, memory and room on the disk, over points, processes and a cluster.
+"""Measures the cost of maps: time, memory and disk, over points, processes and a cluster.
 
 scripts/study map_cost [--quick] [--points N ...] [--rows FILE]
 """

@@ -1,4 +1,4 @@
-"""Measures what this program does on the machine it runs on.
+"""Measures this program on the present machine.
 
     scripts/study measure [--seconds S] [--rounds N]
 

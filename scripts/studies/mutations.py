@@ -1,4 +1,4 @@
-"""Hands thousands of damaged, crafted and edited files to the commands that read them.
+"""Gives thousands of damaged, crafted and edited files to the commands that read them.
 
     scripts/study mutations [--seed N] [--kinds KIND ...] [--share S]
 

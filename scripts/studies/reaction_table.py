@@ -1,4 +1,4 @@
-"""Measures what is done about oscillations.
+"""Measures the answers to oscillations.
 
     scripts/study reaction_table
 

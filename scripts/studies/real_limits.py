@@ -1,4 +1,4 @@
-"""Measures how far a real servo's effects move the true limit away from the guard's.
+"""Measures how far a real servo's effects move the true limit from that of the guard.
 
     scripts/study real_limits [--quick] [--servos NAME ...]
 

@@ -1,4 +1,4 @@
-"""Tries what the guard commands on servos with every effect of a real one, drawn and searched for.
+"""Tries the guard's walls on servos with every effect of a real one, drawn and searched.
 
     scripts/study real_truths [--truths N] [--seed S] [--quick]
 

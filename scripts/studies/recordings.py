@@ -1,4 +1,4 @@
-"""Fits a real XL330's recordings, predicts what was not fitted, and checks the bounds.
+"""Fits a real XL330's recordings, predicts the other ones, and checks the bounds.
 
     scripts/study recordings [--draws N]
 

@@ -1,4 +1,4 @@
-"""Measures how well `haptic-wall sweep` measures.
+"""Measures the accuracy of `haptic-wall sweep`.
 
     scripts/study sweep_check [--quick] [--only PART ...] [--seed N]
 

@@ -1,4 +1,4 @@
-"""Computes what unknowns cost, and how the guard's corner compares with the least limit.
+"""Computes the cost of unknown values, and compares the guard's corner with the least limit.
 
     scripts/study uncertainty [--beliefs N]
 

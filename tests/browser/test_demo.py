@@ -78,7 +78,7 @@ def test_the_six_steps_are_walked_and_each_says_something_of_its_own(
             tab.value("document.getElementById('next').click()")
     assert len(said) == 6
     limits = "document.getElementById('limits-own').textContent"
-    before = tab.wait(f"{limits}.includes('Stable below') && {limits}")
+    before = tab.wait(f"{limits}.includes('is stable below') && {limits}")
     tab.value(
         "(() => { const field = document.querySelector('#own [name=delay]'); field.value = 5;"
         " field.dispatchEvent(new Event('input', { bubbles: true })); })()"
@@ -92,7 +92,7 @@ def test_the_six_steps_are_walked_and_each_says_something_of_its_own(
     tab.value("document.getElementById('own').dispatchEvent(new Event('input'))")
     tab.wait(f"{limits}.includes('inertia: found')")
     tab.value("document.getElementById('back').click()")
-    tab.wait(STARTED.replace("stable on this servo", "Both servos are asked"))
+    tab.wait(STARTED.replace("stable on this servo", "Both servos get the request"))
 
 
 def test_the_unguarded_servo_oscillates_at_step_2_as_theory_says(tab: Tab, address: str) -> None:

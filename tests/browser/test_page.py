@@ -100,7 +100,7 @@ def test_the_curve_moves_and_the_page_complains_of_nothing(tab: Tab, tmp_path: P
         assert tab.value(drawn) != first
         tab.wait("document.querySelectorAll('#marks li.wall').length > 0")
         tab.value("document.getElementById('pause').click()")
-        tab.wait("document.getElementById('pause').textContent === 'Go on'")
+        tab.wait("document.getElementById('pause').textContent === 'Continue'")
         held = tab.value("document.getElementById('panels').dataset.to")
         tab.wait(f"{seconds} > {before} + 1.0")
         assert tab.value("document.getElementById('panels').dataset.to") == held

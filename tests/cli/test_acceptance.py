@@ -181,7 +181,7 @@ def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     assert (accepted / "predictions.json").read_bytes() == before
     other = call(*SIMULATED, "--set=model.damping=0.5", "--yes", "--out", accepted)
     assert other == 2
-    assert "belongs to other settings, or was edited" in capsys.readouterr().err
+    assert "of other settings, or an edited one" in capsys.readouterr().err
 
 
 def test_the_plan_and_the_steps_say_what_moves_and_what_is_settled(
@@ -202,7 +202,7 @@ def test_the_plan_and_the_steps_say_what_moves_and_what_is_settled(
         (("simulated", "--weight=1"), "--lever: missing"),
         (("simulated", "--weight=-1", "--lever=0.1"), "--weight: found -1, wanted more than 0"),
         (("simulated", "--set=wall.law=spring"), "wall.law: found spring, wanted wall"),
-        (("xm430-w350", "--out", "{out}"), "give --yes when its way is free"),
+        (("xm430-w350", "--out", "{out}"), "give --yes when the shaft's way is free"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(
@@ -255,9 +255,9 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     words = ("simulated", "--set=loop.clock=simulated", "--out", tmp_path / "out")
     assert call(*words, "--json") == 130
     said = capsys.readouterr()
-    assert f"--out {tmp_path / 'out'} goes on" in said.err
+    assert f"--out {tmp_path / 'out'} continues" in said.err
     answer = json.loads(said.out)
-    assert answer["error"].startswith("interrupted: what is done is kept")
+    assert answer["error"].startswith("interrupted: finished steps are kept")
     assert answer["exit_status"] == 130
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "acceptance.zip").exists()
@@ -300,7 +300,7 @@ def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(
     report = report_of(tmp_path / "out")
     reasons = {step["step"]: step["reason"] for step in report["steps"]}
     assert "The servo is gone" in reasons["identify"]
-    assert reasons["rest"] == reasons["load"] == "identify has ended it"
+    assert reasons["rest"] == reasons["load"] == "identify ended the acceptance"
     assert (tmp_path / "out" / "acceptance.zip").exists()
 
 

@@ -228,7 +228,7 @@ def test_the_picture_is_drawn(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--delay", "2"], "--delay 2: wanted 0 to 1 s; it is in seconds"),
+        (["--delay", "2"], "--delay 2: wanted 0 to 1 s; give seconds"),
         (["--delay", "-0.001"], "--delay -0.001: wanted 0 to 1 s"),
         (["--delay", "0.9"], "900 periods"),
         (["--delay", "x"], "--delay"),
@@ -249,11 +249,11 @@ def test_the_picture_is_drawn(
         (["--inertia", "1e-300", "--damping", "1"], "inertia is too small"),
         (["--virtual-damping", "1e308"], "period is too small"),
         (["--servo", "MX-46"], "did you mean MX-64?"),
-        (["--counts-per-rev", "4096"], "give --torque-limit too"),
-        (["--torque-limit", "4"], "give --counts-per-rev too"),
+        (["--counts-per-rev", "4096"], "give --torque-limit"),
+        (["--torque-limit", "4"], "give --counts-per-rev"),
         (["--torque-limit", "-4"], "--torque-limit -4: wanted more than 0"),
         (["--baud", "0"], "--baud 0: wanted bits per second"),
-        (["--baud", "57600"], "give the whole delay"),
+        (["--baud", "57600"], "give the total delay"),
         (["--latency-timer", "-1"], "--latency-timer -1: wanted milliseconds"),
         (["--plot", "plane.pdf"], "pictures are PNG"),
     ],
@@ -333,8 +333,8 @@ def test_a_very_stiff_transmission_gives_the_rigid_one_sided_limit(
         (["--transmission-damping=1"], "--transmission-damping: there is no load"),
         ([*LOADED, "--load-inertia=-1"], "--load-inertia -1: wanted more than 0"),
         ([*LOADED, "--inertia=0.01:0.02"], "--inertia 0.01:0.02: with a load"),
-        ([*LOADED, "--delay=0.04"], "at most 30 periods"),
-        ([*LOADED, "--damping=0", "--transmission-damping=0"], "nothing damps"),
+        ([*LOADED, "--delay=0.04"], "at most 30 of each"),
+        ([*LOADED, "--damping=0", "--transmission-damping=0"], "servo and load have no damping"),
     ],
 )
 def test_half_a_load_is_refused(
@@ -404,9 +404,9 @@ def test_the_filter_of_a_configuration_gives_the_limits_that_a_run_counts(
         (["--velocity-filter=notch"], "--velocity-hz: missing"),
         ([*NOTCH, "--velocity-hz=460"], "less than 450 Hz"),
         ([*NOTCH, "--velocity-filter=lowpass", "--velocity-q=1"], "0.1 to 0.7072 for a lowpass"),
-        ([*NOTCH, "--side=one"], "--side one, notch: with a filter"),
-        ([*NOTCH, "--inertia=0.01:0.02"], "with a filter no corner"),
-        ([*NOTCH, "--delay=0.04"], "at most 30 periods"),
+        ([*NOTCH, "--side=one"], "--side one, notch: the limit of a one-sided wall"),
+        ([*NOTCH, "--inertia=0.01:0.02"], "with a filter a range has no least safe corner"),
+        ([*NOTCH, "--delay=0.04"], "at most 30 of each"),
     ],
 )
 def test_a_filter_that_cannot_be_counted_is_refused(
@@ -448,7 +448,7 @@ def test_a_configuration_gives_the_limits_of_the_load_that_it_believes(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["simulated", "--inertia=1"], "--inertia: CONFIG has it"),
+        (["simulated", "--inertia=1"], "--inertia: CONFIG gives this value"),
         (["--servo=MX-64", "--rate=1000", "--delay=0", "--set=a=1"], "--set: there is no CONFIG"),
         (["--servo=MX-64", "--rate=1000"], "--delay: missing"),
     ],

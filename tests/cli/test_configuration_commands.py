@@ -51,7 +51,7 @@ def test_config_says_where_a_value_comes_from() -> None:
 
 def test_config_as_text_names_value_unit_range_and_meaning() -> None:
     text = " ".join(answer(config, "simulated").split())
-    assert "wall.stiffness 8 N·m/rad preset simulated Stiffness K;" in text
+    assert "wall.stiffness 8 N·m/rad preset simulated Requested stiffness K," in text
     assert "(a number above 0 and below 1)" in text
     assert all(path in text for path in fields())
 

@@ -94,7 +94,7 @@ def test_rendered_reports_the_comparison(
     assert report["commanded"]["stiffness"] == 8.0
     assert (tmp_path / "rendered.png").read_bytes().startswith(PNG)
     assert json.loads((tmp_path / "rendered.json").read_text()) == report
-    assert "the shaft will be moved within" in err
+    assert "the shaft will move within" in err
     assert len(figures[0].axes) == 3
     assert min(ax.get_position().width for ax in figures[0].axes) > 0.2
 
@@ -108,13 +108,13 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
 ) -> None:
     def interrupted(*_: object) -> NoReturn:
         raise ExperimentInterruptedError(
-            "interrupted", advice="steps.hwlog holds what was recorded"
+            "interrupted", advice="steps.hwlog holds the recorded rows"
         )
 
     monkeypatch.setattr(Testbed, "play", interrupted)
     status, said, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path)
     assert (status, said) == (130, "")
-    assert "interrupted; steps.hwlog holds what was recorded" in err
+    assert "interrupted; steps.hwlog holds the recorded rows" in err
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
@@ -126,7 +126,7 @@ def test_a_trip_ends_with_3_and_its_explanation(
         "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
     )  # fmt: skip
     assert status == 3
-    assert "trip:overspeed: the position moved faster than safety.max_speed" in err
+    assert "trip:overspeed: the shaft moved faster than safety.max_speed" in err
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def test_a_place_that_is_none_or_taken_is_refused_before_anything_starts() -> No
     assert refusal("--at", "localhost").startswith("--at")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         said = refusal("--at", f"127.0.0.1:{taken.getsockname()[1]}")
-    assert "localhost:0 takes a free one" in said
+    assert "localhost:0 for a free one" in said
 
 
 def test_without_websockets_the_install_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

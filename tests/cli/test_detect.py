@@ -86,7 +86,7 @@ def test_the_wall_of_a_csv_is_given_or_estimated(log: Path, tmp_path: Path) -> N
     estimated = found(csv, *servo)
     assert estimated["known"]["stiffness"] == pytest.approx(3.743, rel=0.01)
     assert estimated["known"]["virtual_damping"] == pytest.approx(0.0, abs=1e-3)
-    assert any("torque against position is a wall's" in note for note in estimated["notes"])
+    assert any("torque and position are those of a wall" in note for note in estimated["notes"])
     given = found(csv, *servo, "--stiffness", 3.743, "--virtual-damping", 0, "--wall-position", 0)
     assert given["first_alarm_s"] == pytest.approx(estimated["first_alarm_s"], abs=0.02)
     assert not given["notes"]
@@ -108,7 +108,7 @@ def test_a_constant_sine_does_not_grow(tmp_path: Path) -> None:
     [
         (["nofile.csv"], "LOG nofile.csv: cannot be read"),
         (["{}", "--inertia", "0"], "--inertia: found 0, wanted a number above 0"),
-        (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0 up"),
+        (["{}", "--delay", "-1"], "--delay: found -1, wanted a number from 0 to 10"),
         (["{}", "--coulomb", "nan"], "--coulomb: found nan"),
         (["{}", "--stiffness", "0"], "--stiffness: found 0, wanted a number above 0"),
         (["{}", "--wall-position", "inf"], "--wall-position: found inf, wanted a finite number"),

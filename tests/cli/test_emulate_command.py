@@ -59,7 +59,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
         (["--latency-timer", "1.5"], ["--latency-timer", "'1.5'", "1 to 255"]),
         (["--latency-timer", "256"], ["--latency-timer", "'256'"]),
-        (["--block", "62"], ["--block", "timer", "give both"]),
+        (["--block", "62"], ["--block", "timer", "give --latency-timer too"]),
         (["--latency-timer", "1", "--block", "0"], ["--block", "'0'", "from 1"]),
         (["--fault", "drp:p=0.1"], ["--fault", "'drp'", "did you mean drop?"]),
         (

@@ -133,7 +133,10 @@ def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(
     points = ", ".join(point % b for b in range(3))
     (folder / "sweep.json").write_text(f'{{"points": [{points}], "config": {config}}}')
     assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
-    assert "--from-sweep sweep.json: the configuration in it" in capsys.readouterr().err
+    assert (
+        "--from-sweep sweep.json: this program does not know the configuration in it"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_sweep_that_is_a_pipe_is_refused_at_once(

@@ -57,7 +57,7 @@ def test_a_drop_tells_inertia_and_friction(
     assert answer["torque_gain"] is None
     assert answer["friction_model"] == "M1"
     assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
-    assert any("delay and torque gain cannot be told" in note for note in answer["notes"])
+    assert any("delay and torque gain cannot be determined" in note for note in answer["notes"])
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -110,7 +110,7 @@ def test_position_mode_tells_nothing(capsys: pytest.CaptureFixture[str]) -> None
     names = ("inertia", "damping", "coulomb", "delay", "torque_gain", "friction_model")
     assert all(answer[name] is None for name in names)
     assert answer["residual_rms_rad"] is None
-    assert "nothing can be told" in answer["notes"][-1]
+    assert "nothing can be determined" in answer["notes"][-1]
 
 
 def test_gaps_and_disorder_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,11 +137,11 @@ HOSTILE = {
     "binary": (b"\x7fELF\x02\x01\x00\n", "holds the control character"),
     "words": (b"time_s,position_rad\n0,zero\n", "line 2, column position_rad: found 'zero'"),
     "other columns": (b"t,q\n0,0\n", "no column time_s and no position_rad, found t, q"),
-    "quote": (b'time_s,position_rad\n0,"0\n' + b"1,1\n" * 200, "is a quote left open?"),
+    "quote": (b'time_s,position_rad\n0,"0\n' + b"1,1\n" * 200, "a quote is not closed"),
     "too large": (b"time_s,position_rad\n0,1e300\n", "wanted a number up to 1e+12"),
     "backwards": (
         b"time_s,position_rad\n" + b"".join(b"%d,1\n" % (90 - n) for n in range(90)),
-        "rows with a time of their own, wanted at least",
+        "rows with increasing times, wanted at least",
     ),
     "nothing known": (
         b"time_s,position_rad\n" + b"nan,nan\n" * 90,
@@ -166,14 +166,17 @@ def test_a_hostile_file_is_refused_in_a_sentence(
 @pytest.mark.parametrize(
     ("arguments", "wanted"),
     [
-        (("simulated", "--record", "a.csv"), "--record: found CONFIG beside it"),
-        (("--record", "a.csv", "--out", "b.yaml", "--no-motion"), "found --out and --no-motion"),
-        (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: found none"),
+        (("simulated", "--record", "a.csv"), "--record: found with CONFIG"),
+        (
+            ("--record", "a.csv", "--out", "b.yaml", "--no-motion"),
+            "found with --out and --no-motion",
+        ),
+        (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: missing"),
         (("--record", "a.csv", *PENDULUM[:3], "-1"), "--pendulum-length: found -1, wanted"),
         (("--record", "a.csv", "--pendulum-mass", "nan", *PENDULUM[2:]), "found nan, wanted"),
         (("--record", "nowhere.csv"), "cannot be read: No such file or directory"),
         (("--record", "."), "cannot be read"),
-        (("simulated", *PENDULUM), "--pendulum-mass: a pendulum is known only to a record"),
+        (("simulated", *PENDULUM), "--pendulum-mass: found without --record"),
         ((), "CONFIG: missing"),
     ],
 )

@@ -35,7 +35,7 @@ def test_a_taken_port_is_refused_before_anything_starts() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         said = refusal(run.command, "--live", f"127.0.0.1:{taken.getsockname()[1]}")
     assert "Address already in use" in said
-    assert "localhost:0 takes a free one" in said
+    assert "localhost:0 for a free one" in said
 
 
 def test_control_without_a_page_and_a_page_without_time_are_refused() -> None:

@@ -76,7 +76,7 @@ def test_summary_as_json(log: Path) -> None:
 
 def test_summary_as_text(log: Path) -> None:
     text = answer(log)
-    assert "simulated servo, wall above 0.0 rad, K 8.0 N·m/rad, B 0.02 N·m·s/rad asked" in text
+    assert "simulated servo, wall above 0.0 rad, K 8.0 N·m/rad, B 0.02 N·m·s/rad requested" in text
     assert "1001 in 1 s: 1000 Hz" in text
     assert "3 missed ticks, 1 failed readings, 0 rows not recorded" in text
 
@@ -196,7 +196,7 @@ def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     assert "on for 900 ticks, after 101 of warm-up; in contact for 66.7 % of them" in text
     assert "oscillation sustained, first at 0.5 s, for 20 ticks" in text
     assert "largest 60 µs at 0.7 s" in text
-    assert "ended       not told in run.hwlog" in text
+    assert "ended       not recorded in run.hwlog" in text
     append_end(log, {"stop_reason": "trip:overspeed", "message": "fast", "rows": 1011})
     assert "ended       BY A SAFETY TRIP: overspeed (fast)" in answer(log)
     summary = json.loads(answer(log, "--json"))
@@ -228,7 +228,7 @@ def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(
     log.write_bytes(bytes(1000) + content[1000:])
     answer(log, "--csv", tmp_path / "run.csv")
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
-    with pytest.raises(UserError, match="tells no configuration, that part of it is damaged"):
+    with pytest.raises(UserError, match="has no configuration, because that part of it is damaged"):
         answer(log, "--plot", tmp_path / "run.png")
     assert not (tmp_path / "run.png").exists()
 
@@ -266,7 +266,7 @@ def test_a_cut_is_a_log_of_its_own(log: Path, tmp_path: Path) -> None:
     text = answer(first)
     assert "cut         from run.hwlog, 0.2 to 0.899 s" in text
     assert "0 rows not recorded" in text
-    assert "ended       not told" in text
+    assert "ended       not recorded" in text
     answer(first, "--from", 0.5, "--cut", second)
     assert read_log(second)[0]["cut"]["earlier"] == cut_metadata["cut"]
     answer(log, "--from", 0.5, "--cut", second)

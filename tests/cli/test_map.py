@@ -175,7 +175,7 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
     monkeypatch.setattr(os, "access", lambda _, mode, **__: not mode & os.W_OK)
     status, _, err = run(capsys, "simulated", "--out", tmp_path)
     assert status == 2
-    assert f"--out {tmp_path}: found a folder without leave to write" in err
+    assert f"--out {tmp_path}: found a folder without write permission" in err
 
 
 @pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
@@ -329,7 +329,7 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     _unfinished(folder)
     status, _, err = run(capsys, *_FEW, "--out", folder)
     assert status == 2
-    assert "found an unfinished map there; give --resume to go on with it, or --force" in err
+    assert "found an unfinished map there; give --resume to continue it, or --force" in err
     left = _Counting()
     _computed_by(left, monkeypatch)
     assert run(capsys, *_FEW, "--out", folder, "--resume")[0] == 0
@@ -372,7 +372,7 @@ def test_an_unfinished_map_of_other_settings_is_not_gone_on_with(
     assert status == 2
     assert "found an unfinished map with other settings there" in err
     assert (tmp_path / ROWS).read_bytes() == kept
-    assert "--resume: found no folder" in run(capsys, *_FEW, "--resume")[2]
+    assert "--resume: found without --out" in run(capsys, *_FEW, "--resume")[2]
 
 
 def test_a_large_map_is_planned_and_refused_where_there_is_no_room(

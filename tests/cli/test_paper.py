@@ -100,7 +100,8 @@ def test_a_folder_must_be_named(call: Callable[..., tuple[int, str, str]]) -> No
     status, _, err = call("fig8")
     assert status == 2
     assert err == (
-        "haptic-wall: --out: no folder is named, wanted where the files go, e.g. --out paper\n"
+        "haptic-wall: --out: found nothing, wanted the folder for the files; give for example"
+        " --out paper\n"
     )
 
 

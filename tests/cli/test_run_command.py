@@ -51,7 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         (["--log", "a", "--plot", "./a"], "--log and --plot both name a"),
         (["--hold", "a", "--hold", "b"], "--hold: found 2 sources (a, b), wanted one"),
-        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control; a file"),
+        (["--set=loop.clock=monotonic", "--hold", "page"], "add --live --live-control, or write"),
         (["--plot", "a.svg"], "--plot a.svg: found a name ending in .svg"),
         (["--log", "."], "--log: . is a folder"),
         (["--log", 300 * "x"], "x: File name too long; name another place"),

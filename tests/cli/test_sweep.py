@@ -60,7 +60,7 @@ def test_points_and_files(swept: tuple[Path, dict[str, Any], str]) -> None:
         assert point["reason"] is None
     for point in points[1::2]:
         assert point["measured"] is None
-        assert "over the ceiling" in point["reason"]
+        assert "above the ceiling" in point["reason"]
     assert report["complete"]
     held = json.loads((folder / "sweep.json").read_text())
     assert held["points"] == points
@@ -106,7 +106,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     os.kill(first.pid, signal.SIGINT)
     out, told = first.communicate(timeout=60)
     assert first.returncode == 130
-    assert "goes on" in told
+    assert "continues" in told
     kept = json.loads(out)["points"]
     assert not json.loads(out)["complete"]
     assert kept[0]["virtual_damping"] == 9.0
@@ -137,7 +137,7 @@ def test_what_is_not_a_sweep_is_not_replaced(
     (tmp_path / "sweep.json").write_text("{}")
     status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
     assert status == 2
-    assert "not a sweep of ours" in told
+    assert "a sweep.json that haptic-wall did not write" in told
     assert (tmp_path / "sweep.json").read_text() == "{}"
     file = tmp_path / "file"
     file.write_text("")
@@ -194,4 +194,4 @@ def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(
     assert "the search chooses them" in told
     status, _, told = run(capsys, "simulated", "--delay-steps=0")
     assert status == 2
-    assert "give it, or --over damping" in told
+    assert "give them, or --over damping" in told

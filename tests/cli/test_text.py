@@ -138,14 +138,14 @@ def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence() -> 
 def test_a_trip_is_the_first_thing_one_reads() -> None:
     report = REPORT | {
         "stop_reason": "trip:overspeed",
-        "explanation": "the position moved faster than safety.max_speed allows",
+        "explanation": "the shaft moved faster than safety.max_speed allows",
         "torque_off": False,
     }
     first, second, *others = report_text(report).splitlines()
     assert "ENDED BY A SAFETY TRIP: overspeed; TORQUE OFF COULD NOT BE READ BACK" in first
     assert "safety.max_speed" in second
     meaning = " ".join(" ".join(others[:2]).split())
-    for fact in ("did not answer", "Bus Watchdog ends it", "switch its power off"):
+    for fact in ("did not confirm", "Bus Watchdog ends it", "switch its power off"):
         assert fact in meaning
 
 
@@ -234,7 +234,7 @@ def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
     }  # fmt: skip
     text = brief_text(report)
     assert " ".join(text.split()).count("fast") == 100
-    assert "the servo did not answer when its torque was switched off" in " ".join(text.split())
+    assert "the servo did not confirm that its torque is off" in " ".join(text.split())
     assert text.endswith("picture     runs/run.png")
 
 

@@ -227,7 +227,7 @@ def test_ctrl_c_ends_it_and_says_how_to_go_on(
         "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: False
     )
     assert call(*SIMULATED, ONE, "--out", tmp_path / "out") == 130
-    assert f"--out {tmp_path / 'out'} goes on" in capsys.readouterr().err
+    assert f"--out {tmp_path / 'out'} continues" in capsys.readouterr().err
 
 
 def test_the_guards_curve_is_what_a_run_commands(

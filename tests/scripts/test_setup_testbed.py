@@ -197,7 +197,7 @@ def test_files_of_others_are_not_touched(system: SimpleNamespace) -> None:
     (system.root / RULES).parent.mkdir(parents=True)
     (system.root / RULES).write_text("# mine\n")
     for options in (("--yes", f"--user={ME}"), ("--undo", "--yes")):
-        with pytest.raises(SystemExit, match="not written by this script"):
+        with pytest.raises(SystemExit, match="this script did not write"):
             system.call(*options)
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
 
@@ -231,7 +231,7 @@ def test_without_a_terminal_nothing_is_changed(
     system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
-    with pytest.raises(SystemExit, match="no terminal to ask at"):
+    with pytest.raises(SystemExit, match="no terminal for a question"):
         system.call(f"--user={ME}")
     assert not system.done
 

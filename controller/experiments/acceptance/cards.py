@@ -36,12 +36,12 @@ CARDS: Mapping[str, Card] = {
         "nothing, no torque",
         "nothing",
         "port, registers, reply time and rate of the bus, the machine's wake-ups",
-        "how long this adapter holds replies and which rate it carries; whether the servo is"
-        " reversed (Drive Mode); whether a Homing Offset is set",
+        "time for which this adapter holds back replies, and the rate that it allows; whether the"
+        " servo is reversed (Drive Mode) or has a Homing Offset",
     ),
     "identify": Card(
         "identify",
-        "the shaft, to both sides of where it stands",
+        "the shaft, to both sides of its position",
         _NOTHING,
         "inertia, friction, delay, backlash, and the torque gain where the servo measures current",
         "inertia and friction; backlash between shaft and encoder; the sign of the torque",
@@ -50,7 +50,7 @@ CARDS: Mapping[str, Card] = {
         "delay",
         "the shaft, some degrees, under torque steps",
         _NOTHING,
-        "the delay from torque command to motion, and whether inserted delay is found again",
+        "the delay from torque command to motion, and inserted delays",
         "lag of the current loop",
     ),
     "rendered": Card(
@@ -62,7 +62,7 @@ CARDS: Mapping[str, Card] = {
     ),
     "sweep": Card(
         "sweep",
-        "the shaft is let go at more and more stiffness",
+        "the shaft, released at rising stiffness",
         _NOTHING,
         "the critical stiffness at some virtual dampings and delays",
         "the stability limits themselves: damping and delay together",
@@ -84,12 +84,13 @@ CARDS: Mapping[str, Card] = {
 }
 
 OPEN = (
-    "Which packets restart the Bus Watchdog, whether the servo is limp after it has tripped, and"
-    " whether the old torque comes back when it is cleared: it takes a second servo or a killed"
-    " loop",
-    "Whether a shutdown (overload, overheating) leaves the servo limp: it takes a shutdown",
-    "What a reboot does with Startup Configuration, and how long it takes",
-    "When within a read the position is sampled; how true Realtime Tick is: an hour's run tells",
-    "Whether the bad phase of the adapter's timer moves: `haptic-wall doctor` again after an hour",
+    "The packets that restart the Bus Watchdog; whether the servo is limp after a trip; whether the"
+    " old torque comes back when the trip is cleared. This needs a second servo or a killed loop.",
+    "Whether a shutdown (overload, overheating) leaves the servo limp. This needs a shutdown.",
+    "The duration of a reboot, and its effect with Startup Configuration.",
+    "The instant within a read at which the position is sampled, and the accuracy of Realtime Tick."
+    " This needs a run of an hour.",
+    "Whether the bad phase of the adapter's timer moves. This needs `haptic-wall doctor` a second"
+    " time, after an hour.",
 )
 """Rows of docs/hardware-assumptions.md that these steps do not settle"""

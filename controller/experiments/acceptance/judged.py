@@ -128,7 +128,7 @@ def _delays(predictions: Mapping[str, Any], *measured: Measured) -> Iterator[Row
             )
             for each in data
         ]
-        name = f"inserted delay of {1e3 * inserted['inserted']:g} ms, found again"
+        name = f"inserted delay of {1e3 * inserted['inserted']:g} ms, as measured"
         yield _row(name, "s", "delay", inserted, found[0], found[1])
 
 
@@ -176,16 +176,16 @@ def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
     found = [point["reason"]] if point["reason"] else []
     if point["measured"] is not None:
         if point.get("disturbed"):
-            found.append(f"{point['disturbed']} trials were disturbed, and made again")
-        found += [f"met {each}" for each in point["trips"]]
+            found.append(f"{point['disturbed']} trials were disturbed, and repeated")
+        found += [f"trip {each}" for each in point["trips"]]
     return "; ".join(found) or None
 
 
 def _side(row: Row) -> str:
     """Return on which side of its bounds a limit lies."""
     if row.real is not None and row.high is not None and row.real.value > row.high:
-        return "above, the safe side: more friction than is believed"
-    return "below: the guard would allow too much; set the report's model, or a lower guard.margin"
+        return "above, the safe side: the servo has more friction than believed"
+    return "below: the guard allows too much; use the report's model, or lower guard.margin"
 
 
 def _point(sweep: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> Any:  # noqa: ANN401

@@ -103,8 +103,8 @@ def measure_load(
     ready("bring the lever level, without the weight, and take your hands off")
     bare = _travelled(bare_config, folder, "load-bare", tell)
     ready(
-        f"the weight of {weight.mass:g} kg at {weight.lever:g} m on the horn; hold the horn level"
-        " until the servo holds it, then take your hands off"
+        f"mount the weight of {weight.mass:g} kg at {weight.lever:g} m on the horn; hold the horn"
+        " level until the servo holds it, then take your hands off"
     )
     loaded = _travelled(_with(bare_config, weight), folder, "load-weight", tell)
     # The lever was level without the weight; it may have sunk until the servo held it.
@@ -114,7 +114,7 @@ def measure_load(
             f"the horn sank by {abs(tilt):.2g} rad before the servo held it",
             field="--weight",
             wanted=f"a horn that is level within {_MOST_TILT:g} rad",
-            advice="hold the horn until the servo holds it, and take the step again",
+            advice="hold the horn until the servo holds it, and repeat the step",
         )
     level = math.cos(tilt)
     torque = Estimated(
@@ -123,7 +123,7 @@ def measure_load(
     )
     if torque.value < 3.0 * torque.stderr:
         raise UserError(
-            f"the weight is not seen: {torque.value:.2g} ± {torque.stderr:.2g} N·m",
+            f"the weight is too small to measure: {torque.value:.2g} ± {torque.stderr:.2g} N·m",
             field="--weight",
             advice="take a larger weight, or a longer lever",
         )

@@ -188,10 +188,10 @@ def keep(folder: Path, config: Config, weight: Weight | None) -> dict[str, Any]:
             same = False
         if not same:
             raise UserError(
-                f"{FILE} there belongs to other settings, or was edited",
+                f"found a {FILE} of other settings, or an edited one",
                 field="--out",
                 given=folder,
-                advice="name another folder: predictions are never written anew",
+                advice="name another folder: predictions are never replaced",
             )
         return held
     answer = predicted(config, weight)

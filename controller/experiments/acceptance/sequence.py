@@ -127,7 +127,7 @@ def measured(bench: Bench) -> Measured:
         if interrupted:
             break
         if gone is not None:
-            extra[name] = {"reason": f"{gone} has ended it"}
+            extra[name] = {"reason": f"{gone} ended the acceptance"}
         elif name == "load" and bench.weight is None:
             extra[name] = {"reason": "no weight was given, by --weight KG and --lever M"}
         else:
@@ -151,7 +151,7 @@ def _extra(name: str, bench: Bench, config: Config, basis: str) -> tuple[dict[st
         try:
             held = json.loads(path.read_text(encoding="utf-8"))
             if held["for"] == held_for:
-                bench.tell(f"{name}: measured before, and kept")
+                bench.tell(f"{name}: kept from an earlier call")
                 return {"data": held["data"]}, 0
         except (ValueError, KeyError, TypeError):
             pass  # it is measured anew

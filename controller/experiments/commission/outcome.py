@@ -14,7 +14,7 @@ TITLES: Mapping[Step, str] = {
     "doctor": "the testbed examined",
     "identify": "inertia, friction and delay identified",
     "delay": "the loop's delay measured",
-    "rendered": "rendered against commanded",
+    "rendered": "rendered and commanded wall compared",
     "sweep": "the critical stiffness measured",
 }
 

@@ -60,7 +60,7 @@ def announce(config: Config, reach: float) -> Announcement:
         lines.append("doctor: nothing moves, no torque is enabled")
         seconds += _DOCTOR_S
     else:
-        lines.append("doctor: left out, there is no bus to examine")
+        lines.append("doctor: left out, because there is no bus to examine")
     lines.append(f"identify: {announcement(bounds)}")
     fastest = FASTEST
     try:
@@ -69,22 +69,22 @@ def announce(config: Config, reach: float) -> Announcement:
         seconds += len(runs) * BURSTS * loop_delay.BURST_S
         fastest = max(fastest, *(run.plan.speed for run in runs))
     except UserError as error:
-        lines.append(f"delay: can only be planned with what identify finds ({error})")
+        lines.append(f"delay: needs the result of identify for its plan ({error})")
     lines.append(
         f"rendered: {rendering.announcement(config, fastest)}, with torques of up to {limit:.3g}"
         " N·m"
     )
     seconds += rendering.SECONDS
     if config.loop.clock == "simulated":
-        lines.append("sweep: the shaft is let go at a few settings, at more and more stiffness")
+        lines.append("sweep: the shaft is released at a few settings, at rising stiffness")
         return Announcement(tuple(lines), seconds + _SWEEP_S)
     swept = experiment_config(config)
     settings = short_sweep(swept)
     far = excursion(swept, settings, OPTIONS)
     lines.append(
-        f"sweep: the shaft is let go at {len(settings)} settings, at more and more stiffness, and"
-        f" swings by about {far:.2g} rad ({math.degrees(far):.0f}°) to each side at most, with"
-        f" torques of up to {limit:.3g} N·m (planned anew with what identify finds)"
+        f"sweep: the shaft is released at {len(settings)} settings, at rising stiffness, and swings"
+        f" by at most about {far:.2g} rad ({math.degrees(far):.0f}°) to each side, with torques of"
+        f" up to {limit:.3g} N·m (the result of identify changes this plan)"
     )
     seconds += expected_s(swept, settings, OPTIONS)
     return Announcement(tuple(lines), seconds)

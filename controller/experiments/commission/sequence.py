@@ -71,7 +71,7 @@ def run_steps(bench: StepContext) -> Ended:
         outcome = bench.store.outcomes.get(step)
         if outcome is not None and outcome.basis == basis and _is_kept(outcome, bench):
             if outcome.state == "done":
-                bench.tell(f"{step}: {TITLES[step]} before, and kept")
+                bench.tell(f"{step}: kept from an earlier call")
             outcomes[step] = outcome
         elif not interrupted:
             why_not = _obstacle(step, outcomes, config)
@@ -100,8 +100,7 @@ def run_steps(bench: StepContext) -> Ended:
             config = identified(found["config_text"], bench.config)
             if bench.store.restore_config(found["config_text"]):
                 bench.tell(
-                    "config.yaml was edited since it was written: it stays as it is; delete it to"
-                    " have it written again"
+                    "config.yaml was edited, so it is not replaced; delete it to get a new one"
                 )
     return Ended(outcomes, config, interrupted)
 
@@ -117,15 +116,15 @@ def _obstacle(step: Step, outcomes: Mapping[Step, StepOutcome], config: Config) 
     """Return the reason why a step cannot be executed; None if it can."""
     for earlier in outcomes.values():
         if earlier.ends_all:
-            return f"{earlier.step} has ended it"
+            return f"{earlier.step} ended the commissioning"
     if step == "doctor" and not has_doctor(config):
         return (
             "the servo is simulated, there is no bus to examine"
             if config.servo.kind == "simulated"
-            else "its bus lives on the simulated clock, there is none in real time to examine"
+            else "its bus is on the simulated clock, there is none in real time to examine"
         )
     if step in _NEEDS_MODEL and done(outcomes, "identify") is None:
-        return "it is planned by what identify finds, and compared with it"
+        return "it needs the result of identify, for its plan and for comparison"
     return None
 
 
@@ -181,4 +180,4 @@ def _fatal_text(data: Mapping[str, Any]) -> str:
         if check["name"] in data["fatal"]
     ]
     mend = any(c["fixable"] for c in data["checks"] if c["name"] in data["fatal"])
-    return "; ".join(said) + ("; `haptic-wall doctor CONFIG --fix` mends it" if mend else "")
+    return "; ".join(said) + ("; `haptic-wall doctor CONFIG --fix` remedies it" if mend else "")

@@ -36,7 +36,7 @@ SWEEP = "sweep"
 """Folder of the sweep"""
 _WRITTEN = (CONFIG, PAGE, ALLOWED, SWEEP, *map(file_name, STEPS), *map(picture_name, STEPS))
 _FORMAT: Final = "haptic-wall commission 1"
-AGAIN = "delete {0}.json to take that step again, or give --fresh"
+AGAIN = "delete {0}.json to repeat that step, or give --fresh"
 """Advice for a step's unusable file"""
 
 Encode = Callable[[Mapping[str, Any]], str]
@@ -116,7 +116,7 @@ class CommissionStore:
         """Refuse foreign files and links, so that nothing of another user is lost."""
         for name in () if ours else _WRITTEN:
             if os.path.lexists(self.folder / name):
-                what = f"it holds a {name} that no commissioning wrote"
+                what = f"found a {name} that no commissioning wrote"
                 raise refused(self.folder, what, "name another folder, so that it is not lost")
         for name in (LOGS, SWEEP):
             if (self.folder / name).is_symlink():
@@ -131,14 +131,14 @@ class CommissionStore:
         try:
             held = _HEAD.validate_json(kept_bytes(path, "name another folder"), strict=True)
         except ValidationError:
-            what = f"{MAIN} there is not a commissioning of ours"
+            what = f"found a {MAIN} that haptic-wall did not write"
             raise refused(self.folder, what, "name another folder") from None
         if held.fingerprint != asked and not fresh:
             raise refused(
                 self.folder,
-                f"it holds a commissioning with other settings ({held.name}, haptic-wall "
+                f"found a commissioning with other settings ({held.name}, haptic-wall "
                 f"{held.program})",
-                "name another folder, or give --fresh to begin anew and replace it",
+                "name another folder, or give --fresh to replace it",
             )
         return True
 
@@ -157,7 +157,7 @@ class CommissionStore:
             try:
                 self.outcomes[step] = read_outcome(text, step)
             except ValueError as error:
-                what = f"{path.name} is not what this program writes ({error})"
+                what = f"found a {path.name} that this program cannot have written ({error})"
                 raise refused(self.folder, what, AGAIN.format(step)) from None
 
     @property

@@ -101,9 +101,9 @@ class Bench:
             if furthest > bounds.reach:
                 raise UnidentifiableError(
                     f"a pulse of {strongest:.3g} N·m sent the shaft {furthest:.2g} rad away",
-                    wanted=f"at most {bounds.reach:.2g}: something else moves it (a weight, a "
-                    "spring, a hand), or it is far lighter than model.inertia says",
-                    advice="take it off, or correct model.inertia",
+                    wanted=f"at most {bounds.reach:.2g} rad: a weight, a spring or a hand moves it "
+                    "too, or its inertia is far below model.inertia",
+                    advice="free the shaft, or correct model.inertia",
                 )
             moved = [_moved(played, pulse) for pulse in (0, 2)]
             tried.append(strongest)
@@ -128,8 +128,7 @@ class Bench:
         if friction > _FRICTION_SHARE * bounds.torque:
             raise UnidentifiableError(
                 f"friction takes {friction:.2g} N·m of the torque limit of {bounds.torque:.2g} N·m",
-                wanted=f"at most {_FRICTION_SHARE:g} of it so that enough is left to move the "
-                "shaft",
+                wanted=f"at most {_FRICTION_SHARE:g} of it, so that the rest can move the shaft",
                 advice="raise servo.torque_limit if the servo allows more, or free the shaft",
             )
         return Guess(guess.inertia, guess.damping, friction, guess.delay)
@@ -180,20 +179,20 @@ class Bench:
             if best is not None or fit.residual <= SPOILT * rounding_of(bounds):
                 return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
             best = (played, fit)
-            self._tell("something may have touched the shaft: its motion is not explained; again")
+            self._tell("the model does not explain the motion, perhaps of a touched shaft; again")
         if best is not None:
             return best
         if unfit and furthest <= bounds.reach:
             raise UnidentifiableError(
                 f"{unfit}, in {_TRIES} tries",
-                advice="see that the shaft is free, and give it more --reach or servo.torque_limit",
+                advice="free the shaft, and give a larger --reach or servo.torque_limit",
             )
         raise UnidentifiableError(
             f"the shaft was driven {furthest:.2g} rad away in {_TRIES} tries",
             wanted=f"at most {bounds.reach:.2g} rad",
-            advice="give it more --reach, or see what else moves it"
+            advice="give a larger --reach, or free the shaft"
             if not guess.heaviest
-            else f"a weight pulls it with up to {guess.heaviest:.2g} N·m: take it off",
+            else f"take off the weight that pulls it with up to {guess.heaviest:.2g} N·m",
         )
 
     def _explained(self, motion: Motion, rough: bool) -> Fit:
@@ -264,8 +263,8 @@ def _unmoved(tried: list[float], moved: list[float], bounds: Bounds) -> Unidenti
     return UnidentifiableError(
         f"the servo does not move: pulses of {torques} N·m each way, the last at the torque limit,"
         f" turned it by {ways} rad",
-        wanted=f"{max(_MOVED * bounds.step, _MOVED_RAD):.2g} at least",
-        advice="see that the shaft is not blocked, or raise servo.torque_limit",
+        wanted=f"at least {max(_MOVED * bounds.step, _MOVED_RAD):.2g} rad",
+        advice="free the shaft if it is blocked, or raise servo.torque_limit",
     )
 
 
@@ -281,7 +280,7 @@ def _check_sign(moved: list[float], torque: float) -> None:
         )
     raise UnidentifiableError(
         f"torques of +{torque:.2g} and -{torque:.2g} N·m turned the shaft by "
-        f"{forward:+.2g} and {back:+.2g} rad, both the same way: something else "
-        "moves it (a weight, a spring, a hand)",
-        advice="take it off",
+        f"{forward:+.2g} and {back:+.2g} rad, both the same way: a weight, a spring "
+        "or a hand moves it too",
+        advice="free the shaft",
     )

@@ -120,7 +120,7 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise UserError(
-            f"it does not hold the points of a sweep ({type(error).__name__}: {error})",
+            f"found no points of a sweep in it ({type(error).__name__}: {error})",
             field="--from-sweep",
             given=path,
             advice="name the sweep.json that haptic-wall sweep wrote",
@@ -131,10 +131,10 @@ def read_points(path: Path) -> tuple[BoundaryPoints, dict[str, Any] | None]:
     possible = np.abs(known) < _HUGE, (others < _HUGE) | np.isnan(others), points.delay >= 0.0
     if not all(map(np.all, (*possible, points.stiffness > 1.0 / _HUGE))):
         raise UserError(
-            "found figures that no servo has",
+            "found impossible values",
             field="--from-sweep",
             given=path,
-            wanted=f"finite ones below {_HUGE:g}, and neither delay nor stiffness below 0",
+            wanted=f"finite values below {_HUGE:g}, with delay and stiffness from 0 up",
             advice="name the sweep.json that haptic-wall sweep wrote",
         )
     if points.stiffness.size < 3 or np.unique(points.virtual_damping).size < 2:

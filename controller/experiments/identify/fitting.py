@@ -192,7 +192,7 @@ def start_of(motion: Motion, speed: FloatArray, acceleration: FloatArray) -> Fit
     assert best is not None
     inertia, damping, coulomb = (float(value) for value in best[2])
     if inertia <= 0.0:
-        raise NoFitError("the shaft does not speed up with the torque that was sent")
+        raise NoFitError("the sent torque does not accelerate the shaft")
     empty = np.zeros((1, 1))
     nothing = Pieces(motion, empty, empty, empty > 0)
     # Values that cannot be distinguished at the start begin just above zero.

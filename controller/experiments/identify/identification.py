@@ -122,8 +122,7 @@ def bounds_of(config: Config, reach: float) -> Bounds:
         raise UserError(
             f"found {reach:g}",
             field="--reach",
-            wanted=f"{least:.2g} to {math.pi:.3g} rad: less cannot be told from the "
-            "encoder's counts",
+            wanted=f"{least:.2g} to {math.pi:.3g} rad: the encoder does not resolve less",
         )
     return Bounds(
         reach=reach,
@@ -137,10 +136,10 @@ def bounds_of(config: Config, reach: float) -> Bounds:
 def announcement(bounds: Bounds) -> str:
     """Announce the motions and their size, for a person nearby."""
     return (
-        f"the shaft will move by itself for about a minute: up to {FULL * bounds.reach:.2g} rad"
-        f" ({math.degrees(FULL * bounds.reach):.0f}°) to each side of where it is now; one that"
-        f" comes {bounds.reach:.2g} rad away is ended; at most {bounds.torque:.2g} N·m. It must"
-        " be free to turn, with nothing and nobody holding it"
+        f"the shaft will move by itself for about a minute, up to {FULL * bounds.reach:.2g} rad"
+        f" ({math.degrees(FULL * bounds.reach):.0f}°) to each side of its position, with at most"
+        f" {bounds.torque:.2g} N·m; a motion of more than {bounds.reach:.2g} rad is ended. The"
+        " shaft must be free to turn; do not hold it"
     )
 
 
@@ -214,8 +213,8 @@ def _echo(fit: Fit, config: Config) -> Iterator[str]:
     believed = config.belief().damping
     if fit.effects.excess and believed.high - believed.low < _LEAST:
         yield (
-            "the damping is the believed one, which has no bounds: of friction that fades, the"
-            " motion tells it only within believed bounds; give model.damping as"
+            "the damping is the believed one, which has no bounds: with friction that fades, the"
+            " motion determines it only within believed bounds; give model.damping as"
             " {value, low, high}"
         )
 
@@ -232,8 +231,8 @@ def _judged(
     warnings = tuple(misfit(fit, rounding))
     if fit.inertia <= _ERRORS * fit.stderr[0]:
         raise UnidentifiableError(
-            f"{'; '.join(warnings)}: no inertia can be told from the motion in {played.log}",
-            advice="take off what is attached, and keep away from the shaft",
+            f"{'; '.join(warnings)}: the motion in {played.log} does not determine the inertia",
+            advice="free the shaft of attached parts, and do not touch it",
         )
     gain = torque_gain(played.rows, fit.delay, fit.effects.dead_band)
     scale = 1.0 if gain is None else gain.value

@@ -15,7 +15,7 @@ _UNEVEN = 0.05
 """Least reported difference of the damping between the directions, over the damping"""
 _STUCK = 1.15
 """Least reported ratio of friction at rest to friction in motion"""
-END = "the bounds allow for it, the model does not know it"
+END = "the bounds cover this effect, the model lacks it"
 
 
 def misfit(fit: Fit, rounding: float) -> Iterator[str]:
@@ -29,10 +29,10 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
     yield from (f"{text}; {END}" for text in _torques(fit))
     if fit.residual > STRUCTURED * rounding:
         yield (
-            f"the residual is {1e3 * fit.residual:.2g} mrad where rounding leaves"
-            f" {1e3 * rounding:.2g}: something moves the shaft that is not known (a loose horn, a"
-            " hand, a friction that changes), or the readings are noisy; the bounds are wider for"
-            " it, and may still miss the truth"
+            f"the residual is {1e3 * fit.residual:.2g} mrad, of which rounding explains"
+            f" {1e3 * rounding:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"
+            " a changing friction), or the readings are noisy; the bounds are wider for this"
+            " reason, and may still miss the truth"
         )
 
 
@@ -40,15 +40,15 @@ def _frictions(fit: Fit) -> Iterator[str]:
     effects, coulomb = fit.effects, fit.coulomb
     slow = coulomb + max(effects.excess, 0.0)
     if effects.static > _STUCK * slow:
-        yield f"it sticks: friction is {effects.static:.2g} N·m at rest and {slow:.2g} in motion"
+        yield f"the shaft sticks: friction is {effects.static:.2g} N·m at rest, {slow:.2g} moving"
     if effects.excess:
         yield (
             f"friction fades with the speed: {effects.excess:.2g} N·m of it over"
-            f" {effects.fading:.2g} rad/s, from which viscous friction can hardly be told"
+            f" {effects.fading:.2g} rad/s, which is hard to separate from viscous friction"
         )
     elif effects.drag:
         yield (
-            "torque is lost with the square of the speed, as by a drive that falls behind its"
+            "torque is lost with the square of the speed, as by a drive that does not cancel its"
             f" back-EMF: {effects.drag:.2g} N·m at 1 rad/s"
         )
     if abs(effects.gear) > _SHARE:
@@ -57,7 +57,7 @@ def _frictions(fit: Fit) -> Iterator[str]:
         ways = [fit.damping + sign * effects.uneven for sign in (1.0, -1.0)]
         yield (
             f"viscous friction is {ways[0]:.2g} N·m·s/rad forwards and {ways[1]:.2g} backwards; the"
-            " smaller one counts"
+            " smaller value is used"
         )
     if effects.dead_band > _SHARE * coulomb:
         yield f"the motor makes {effects.dead_band:.2g} N·m less than commanded"
@@ -67,13 +67,13 @@ def _torques(fit: Fit) -> Iterator[str]:
     effects, coulomb = fit.effects, fit.coulomb
     if effects.cogging > _SHARE * coulomb:
         yield (
-            f"it cogs: {effects.cogging:.2g} N·m to and fro, about {effects.periods:.0f} periods"
-            " per turn"
+            f"cogging: an amplitude of {effects.cogging:.2g} N·m, about {effects.periods:.0f}"
+            " periods per turn"
         )
     if effects.gravity > _SHARE * coulomb:
         angle = effects.hanging
         yield (
-            f"a torque goes with the angle, {effects.gravity:.2g} N·m at most: a weight that hangs"
-            f" at {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging of a few"
+            f"a torque of at most {effects.gravity:.2g} N·m depends on the angle: a weight that"
+            f" hangs at {angle:.2f} rad ({math.degrees(angle):.0f}°), a spring, or cogging with few"
             " periods per turn"
         )

@@ -94,9 +94,9 @@ def text(answer: dict[str, Any], found: Identified | None) -> str:
         if found.gain_measured:
             lines.append(f"  {row_text(found, 'torque_gain')}: measured over commanded torque")
         else:
-            lines.append("  torques in the unit of the torque commanded: no current is measured")
+            lines.append("  torques in the unit of the commanded torque: no current is measured")
         if found.backlash is None:
-            lines.append("  backlash not to be seen")
+            lines.append("  backlash not found")
         else:
             lines.append(
                 f"  backlash {1e3 * found.backlash.value:.3g} ±"

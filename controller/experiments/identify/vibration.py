@@ -133,9 +133,9 @@ def vibration_report(found: Vibration | None) -> dict[str, Any] | None:
 def vibration_lines(found: Vibration | None) -> Iterator[str]:
     """Yield sentences for people, without their full stop."""
     if found is None:
-        yield "no vibration was looked for: the motions are too small for it, give more --reach"
+        yield "no vibration was searched: the motions are too small; give a larger --reach"
     elif found.ratio is None:
-        yield f"no vibration of a load to be seen below {found.hertz.low:.3g} Hz"
+        yield f"no vibration of a load found below {found.hertz.low:.3g} Hz"
     else:
         hertz, ratio, load = found.hertz, found.ratio, found.load_inertia
         yield (
@@ -143,7 +143,7 @@ def vibration_lines(found: Vibration | None) -> Iterator[str]:
             f" damping ratio {100 * ratio.value:.2g} % ({100 * ratio.low:.2g} to"
             f" {100 * ratio.high:.2g})"
         )
-        how = "" if found.load_measured else ", as believed: the motion does not show it"
+        how = "" if found.load_measured else ", as believed: the motion does not determine it"
         yield f"that load has {load.low:.2g} to {load.high:.2g} kg·m²{how}"
 
 

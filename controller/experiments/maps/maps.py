@@ -94,7 +94,7 @@ class MapSettings:
         _refuse_more(servo, config.period_ns)
         if servo.back_emf and config.servo.kind != "simulated":
             raise UserError(
-                "found true on an emulated servo, whose motor a map does not know",
+                "found true for an emulated servo, whose motor a map does not know",
                 field="servo.back_emf",
                 advice="set servo.backend=simulated, servo.torque_limit and servo.no_load_speed",
             )
@@ -215,7 +215,7 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
     if servo.flexible and more:
         raise UserError(
             f"found {servo.load_inertia:g} beside backlash or other mechanics: with a load a map "
-            "counts friction, encoder and drive only",
+            "knows only friction, encoder and drive",
             field="servo.load_inertia",
             advice="leave the load or the others out, or use haptic-wall sweep",
         )
@@ -224,9 +224,8 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
         raise UserError(
             f"found {servo.current_period:g} s",
             field="servo.current_period",
-            wanted=f"a whole fraction of the loop's period, {period_ns * 1e-9:g} s: a map "
-            "has no other",
-            advice="or use haptic-wall sweep",
+            wanted=f"the loop's period, {period_ns * 1e-9:g} s, divided by a whole number",
+            advice="change it, or use haptic-wall sweep",
         )
 
 

@@ -72,7 +72,7 @@ class MapStore:
         whole = lines if not lines or lines[-1].endswith(b"\n") else lines[:-1]
         if len(whole) > 1 and not (self._resume or self._force):
             what = "found an unfinished map there"
-            advice = "give --resume to go on with it, or --force to begin anew"
+            advice = "give --resume to continue it, or --force to replace it"
             raise refused(self._folder, what, advice)
         described = fingerprint(asdict(self._question))
         head = {**RESULT_MARK, "format": _FORMAT, "fingerprint": described}
@@ -105,7 +105,7 @@ class MapStore:
         self._file.flush()
 
     def _read(self, lines: list[bytes], head: Mapping[str, Any]) -> None:
-        advice = "name another folder, or give --force to begin anew"
+        advice = "name another folder, or give --force to replace it"
         if lines[0] != _line(head):
             raise refused(self._folder, "found an unfinished map with other settings there", advice)
         tasks, kicks = set(self._question.tasks()), len(self._question.kicks)

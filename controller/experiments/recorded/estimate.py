@@ -161,13 +161,13 @@ def _explained(record: Record) -> float:
 def _why_nothing(record: Record) -> str:
     if record.stretches:
         return (
-            f"nothing can be told: the rows are {1e3 * row_interval(record):.3g} ms apart, wanted"
-            " at most 50 ms"
+            f"nothing can be determined: the rows are {1e3 * row_interval(record):.3g} ms apart,"
+            " wanted at most 50 ms"
         )
     return (
-        "nothing can be told: no part of the record moves while its torque is known; wanted"
-        " torque_nm or current_a, or torque_enabled with 0 where the motor is off, in a part of"
-        " some tenths of a second in which the shaft moves"
+        "nothing can be determined: no part of the record has a motion with a known torque; wanted"
+        " torque_nm or current_a, or torque_enabled 0 while the motor is off, in a part of some"
+        " tenths of a second in which the shaft moves"
     )
 
 
@@ -272,14 +272,14 @@ def _told(
     inertia = known["inertia"]
     if inertia is not None and 2.0 * inertia.stderr >= inertia.value:
         notes.append(
-            f"the servo's own inertia cannot be told: {inertia.value:.2g} kg·m² with a standard"
-            f" error of {inertia.stderr:.2g}"
+            f"the servo's own inertia cannot be determined: {inertia.value:.2g} kg·m² with a"
+            f" standard error of {inertia.stderr:.2g}"
             + ("" if pendulum is None else "; check the pendulum's mass and length")
         )
         known["inertia"] = None
     notes += _notes(record, pendulum, shot, models, driven=driven, few=few)
     if driven and terms["gain"] <= 0.0:
-        notes.append("the torque pushes against its own sign: check the sign of its column")
+        notes.append("the torque acts against its sign: check the sign of its column")
         known = dict.fromkeys(known)
         gain = constant = delay = None
     more = {}
@@ -323,29 +323,30 @@ def _notes(
     name = next(each.name for each in models if each.chosen)
     if not driven:
         notes.append(
-            "the motor is off in all that was fitted: delay and torque gain cannot be told"
+            "the motor is off in all fitted parts: delay and torque gain cannot be determined"
         )
         if pendulum is None:
             notes.append(
                 "without torque or a known pendulum there is no scale: inertia, damping and Coulomb"
-                f" friction cannot be told, only damping / inertia = {terms['damping']:.3g} 1/s and"
-                f" Coulomb friction / inertia = {terms['coulomb']:.3g} rad/s²"
+                " friction cannot be determined, only damping / inertia ="
+                f" {terms['damping']:.3g} 1/s and Coulomb friction / inertia ="
+                f" {terms['coulomb']:.3g} rad/s²"
             )
-        notes.append("M5 and M6 are M4 without motor torque: a free swing cannot tell them apart")
+        notes.append("without motor torque M5 and M6 equal M4: a free swing cannot separate them")
     elif pendulum is None:
         if record.unit == "N·m":
             notes.append(
-                "without a known pendulum the torque gain cannot be told: all values count in the"
-                " torque that was recorded"
+                "without a known pendulum the torque gain cannot be determined: all values are in"
+                " the unit of the recorded torque"
             )
         else:
             notes.append(
                 "without a known pendulum a current has no scale: inertia, damping and Coulomb"
-                " friction cannot be told"
+                " friction cannot be determined"
             )
     if pendulum is not None:
         notes.append(
-            f"the arm's own mass is taken for {100 * ARM_SHARE:.0f} ±"
+            f"the arm's own mass is assumed to be {100 * ARM_SHARE:.0f} ±"
             f" {100 * ARM_SHARE_STDERR:.0f} % of the pendulum's"
         )
     if few:
@@ -354,17 +355,17 @@ def _notes(
             for each, share in SPREAD.items()
         )
         notes.append(
-            f"too few swings to see how the servo varies between them: {shares} are added to the"
-            " standard errors, as measured on an XL330"
+            f"there are too few swings to measure the variation between them: {shares} are added"
+            " to the standard errors, as measured on an XL330"
         )
     if models[0].predicted is None and len(models) > 1:
-        notes.append("the record is too short to tell which friction model predicts better")
+        notes.append("the record is too short to decide which friction model predicts better")
     rounding = record.step / math.sqrt(12.0)
     if rounding > 0.0 and shot.rms > _MUCH_LEFT * rounding:
         notes.append(
-            f"what is left is {1e3 * shot.rms:.2g} mrad rms, and rounding explains"
-            f" {1e3 * rounding:.2g}: {MEANING[name]} do not explain all"
+            f"the residual is {1e3 * shot.rms:.2g} mrad rms, of which rounding explains"
+            f" {1e3 * rounding:.2g} mrad: {MEANING[name]} do not explain all"
         )
     if driven and terms["delay"] >= 0.98 * LONGEST_DELAY_S:
-        notes.append(f"the delay is {LONGEST_DELAY_S:g} s or more: it cannot be told")
+        notes.append(f"the delay is {LONGEST_DELAY_S:g} s or more: it cannot be determined")
     return notes

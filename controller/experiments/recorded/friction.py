@@ -70,8 +70,8 @@ MEANING = {
     "M2": "M1 and friction that fades with speed",
     "M3": "M1 and friction that grows with the gear's load",
     "M4": "M3, both fading with speed in part",
-    "M5": "M4, with shares of its own for load and motor",
-    "M6": "M5 and a part with the square of the load",
+    "M5": "M4 with separate fractions for load and motor",
+    "M6": "M5 and a part that grows with the square of the load",
 }
 FREE = ("M1", "M2", "M3", "M4")
 """Models that a free swing can tell apart: without motor torque M5 and M6 are M4"""

@@ -115,7 +115,7 @@ def record_of(columns: dict[str, FloatArray], notes: list[str] | None = None) ->
         else:
             found.append(Stretch(time[rows], position[rows], torque[rows], driven))
     if short:
-        notes.append(f"{short} rows with a known torque are left out: they come in too small parts")
+        notes.append(f"{short} rows with a known torque are left out: their parts are too short")
     if still:
         notes.append(f"in {still} parts with a known torque the shaft rests: they are left out")
     return Record(tuple(found), unit, step, tuple(notes))
@@ -157,7 +157,7 @@ def _known_rows(
         at = np.flatnonzero(breaks)
         for each in at[:MOST_TOLD]:
             begin, end = seconds(time[rows[each]]), seconds(time[rows[each + 1]])
-            notes.append(f"{what} from {begin} to {end} s: looked at anew from there on")
+            notes.append(f"{what} from {begin} to {end} s: a new part begins there")
         if at.size > MOST_TOLD:
             notes.append(f"there are {at.size - MOST_TOLD} more such places")
     known = np.isfinite(torque[rows])

@@ -61,7 +61,7 @@ def text(found: Recorded, plot: str | None) -> str:
         word = _WORDS.get(name, name)
         if each is None:
             if name in identified.UNITS:
-                lines.append(f"{word:<17} cannot be told")
+                lines.append(f"{word:<17} cannot be determined")
         elif name == "delay":
             lines.append(f"{word:<17} {each.in_ms(2)}")
         else:

@@ -78,8 +78,8 @@ def announcement(config: Config, speed: float) -> str:
         speed: Speed of the fastest part [rad/s].
     """
     return (
-        f"the shaft will be moved within ±{REACH:g} rad of where it is, at up to {speed:.2g} rad/s,"
-        f" and struck against the wall; it takes about {SECONDS} s"
+        f"the shaft will move within ±{REACH:g} rad of its position, at up to {speed:.2g} rad/s,"
+        f" and strike the wall; this takes about {SECONDS} s"
         + ("; keep clear of it" if config.servo.kind == "hardware" else "")
     )
 
@@ -125,10 +125,10 @@ def measure_rendering(
     static = None
     push = plan_push(wall.stiffness, wall.damping, friction, limit, step)
     if push is not None:
-        tell("2 of 4: the spring is pushed to and fro")
+        tell("2 of 4: a slow push on the spring, to both sides")
         phases = push_phases(push, shaking.hold, direction)
         static = static_stiffness(bed.play("rendered-static", phases).rows, phases, push, step)
-    tell("3 of 4: the free shaft is moved at several speeds")
+    tell("3 of 4: motion of the free shaft at several speeds")
     phases = drag_phases(shaking.hold, config.planned_speed)
     moved = drag(bed.play("rendered-drag", phases).rows, phases, fit)
 
@@ -147,7 +147,7 @@ def measure_rendering(
     worst = math.nan
     predicted: list[Contact] = []
     if approach is not None:
-        tell("4 of 4: contacts with the wall, and the same simulated")
+        tell("4 of 4: contacts with the wall, measured and simulated")
         phases = approach_phases(approach, shaking.hold, fit, direction, lag, seed)
         played = bed.play("rendered-contacts", phases)
         struck = contacts(played.rows, phases, fit, direction, lag)

@@ -16,7 +16,7 @@ from haptic_wall.controller.experiments.steps.shaken import Shaken
 from haptic_wall.controller.experiments.steps.step_fit import from_command, lost_motion
 from haptic_wall.controller.settings.config import Config
 
-_NOT_MOVED = "the shaft did not follow at two speeds both ways"
+_NOT_MOVED = "the shaft did not follow at two speeds in both directions"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ def stiffness_rows(
     rows = []
     if static is None:
         note = (
-            "not pushed: friction would hide a spring so soft"
+            "not measured: friction hides so soft a spring"
             if push is None
-            else "the spring gave way by less than the encoder can tell"
+            else "the encoder does not resolve the spring's deflection"
         )
         rows.append(Comparison("static stiffness", "N·m/rad", stiffness, None, None, note))
     else:

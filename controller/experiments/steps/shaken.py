@@ -106,8 +106,8 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         raise ExperimentFailedError(
             f"the servo does not move: {away:.2g} rad under torque steps of ±{plan.torque:.3g} N·m",
             wanted=f"about {plan.travel:.2g} rad",
-            advice="see whether the shaft is blocked, the supply is on, and model.inertia "
-            f"and model.coulomb are right ({played.log})",
+            advice="free the shaft if it is blocked, switch the supply on, or correct "
+            f"model.inertia and model.coulomb ({played.log})",
         )
     longest = max(_LONGEST_LAG, 2.0 * config.belief().delay.high) + 10 * period
     lag = rough_lag(rows, period, longest)
@@ -117,13 +117,13 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
     planned = shaking.bursts * PER_BURST
     missing = 1.0 - good(rows).size / rows.size
     out = (
-        f"{missing:.0%} of the samples came late or not at all; `haptic-wall doctor` says what"
-        " helps"
+        f"{missing:.0%} of the samples came late or not at all; `haptic-wall doctor` names the"
+        " remedy"
         if missing > _MISSING
-        else f"the shaft left the ±{plan.reach:.2g} rad that the steps may take: it is lighter than"
-        " model.inertia.low says, or something pulls it"
+        else f"the shaft left the ±{plan.reach:.2g} rad that the steps may take: its inertia is"
+        " below model.inertia.low, or a load pulls it"
         if left
-        else "it moved less than model.inertia and model.coulomb say"
+        else "the shaft moved less than model.inertia and model.coulomb predict"
     )
     if len(steps) < FEWEST_STEPS or len({step.direction for step in steps}) < 2:
         raise ExperimentFailedError(
@@ -141,8 +141,8 @@ def _shaken(bed: Testbed, name: str, shaking: Shaking) -> Shaken:
         notes.append(f"{len(steps)} of {planned} steps were usable: {out}")
     if fit.systematic > known:
         notes.append(
-            "the motion after each step is not quite that of a rigid servo under a torque that"
-            " jumps: with other samples about the steps the lag comes out up to"
-            f" {1e3 * fit.systematic:.2g} ms different, which its error holds"
+            "the motion after each step differs a little from that of a rigid servo under a torque"
+            " step: with other samples about the steps the lag changes by up to"
+            f" {1e3 * fit.systematic:.2g} ms, which its error includes"
         )
     return Shaken(fit, rows["age_ns"] * 1e-9, played, "; ".join(notes))

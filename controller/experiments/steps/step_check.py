@@ -54,22 +54,22 @@ def fault(fit: StepFit, longest: float) -> Problem | None:
     most = ROUGH if fit.steps[0].mode is None else KNOWN
     if ratio > most:
         found = (
-            f"it differs from the fitted one by {ratio:.3g} times the noise of the samples, wanted"
-            f" at most {most:g}"
+            f"it differs from the fitted motion by {ratio:.3g} times the noise of the samples,"
+            f" wanted at most {most:g} times"
         )
     elif not error < _UNKNOWN:
         found = f"{lag}, wanted an error below {1e3 * _UNKNOWN:g} ms"
     elif not -max(_BELOW, _SURE * error) <= fit.lag <= longest + _SURE * error:
         found = f"{lag}, wanted one from 0 to {1e3 * longest:.3g} ms"
     elif fit.acceleration <= _SURE * fit.acceleration_stderr:
-        found = f"a torque would accelerate the shaft by {fit.acceleration:.3g} rad/s² per N·m"
+        found = f"the torque accelerates the shaft by {fit.acceleration:.3g} rad/s² per N·m"
     else:
         return None
     wanted = "a rigid servo" if fit.steps[0].mode is None else "the believed load"
     return Problem(
-        f"the motion is not that of {wanted} and tells no lag: {found}",
-        advice="see whether the horn is loose, a link or the transmission yields, or something"
-        " touches the shaft",
+        f"the motion is not that of {wanted}, and does not determine the lag: {found}",
+        advice="check for a loose horn, an elastic link or transmission, and contact with the"
+        " shaft",
     )
 
 

@@ -81,8 +81,8 @@ def plan_steps(config: Config, torque_limit: float, hold: Hold) -> StepPlan:
     friction = belief.coulomb.high / belief.torque_gain.low
     if torque < FRICTION * friction:
         raise UserError(
-            f"the steps may have {torque:.3g} N·m ({SHARE:.0%} of the torque limit), friction is"
-            f" believed to be up to {friction:.3g} N·m, and {FRICTION:g} times as much is wanted",
+            f"the steps may have {torque:.3g} N·m ({SHARE:.0%} of the torque limit), wanted at"
+            f" least {FRICTION:g} times the believed friction of up to {friction:.3g} N·m",
             advice="raise servo.torque_limit, or narrow model.coulomb",
         )
     acceleration = torque / inertia

@@ -176,9 +176,9 @@ class CeilingSearch:
         result, cruise = self.result, self._cruise
         if cruise.most <= cruise.bias:
             result.reason = (
-                f"friction takes more torque than a cruise may, {cruise.bias:.3g} of"
-                f" {cruise.most:.3g} N·m: nothing was tried; correct model.coulomb and"
-                " model.damping, or raise servo.torque_limit"
+                f"friction takes {cruise.bias:.3g} N·m, and a cruise may use {cruise.most:.3g} N·m:"
+                " nothing was tried; correct model.coulomb and model.damping, or raise"
+                " servo.torque_limit"
             )
             return result
         vibrates = result.exact < result.rigid
@@ -187,8 +187,8 @@ class CeilingSearch:
         if grows is None:
             result.at_least = max((b for b, _ in self._played), default=None)
             result.reason = (
-                f"nothing vibrates up to {self.top:.3g} N·m·s/rad, beyond which one encoder count"
-                " or the cruise would command too much torque"
+                f"the servo does not vibrate up to {self.top:.3g} N·m·s/rad; above, one encoder"
+                " count or the cruise would command too much torque"
             )
             return result
         estimate = grows
@@ -305,7 +305,7 @@ class CeilingSearch:
             result.reason = f"a run ended early, and no vibration was seen to grow: {self._trip}"
             return
         if found is None:
-            result.reason = "a vibration grows, but too few trials tell where it begins"
+            result.reason = "a vibration grows, but too few trials determine its onset"
             return
         result.measured, result.uncertainty, result.frequency_hz = found
 

@@ -197,7 +197,7 @@ class PointSearch:
         torque, or a dead band, is not in the belief.
         """
         self._kick *= _SMALLER
-        self._tell(f"nothing grows within the torque limit: a kick of {self._kick:.3g} rad")
+        self._tell(f"no motion grows within the torque limit: a smaller kick, {self._kick:.3g} rad")
         self._reach = reach(self._device, self._setting, self._delay, self._kick)
         self._trials.clear()
         self._again = []
@@ -313,7 +313,7 @@ class PointSearch:
             played = self._bed.play(name, phases, setting.delay_steps)
             rows = played.rows
             if played.repeated is not None:
-                result.trips.append(f"{played.repeated} in {name}, which was run again")
+                result.trips.append(f"{played.repeated} in {name}, which was repeated")
         except ExperimentTrippedError as error:
             rows = recorded(self._bed.folder / f"{name}{SUFFIX}")
             unknown = error.fault is not None and not error.passing  # which stiffness it was
@@ -421,9 +421,9 @@ class PointSearch:
             onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)
             result.onset_rad = float(onset[0]) if np.isfinite(onset[0]) else None
         if not found.low <= found.stiffness <= found.high:
-            result.reason = "extrapolated: no trial on one of its sides"
+            result.reason = "extrapolated: on one side of the limit there is no trial"
         elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
-            result.reason = "trials differ by more than the tolerance: see the uncertainty"
+            result.reason = "the trials differ by more than the tolerance: see the uncertainty"
         elif found.larger_grows is False:
             result.reason = bounded_text(found.amplitude)
 

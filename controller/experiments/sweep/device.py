@@ -57,7 +57,7 @@ class Device:
             raise UserError(
                 "found null",
                 field="servo.torque_limit",
-                wanted="a torque [N·m]: a sweep plans its kicks by it",
+                wanted="a torque [N·m], by which a sweep plans its kicks",
                 advice="set it, for instance to the servo's stall torque",
             )
         rest = (config.period_s, config.wall.velocity_samples, config.velocity_filter())

@@ -49,20 +49,20 @@ def unstable_text(device: Device, virtual_damping: float, delay: float) -> str:
     ceiling = device.ceiling(delay)
     if virtual_damping >= ceiling:
         return (
-            f"virtual damping {virtual_damping:g} is over the ceiling {ceiling:.4g} N·m·s/rad at"
+            f"virtual damping {virtual_damping:g} is above the ceiling {ceiling:.4g} N·m·s/rad at"
             " this delay: no stiffness is stable; nothing was tried"
         )
     return (
-        f"virtual damping {virtual_damping:g} takes away all of the servo's own"
+        f"virtual damping {virtual_damping:g} cancels all of the servo's own"
         f" {device.damping:g} N·m·s/rad: no stiffness is stable; nothing was tried"
     )
 
 
 def out_of_reach_text(edge: Reach, seen: str) -> str:
     """Name the limit that prevents a measurement: torque or speed."""
-    room = f"room up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no room at all"
+    room = f"only up to {edge.top:.4g} N·m/rad" if edge.top > 0.0 else "no stiffness"
     return (
-        f"{edge.bound_by} leaves {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
+        f"{edge.bound_by} allows {room} for a kick of {edge.kick:.4g} rad, the limit is expected"
         f" at {edge.predicted:.4g} N·m/rad; {seen}: use a smaller --kick or raise {edge.bound_by}"
     )
 
@@ -80,22 +80,22 @@ def bracket_text(low: float, high: float, *, mixed: bool) -> str:
         if mixed
         else f"between {low:.4g}, where motion died, and {high:.4g}, where it grew"
     )
-    return f"{found}: too few undisturbed half cycles to fit its growth, as with much friction"
+    return f"{found}: too few undisturbed half-cycles to fit the growth, as with much friction"
 
 
 def bounded_text(amplitude: float) -> str:
     """Explain a figure at which larger motion decays; amplitude [rad]."""
     return (
-        f"here larger motion dies: a cycle of about {1e3 * amplitude:.2g} mrad, as backlash"
-        " sustains it, and no growth without end"
+        f"larger motion dies: a limit cycle of about {1e3 * amplitude:.2g} mrad, as of backlash,"
+        " not growth without end"
     )
 
 
 def disturbed_text(trials: int) -> str:
     """Explain how many trials bus or machine spoiled."""
     return (
-        f"{trials} trials lost too many readings or periods to be judged, and were made again: end"
-        " what keeps the machine busy, or see haptic-wall doctor"
+        f"{trials} trials lost too many readings or periods, and were repeated: end other programs"
+        " on this machine, or see haptic-wall doctor"
     )
 
 
@@ -117,9 +117,9 @@ def nothing_text(
         return out_of_reach_text(edge, f"motion still died at {max(died):.4g} N·m/rad")
     if grew and not died:
         return (
-            f"motion grew at every stiffness down to {min(grew):.4g} N·m/rad: the believed servo"
-            " (model.*) is far from this one, or something else moves it"
+            f"motion grew at every stiffness down to {min(grew):.4g} N·m/rad: the belief (model.*)"
+            " is far from this servo, or a load or a hand moves it"
         )
     if not died:
-        return "no trial could be watched to its end"
-    return "too few undisturbed half cycles to tell growth from decay"
+        return "no trial was recorded to its end"
+    return "too few undisturbed half-cycles to separate growth from decay"

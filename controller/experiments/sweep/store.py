@@ -100,17 +100,18 @@ class SweepStore:
         try:
             held = _HEAD.validate_json(text, strict=True)
         except ValidationError:
-            raise refused(self.folder, f"{JSON} there is not a sweep of ours", again) from None
+            what = f"found a {JSON} that haptic-wall did not write"
+            raise refused(self.folder, what, again) from None
         if held.fingerprint != self._asked.fingerprint:
             raise refused(
                 self.folder,
-                f"it holds a sweep with other settings ({held.summary}, {held.program})",
-                "name another folder, or give --fresh to measure anew and replace it",
+                f"found a sweep with other settings ({held.summary}, {held.program})",
+                "name another folder, or give --fresh to replace it",
             )
         try:
             points = _POINTS.validate_json(text, strict=True).points
         except ValidationError as error:
-            what = f"{JSON} is not what this program writes ({first_wrong(error)})"
+            what = f"found a {JSON} that this program cannot have written ({first_wrong(error)})"
             raise refused(self.folder, what, again) from None
         for point in points:
             self.done[PlanePoint(point.virtual_damping, point.delay_steps)] = point

@@ -185,7 +185,7 @@ def from_log(log: LogRows, changes: Sequence[Mapping[str, Any]] = ()) -> Impedan
             "the wall was changed while it ran",
             field="--log",
             given=log.log.path,
-            advice="cut out a stretch with haptic-wall log LOG --cut, or run it unchanged",
+            advice="cut out a stretch with haptic-wall log LOG --cut, or record an unchanged wall",
         )
     if config.wall.law != "wall":
         raise UserError(
@@ -223,7 +223,7 @@ def from_log(log: LogRows, changes: Sequence[Mapping[str, Any]] = ()) -> Impedan
         sum(map(len, stretches)),
         found.segments,
         answer,
-        None if excited else "not excited: the shaft did not move by more than the encoder's noise",
+        None if excited else "not excited: the shaft moved by less than the encoder's noise",
     )
 
 
@@ -306,7 +306,7 @@ def _measured(band: Band, found: _Spectra, period: float, step: float) -> Band:
     inside = (found.frequency >= centre / half) & (found.frequency < centre * half)
     inside[:2] = False  # what the straight line has taken
     if inside.sum() < _LEAST_BINS:
-        return replace(band, reason="below the frequencies that the contacts are long enough for")
+        return replace(band, reason="the contacts are too short for so low a frequency")
     motion, torque = float(found.motion[inside].sum()), float(found.torque[inside].sum())
     # Rounding to a count is white noise of step²/12 over all frequencies.
     noise = max(step**2 / 12.0, _FAINTEST**2) * 2.0 * float(inside.sum())

@@ -112,7 +112,7 @@ def measure_points(widths: Sequence[Width], folder: Path, fresh: bool, tell: Tel
             width.points = store.points()
             if not finished:
                 raise ExperimentInterruptedError(
-                    "interrupted", advice=f"the same command with --out {folder.parent} goes on"
+                    "interrupted", advice=f"the same command with --out {folder.parent} continues"
                 )
 
 
@@ -133,7 +133,7 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
     reason = "nothing was run"
     if log is None and config.servo.kind == "hardware":
         reason = (
-            "no log was given: run the wall, move the shaft by hand, and give the log with --log"
+            "no log is given: run the wall, move the shaft by hand, and give the log with --log"
         )
     elif log is None and folder is not None:
         try:

@@ -162,8 +162,8 @@ def width_of(config: Config, velocity: Velocity) -> Width:
     device = Device.of(two_sided)
     delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
     if velocity.filter != "none" and delay / device.period + 2.0 > MOST_PERIODS:
-        return Width(velocity, None, f"a delay of {delay / device.period:.3g} periods: at most"
-                     f" {MOST_PERIODS - 2} are computed with a filter")  # fmt: skip
+        return Width(velocity, None, f"a delay of {delay / device.period:.3g} periods: with a"
+                     f" filter at most {MOST_PERIODS - 2} are computed")  # fmt: skip
     ceiling = device.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])

@@ -13,8 +13,8 @@ export function does({ measured_hz: found, facts }) {
   return "is calm";
 }
 
-const share = ({ asked, limit }) => (limit > 0 ? `you ask K = ${K(asked.stiffness)}, <b>${Math.round((100 * asked.stiffness) / limit)} %</b> of it` : `you ask K = ${K(asked.stiffness)}`);
-const limitText = (facts) => (facts.limit > 0 ? `With this damping a wall is stable on this servo up to K = ${K(facts.limit)}; ${share(facts)}.` : `With so much damping no stiffness is stable at all; ${share(facts)}.`);
+const share = ({ asked, limit }) => (limit > 0 ? `you request K = ${K(asked.stiffness)}, <b>${Math.round((100 * asked.stiffness) / limit)} %</b> of it` : `you request K = ${K(asked.stiffness)}`);
+const limitText = (facts) => (facts.limit > 0 ? `With this damping a wall is stable on this servo up to K = ${K(facts.limit)}; ${share(facts)}.` : `With so much damping no stiffness is stable; ${share(facts)}.`);
 const seen = ({ free }) => `Measured now: the servo without the guard <b>${does(free)}</b>.`;
 
 export const STEPS = [
@@ -32,24 +32,24 @@ export const STEPS = [
     scene: "stiff",
     tries: [["soft", "The soft wall"], ["stiff", "The stiff wall"]],
     text: ({ free, free: { facts } }) => `
-      <p>${limitText(facts)} The weight was lifted and dropped on it.</p>
-      <p>${seen({ free })} Nobody shakes it: the motor puts energy into each cycle, until the torque limit of <b>${number(facts.servo.torque_limit)} N·m</b> bounds it.</p>
-      <p class="ask">Hold the handle: a hand takes energy out. Let go, and it begins again. “Hear the torque” makes it a sound. The other servo has a guard; it comes in step 5.</p>`,
+      <p>${limitText(facts)} The weight was lifted and dropped on the wall.</p>
+      <p>${seen({ free })} Nobody shakes it: the motor adds energy in each cycle, until the torque limit of <b>${number(facts.servo.torque_limit)} N·m</b> bounds the motion.</p>
+      <p class="ask">Hold the handle: your hand takes energy out. Let go: the oscillation begins again. “Hear the torque” plays the torque as a sound. The other servo has a guard; step 5 explains it.</p>`,
   },
   {
     title: "Why: half a period and the delay",
     scene: "prompt",
     tries: [["prompt", "This wall"], ["late", "The same wall, with more delay"]],
     text: ({ free, free: { facts } }) => `
-      <p>The torque acts late: it is held for a period, on average half of one, ${ms(0.5 * facts.period)}, and the delay from sample to torque is ${ms(facts.delay)}. A spring that is ${ms(facts.late)} late pushes out more than it took in. That is negative damping, K × ${ms(facts.late)} = ${B(facts.asked.stiffness * facts.late)}. Friction and damper take b + B = ${B(facts.servo.damping + facts.asked.damping)}.</p>
-      <p>So K must be below (b + B) / (T/2 + t<sub>d</sub>) = ${K(facts.rule)}; the exact limit is ${K(facts.limit)}, where it would oscillate at ${Hz(facts.frequency_hz)}. You ask ${K(facts.asked.stiffness)}. ${seen({ free })}</p>`,
+      <p>The torque acts late: it is held for a period, on average half of one, ${ms(0.5 * facts.period)}, and the delay from sample to torque is ${ms(facts.delay)}. A spring that is ${ms(facts.late)} late gives out more energy than it took in. It acts as a negative damping of K × ${ms(facts.late)} = ${B(facts.asked.stiffness * facts.late)}. Friction and damper have b + B = ${B(facts.servo.damping + facts.asked.damping)}.</p>
+      <p>So K must be below (b + B) / (T/2 + t<sub>d</sub>) = ${K(facts.rule)}. The exact limit is ${K(facts.limit)}; there the servo oscillates at ${Hz(facts.frequency_hz)}. You request ${K(facts.asked.stiffness)}. ${seen({ free })}</p>`,
   },
   {
     title: "More damping helps, too much does not",
     scene: "damped",
     tries: [["stiff", "Little damping"], ["damped", "More"], ["too_much", "Too much"]],
     text: ({ free, free: { facts } }) => `
-      <p>The damper takes energy: with B = ${B(facts.asked.damping)} ${facts.limit > 0 ? `the limit is K = ${K(facts.limit)}` : "no stiffness is stable"}; you ask ${K(facts.asked.stiffness)}. But its velocity comes from the same late samples. The highest limit, ${K(facts.peak.stiffness)}, is at B = ${B(facts.peak.damping)}, and beyond ${B(facts.damping_ceiling)} the damper alone oscillates.</p>
+      <p>The damper takes energy: with B = ${B(facts.asked.damping)} ${facts.limit > 0 ? `the limit is K = ${K(facts.limit)}` : "no stiffness is stable"}; you request ${K(facts.asked.stiffness)}. But its velocity comes from the same late samples. The highest limit, ${K(facts.peak.stiffness)}, is at B = ${B(facts.peak.damping)}. Above ${B(facts.damping_ceiling)} the damper alone makes the servo oscillate.</p>
       <p>${seen({ free })} In the map below, the dot moves along B.</p>`,
   },
   {
@@ -57,8 +57,8 @@ export const STEPS = [
     scene: "stiff",
     tries: [["stiff", "The stiff wall"], ["far", "Far too stiff"], ["late", "More delay"], ["too_much", "Too much damping"]],
     text: ({ free, guarded, limits, commanded }) => `
-      <p>Both servos are asked for K = ${K(guarded.facts.asked.stiffness)} and B = ${B(guarded.facts.asked.damping)}. The guard knows bounds of inertia, friction and delay. It computes the limits, the curves of the map, and commands at most <b>${number(limits?.margin)}</b> of the lowest: K = ${K(commanded.stiffness)}, B = ${B(commanded.damping)}.</p>
-      <p>Measured now: without the guard the servo <b>${does(free)}</b>; with it the servo <b>${guarded.measured_hz ? `oscillates at ${number(guarded.measured_hz)} Hz` : "is calm"}</b>.${commanded.stiffness < 0.97 * limits?.commanded.stiffness ? " Now it is softer still: ticks were late, or its detector found an oscillation." : ""}</p>
+      <p>Both servos get the request K = ${K(guarded.facts.asked.stiffness)} and B = ${B(guarded.facts.asked.damping)}. The guard knows bounds of inertia, friction and delay. It computes the limits, the curves of the map, and commands at most <b>${number(limits?.margin)}</b> of the lowest: K = ${K(commanded.stiffness)}, B = ${B(commanded.damping)}.</p>
+      <p>Measured now: without the guard the servo <b>${does(free)}</b>; with it the servo <b>${guarded.measured_hz ? `oscillates at ${number(guarded.measured_hz)} Hz` : "is calm"}</b>.${commanded.stiffness < 0.97 * limits?.commanded.stiffness ? " Now its wall is even softer, because ticks were late or its detector found an oscillation." : ""}</p>
       <p class="words">${escaped(limits?.reasons?.[0] ?? "")}</p>`,
   },
   {
@@ -72,7 +72,7 @@ haptic-wall init my-testbed.yaml --from xm430-w350    # writes a configuration, 
 haptic-wall doctor my-testbed.yaml                    # finds the faults of the testbed
 haptic-wall run my-testbed.yaml                       # renders a wall until Ctrl-C
 haptic-wall commission my-testbed.yaml --out results  # measures the servo and its limits</pre>
-      <p>What would limit it? Your numbers, computed by the same theory:</p>`,
+      <p>Limits of your servo, computed by the same theory:</p>`,
   },
 ];
 
@@ -81,8 +81,8 @@ const escaped = (words) => words.replace(/[&<>]/g, (sign) => ({ "&": "&amp;", "<
 // The limits of the reader's own servo.
 export function ownText(told) {
   if (told.trouble) return escaped(told.trouble);
-  const top = `The highest limit of all dampings is ${K(told.peak.stiffness)}, at B = ${B(told.peak.damping)}; beyond ${B(told.damping_ceiling)} no wall is stable.`;
+  const top = `The highest limit is ${K(told.peak.stiffness)}, at B = ${B(told.peak.damping)}; above B = ${B(told.damping_ceiling)} no wall is stable.`;
   if (!told.exact) return `With this B no stiffness is stable. ${top}`;
-  return `Stable below K = ${K(told.exact)}, where it would oscillate at ${Hz(told.frequency_hz)}; one that never pulls below ${K(told.one_sided)}; ${told.passive ? `passive below ${K(told.passive)}` : "with this much B none is passive"}. ${top}`;
+  return `A two-sided wall is stable below K = ${K(told.exact)}, where it oscillates at ${Hz(told.frequency_hz)}; a one-sided wall below ${K(told.one_sided)}; ${told.passive ? `a wall is passive below ${K(told.passive)}` : "with this B no wall is passive"}. ${top}`;
 }
 

@@ -90,5 +90,5 @@ export class Knobs {
 function clamp({ commanded, requested, reasons }) {
   const less = commanded.stiffness < requested.stiffness || commanded.damping < requested.damping;
   const values = `${+commanded.stiffness.toPrecision(4)} N·m/rad and ${+commanded.damping.toPrecision(4)} N·m·s/rad`;
-  return less ? `commanded are ${values}: ${reasons[0] ?? ""}` : reasons.join("\n");
+  return less ? `commanded: ${values}: ${reasons[0] ?? ""}` : reasons.join("\n");
 }

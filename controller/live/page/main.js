@@ -36,7 +36,7 @@ function greet(hello) {
   events.clear();
   element("grip").hidden = !(hello.hand && hello.controls);
   element("held").hidden = !(hello.dead_man && hello.controls);
-  element("may").textContent = hello.controls ? "" : hello.recorded ? "(recorded)" : "(to turn it: --live-control)";
+  element("may").textContent = hello.controls ? "" : hello.recorded ? "(recorded)" : "(to change it: --live-control)";
   document.title = element("name").textContent = hello.recorded ? `${hello.name} (recorded)` : hello.name;
   if (scope) scope.store = store;
   else scope = new Scope(element("panels"), store, state, {
@@ -113,7 +113,7 @@ function frame() {
   if (!dirty || !scope) return;
   dirty = false;
   element("pause").setAttribute("aria-pressed", String(!view.follows));
-  element("pause").textContent = view.follows ? "Pause" : "Go on";
+  element("pause").textContent = view.follows ? "Pause" : "Continue";
   for (const button of element("spans").children) button.setAttribute("aria-pressed", String(view.follows && +button.value === view.span));
   scope.draw(view.stretch);
   report();

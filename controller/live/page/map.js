@@ -56,7 +56,7 @@ export class GuardMap {
   explain() {
     const { reasons, commanded } = this.map;
     const now = this.point?.[0] ?? commanded.stiffness;
-    const less = now < 0.99 * commanded.stiffness ? `Now only ${+now.toPrecision(3)} N·m/rad: late samples or ticks, or an oscillation. ` : "";
+    const less = now < 0.99 * commanded.stiffness ? `Now only ${+now.toPrecision(3)} N·m/rad, because of late samples, late ticks or an oscillation. ` : "";
     this.words.textContent = less + (reasons.join("\n") || (less ? "" : "Commanded as requested."));
   }
 

@@ -16,10 +16,10 @@ from haptic_wall.controller.report.html import embedded, filled_in
 _PNG = b"\x89PNG\r\n\x1a\n"
 """First bytes of every picture"""
 _CAPTIONS = {
-    "identify": "The motion that the model was fitted to, the torque, and what the fit leaves.",
-    "delay": "What a torque step causes, from the sample on; inserted delays found again.",
-    "rendered": "The wall's spring pushed, the free shaft's drag, and contacts with the wall.",
-    "sweep": "Measured critical stiffness on the limits of the identified servo.",
+    "identify": "The motion to which the model was fitted, the torque, and the fit's residual.",
+    "delay": "The motion after a torque step, from the sample on; measured inserted delays.",
+    "rendered": "A slow push on the wall's spring, the free shaft's drag, contacts with the wall.",
+    "sweep": "Measured critical stiffness, over the limits of the identified servo.",
 }
 
 

@@ -18,7 +18,7 @@ _PARTS = {
     "hold": "half the period",
     "sample_age": "age of the sample",
     "inserted": "inserted",
-    "device": "the device's own, at its longest",
+    "device": "the lag at its upper bound",
 }
 _NAMES = {"coulomb": "Coulomb friction", "torque_gain": "torque gain"}
 _ENDS = {"failed": "tried and failed", "skipped": "left out"}
@@ -32,7 +32,7 @@ def headline(report: Report) -> str:
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
     can = "can hold"
     if report["status"] == NOT_MEASURED:
-        can = "was not identified; by the belief of its configuration alone it would hold"
+        can = "was not identified; by the belief of its configuration it can hold"
     start = f"{report['name']} {can} a wall of {_n(best['stiffness'])} N·m/rad"
     if report["status"] == INCOMPLETE:
         missing = [
@@ -56,21 +56,24 @@ def why(report: Report) -> Iterator[str]:
     verdict = report["verdict"]
     if verdict["basis"] == "believed":
         yield (
-            "This is what the model in the configuration says: the servo was not identified, so"
-            " nothing of it is measured."
+            "These values follow from the belief in the configuration: the servo was not"
+            " identified, so none of them is measured."
         )
-    for which, case in (("Without virtual damping", "plain"), ("With the best of it", "best")):
+    for which, case in (
+        ("Without virtual damping", "plain"),
+        ("With the best virtual damping", "best"),
+    ):
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
-        yield f"{which} {'; '.join(decided['reasons'])}."
+        yield f"{which} virtual damping {'; '.join(decided['reasons'])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
         for part in verdict["delay_parts"]
         if part["seconds"] > 0.0
     )
-    yield f"The delay that the damping is divided by is made of: {parts}."
+    yield f"The total delay, by which the damping is divided, has these parts: {parts}."
     stiffness = verdict["best"]["commanded"]["stiffness"]
     if stiffness > 0.0:
         depth = verdict["torque_limit"] / stiffness
@@ -87,8 +90,8 @@ def _together(best: Mapping[str, Any]) -> Iterator[str]:
     near = [f"{name} {_n(value)}" for name, value in limits.items() if value <= _CLOSE * least]
     if len(near) > 1 and least > 0.0:
         yield (
-            f"At that damping the limits {', '.join(near)} lie together: raising one of them alone"
-            " buys next to nothing."
+            f"At that damping the limits {', '.join(near)} are nearly equal: to raise only one of"
+            " them gains almost nothing."
         )
 
 
@@ -96,9 +99,9 @@ def _configured(decided: Mapping[str, Any]) -> Iterator[str]:
     asked, given = decided["requested"], decided["commanded"]
     wall = f"{_n(asked['stiffness'])} N·m/rad, {_n(asked['damping'])} N·m·s/rad"
     if asked == given:
-        yield f"The wall of this configuration ({wall}) is commanded as it is."
+        yield f"The wall of this configuration ({wall}) is commanded as requested."
     else:
-        yield f"Of the wall of this configuration ({wall}): {'; '.join(decided['reasons'])}."
+        yield f"The wall of this configuration ({wall}): {'; '.join(decided['reasons'])}."
 
 
 def agrees(report: Report) -> Iterator[str]:
@@ -110,35 +113,33 @@ def agrees(report: Report) -> Iterator[str]:
         yield from _rendered(report["rendered"])
         if report["identify"] is not None and report["identify"]["warnings"]:
             yield (
-                "A weight, cogging or friction at rest of the servo itself is part of what is"
-                " rendered: see what is not known."
+                "The rendered wall includes the servo's own weight, cogging and friction at rest:"
+                " see “What is not known”."
             )
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
     if found["line"] is not None:
         yield from _line(found["line"])
     if all(value is None for value in found.values()):
-        yield "Nothing was measured twice, so nothing could be compared."
+        yield "No quantity was measured twice, so none could be compared."
 
 
 def _delay(found: Mapping[str, Any]) -> Iterator[str]:
     device = found["device"]
     one, other = device["identify"], device["delay"]
-    said = (
-        f"The device's own delay is {_pm_ms(one)} by its motions, {_pm_ms(other)} by torque steps:"
-    )
+    said = f"The lag is {_pm_ms(one)} by the motions of identify, {_pm_ms(other)} by torque steps:"
     if device["agree"]:
         yield f"{said} the two agree within two standard errors."
     else:
         longest = max(each["value"] + 2.0 * each["stderr"] for each in (one, other))
         yield (
-            f"{said} the two do NOT agree (apart by {device['periods']:.2g} periods). Until it is"
-            f" known why, set model.delay so that its high is {longest:.3g} s."
+            f"{said} the two do NOT agree (they differ by {device['periods']:.2g} periods). Until"
+            f" the cause is known, set model.delay.high to {longest:.3g} s."
         )
     for point in found["inserted"]["points"]:
-        end = "as it should be" if point["agree"] else "which is NOT what was inserted"
+        end = "which agrees" if point["agree"] else "which does NOT agree"
         yield (
-            f"{ms(point['inserted'])} inserted on purpose came out as"
+            f"An inserted delay of {ms(point['inserted'])} was measured as"
             f" {_pm_ms(point['recovered'])}, {end}."
         )
 
@@ -157,19 +158,19 @@ def _rendered(found: Mapping[str, Any]) -> Iterator[str]:
             f"{name.capitalize()}: {_n(row['commanded'])} N·m/rad commanded,"
             f" {_n(row['rendered'])}{_pm(row['stderr'])} rendered, {row['note']}"
         )
-        yield f"{said}: {ratio:.3f} of it." if off else f"{said}."
+        yield f"{said}: {ratio:.3f} of the commanded stiffness." if off else f"{said}."
 
 
 def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[str]:
     measured = [point for point in points if point["measured"] is not None]
     if not measured:
-        yield "No point of the boundary could be measured; the reasons stand with the points."
+        yield "No point of the boundary could be measured; “What is not known” has the reasons."
         return
     agreeing = [point for point in measured if point["agree"]]
     yield (
-        f"{len(agreeing)} of {len(measured)} measured points of the stability boundary lie where"
-        " the model expects them (friction and kick counted; within the model's bounds, at least"
-        " 5 %, and two standard errors)."
+        f"{len(agreeing)} of {len(measured)} measured points of the stability boundary agree with"
+        " the model, friction and kick included (within the model's bounds, at least 5 %, and two"
+        " standard errors)."
     )
     low = [p for p in measured if not p["agree"] and _below(p)]
     high = [p for p in measured if not p["agree"] and not _below(p)]
@@ -177,23 +178,23 @@ def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[st
         early = min(p["measured"] / p["expected"] for p in low)
         worst = min(p["measured"] / p["low"] for p in low)
         yield (
-            f"Where they do not, the servo oscillates from {early:.2f} of the expected stiffness"
-            " on: something takes stability away that the model does not know (an elastic coupling,"
-            " a longer delay, more backlash). That is"
-            f" {worst:.2f} of what the bounds allow for; until it is found, set guard.margin to"
-            f" {margin * worst:.2g}."
+            f"At other points the servo oscillates from {early:.2f} of the expected stiffness on:"
+            " an effect that the model does not know reduces the stability (an elastic coupling, a"
+            " longer delay, more backlash). This stiffness is"
+            f" {worst:.2f} of the least one within the bounds; until the cause is found, set"
+            f" guard.margin to {margin * worst:.2g}."
         )
     if high:
         yield (
-            "Where measured points lie higher than expected, the servo has more friction than was"
-            " identified, or less delay; the guard is on the safe side there."
+            "At points that lie above the expected stiffness the servo has more friction or less"
+            " delay than identified; there the guard is on the safe side."
         )
     if not low:
-        yield "No measured point asks for less than the configured guard.margin."
+        yield "No measured point requires a lower guard.margin than the configured one."
     bounded = [p["kick_rad"] for p in measured if p["larger_grows"] is False]
     if bounded:
         yield (
-            f"At {len(bounded)} of the points larger motion dies: the servo swings by about"
+            f"At {len(bounded)} of the points larger motion dies: the oscillation has about"
             f" {_n(1e3 * max(bounded))} mrad there, and does not grow further."
         )
 
@@ -204,17 +205,17 @@ def _below(point: Mapping[str, Any]) -> bool:
 
 def _line(found: Mapping[str, Any]) -> Iterator[str]:
     if "reason" in found:
-        yield f"Damping and delay could not be read off the boundary: {found['reason']}."
+        yield f"Damping and delay could not be fitted to the boundary: {found['reason']}."
         return
     damping, compared = found["damping"], found["compared"]
     said = [
-        f"{name} {'agrees' if compared[name]['agree'] else 'does NOT agree'}"
+        f"the {name} {'agrees' if compared[name]['agree'] else 'does NOT agree'}"
         for name in ("damping", "delay")
     ]
     yield (
-        f"Read off the measured boundary, the damping is {_n(damping['value'])} ±"
-        f" {damping['stderr']:.2g} N·m·s/rad and the delay {_pm_ms(found['delay'])}; beside what"
-        f" the motions say, {said[0]} and {said[1]}."
+        f"A fit to the measured boundary gives a damping of {_n(damping['value'])} ±"
+        f" {damping['stderr']:.2g} N·m·s/rad and a delay of {_pm_ms(found['delay'])}: {said[0]} and"
+        f" {said[1]} with the motions of identify."
     )
 
 
@@ -223,24 +224,24 @@ def unknown(report: Report) -> Iterator[str]:
     identify = report["identify"]
     if identify is not None:
         unit = (
-            "its current, by the torque constant"
+            "the measured current times the torque constant"
             if identify["torque_unit"] == "measured"
-            else "the torque commanded"
+            else "the commanded torque"
         )
         yield (
-            f"All torques are in the unit of {unit}: N·m is only as good as the torque constant"
-            " (published ones of one model differ by a third). Stiffness, damping, inertia and"
-            " friction are wrong by the same share, so stability is not touched; for true N·m hang"
-            " a known weight on a known lever."
+            f"The unit of all torques is that of {unit}: N·m is only as accurate as the torque"
+            " constant (published ones of one model differ by a third). Stiffness, damping, inertia"
+            " and friction have the same relative error, so it does not change the stability; for"
+            " true N·m hang a known weight on a known lever."
         )
         yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in identify["warnings"])
         if identify["backlash"] is None:
-            yield "Backlash between motor and shaft was not seen; a little may be there."
+            yield "No backlash between motor and shaft was found; a little may exist."
     for step in report["steps"]:
         if step["state"] in ("failed", "skipped") and step["step"] != "doctor":
             yield f"The step {step['step']} was {_ENDS[step['state']]}: {step['reason']}."
         elif step["state"] == "not taken":
-            yield f"The step {step['step']} was not reached; the same command goes on."
+            yield f"The step {step['step']} was not reached; the same command continues."
     for point in report["agreement"]["boundary"] or ():
         if point["measured"] is None:
             yield (
@@ -250,14 +251,14 @@ def unknown(report: Report) -> Iterator[str]:
     friction = report["verdict"]["model"]["coulomb"]["value"]
     if friction > 0.0:
         yield (
-            f"Coulomb friction ({_n(friction)} N·m) lets small motion die above the limits without"
-            " friction too. The guard does not count on it: it differs from place to place, and a"
-            " larger motion is not held by it."
+            f"Coulomb friction ({_n(friction)} N·m) lets small motion die even above the limits,"
+            " which are those without friction. The guard does not count on it: it varies with the"
+            " position, and does not stop a larger motion."
         )
     yield (
-        "It was measured free, cold or warm as it was, and on one day: whatever is mounted later"
-        " changes the inertia, and wear and warmth change the friction. The bounds in the"
-        " configuration allow for a little of it; after any change commission again."
+        "The servo was measured free, at one temperature and on one day: a part that is mounted"
+        " later changes the inertia; wear and temperature change the friction. The bounds in the"
+        " configuration cover a small change; after any other commission the servo again."
     )
 
 
@@ -277,7 +278,7 @@ def following(report: Report) -> Iterator[tuple[str, str]]:
     best = report["verdict"]["best"]["commanded"]
     # Rounded down, so that the guard commands the requested value.
     stiffness = math.floor(best["stiffness"] * 10.0) / 10.0
-    yield f"haptic-wall run {config}", "the wall of your configuration, on the identified model"
+    yield f"haptic-wall run {config}", "the wall of your configuration, with the identified model"
     if stiffness > 0.0:
         yield (
             f"haptic-wall run {config} --set wall.stiffness={stiffness:g}"

@@ -162,7 +162,7 @@ def evidence(cause: Cause, late: Late, machine: Machine) -> str:
         case Cause.HOST if late.asleep_ns > late.awake_ns:
             parts = [timer, _stolen(late)]
         case Cause.WOKEN_LATE:
-            host = "a busy host does that" if machine.virtual else ""
+            host = "perhaps the host was busy" if machine.virtual else ""
             parts = [timer, "nothing else ran on the core", _stolen(late), host]
         case Cause.HOST:
             parts = [awake, "no other process had it", _stolen(late) if late.steal_ns else ""]

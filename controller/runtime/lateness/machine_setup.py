@@ -43,7 +43,7 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[SettingState]:
             "kernel",
             "PREEMPT_RT" if preempt else "no PREEMPT_RT",
             "PREEMPT_RT",
-            "" if preempt else "a kernel with PREEMPT_RT bounds the wake-up's lateness",
+            "" if preempt else "install a kernel with PREEMPT_RT, which bounds the lateness",
         ),
         SettingState(
             "core isolation",
@@ -81,9 +81,9 @@ def machine_setup(core: int, root: Path = Path("/")) -> list[SettingState]:
         rows.append(
             SettingState(
                 "host",
-                "a virtual machine: its host can stall all of it",
+                "a virtual machine: its host can stall it",
                 "a machine of its own",
-                "run on the bare machine; nothing inside helps",
+                "run on the physical machine; no setting of the virtual one helps",
             )
         )
     return rows

@@ -84,7 +84,7 @@ def only_adapter(found: Iterable[Adapter] | None = None) -> str:
         raise PortError(
             "No USB serial adapter is plugged in",
             advice="plug it in, or name the port with --port (an on-board one is e.g. "
-            "/dev/ttyAMA0, an emulated bus says its path).",
+            "/dev/ttyAMA0, an emulated bus prints its path).",
         )
     if len(candidates) > 1:
         listed = "; ".join(map(str, candidates))
@@ -167,15 +167,15 @@ def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
     """
     name = "latency timer"
     if is_pseudo_terminal(path):
-        why = "a pseudo-terminal has no setting for it; what the replies take is measured below"
+        why = "a pseudo-terminal has no such setting; the reply time is measured below"
         return not_applicable(name, why)
     latency_ms, found = timer_ms(path, classes), describe(path, classes)
     if latency_ms is None:
-        return not_applicable(name, f"the adapter's driver tells of no such timer ({found})")
+        return not_applicable(name, f"the adapter's driver has no such timer ({found})")
     timer, wanted = timer_file(path, classes), "1 ms"
     if latency_ms == 0:
         fix = (
-            "0 is reported to keep a U2D2 from finding its servos; if yours does not answer, "
+            "with 0 some U2D2 are reported to find no servos; if yours finds none, "
             f"`echo 1 | sudo tee {timer}`"
         )
         return Finding(name, True, found, wanted, fix)

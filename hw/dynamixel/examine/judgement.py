@@ -93,7 +93,7 @@ def _torque(examined: Examined) -> Iterator[Judgement]:
             not on,
             "on" if on else "off",
             "off",
-            "a program left it on: end that program, hold what hangs on the shaft, and switch "
+            "a program left it on: end that program, hold any load on the shaft, and switch "
             "its power off and on"
             if on
             else "",
@@ -196,7 +196,7 @@ def _bus(examined: Examined) -> Iterator[Judgement]:
                 not shared,
                 str(secondary) if shared else "none",
                 "none",
-                f"it obeys writes to id {secondary} too, without a word: write 255 to "
+                f"it also obeys writes to id {secondary}, without a reply: write 255 to "
                 "Secondary ID (12)"
                 if shared
                 else "",
@@ -210,8 +210,8 @@ def _bus(examined: Examined) -> Iterator[Judgement]:
         Finding(
             "bus watchdog",
             watchdog is not None,
-            "not there" if watchdog is None else "tripped" if tripped else f"{watchdog}",
-            "there",
+            "missing" if watchdog is None else "tripped" if tripped else f"{watchdog}",
+            "present",
             f"update the firmware: {WATCHDOG_FIRMWARE} or later has one"
             if watchdog is None
             else "a run arms it again"
@@ -232,7 +232,7 @@ def _limits(examined: Examined, torque_limit: float, constant: float) -> Iterato
             "shutdown",
             not missing,
             f"{shutdown}, without {names}" if missing else str(shutdown),
-            f"{factory}, as from the factory",
+            f"{factory}, the factory setting",
             f"it does not protect itself from {names}: write {factory} to Shutdown (63)"
             if missing
             else "",
@@ -249,13 +249,13 @@ def _limits(examined: Examined, torque_limit: float, constant: float) -> Iterato
             fix = "it can make no torque: raise Current Limit (38)"
         elif current > model.current_limit:
             fix = (
-                f"an {model.name} has at most {model.current_limit}: look again, and replace the "
-                "servo if it still reads so"
+                f"an {model.name} has at most {model.current_limit}: examine it again, and replace "
+                "the servo if the value remains"
             )
         elif torque < torque_limit:
             fix = (
-                f"servo.torque_limit asks for {torque_limit:g} N·m: raise Current Limit (38), or "
-                "leave it so: the servo's limit holds"
+                f"servo.torque_limit is {torque_limit:g} N·m: raise Current Limit (38), or accept "
+                "the servo's lower limit"
             )
         found = f"{current} ({torque:.2f} N·m)"
         ok = 0 < current <= model.current_limit
@@ -263,11 +263,11 @@ def _limits(examined: Examined, torque_limit: float, constant: float) -> Iterato
     pwm = values["pwm_limit"]
     if pwm is not None:
         full = model.registers_at(examined.firmware)["pwm_limit"].default
-        fix = "" if pwm >= full else "less torque while it moves fast: raise PWM Limit (36)"
+        fix = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
         yield Judgement(Finding("PWM limit", pwm > 0, str(pwm), str(full), fix))
     offset = values["homing_offset"]
     if offset is not None:
-        fix = "" if offset == 0 else "positions are shifted by it, and wall.position counts so too"
+        fix = "" if offset == 0 else "all positions are shifted by it, wall.position included"
         found = f"{offset} ({offset * POSITION_UNIT:.3f} rad)"
         yield Judgement(Finding("homing offset", True, found, "0", fix))
 
@@ -281,7 +281,7 @@ def _state(examined: Examined) -> Iterator[Judgement]:
     inside = low <= voltage <= high
     fix = "" if inside else "check the supply; outside these limits it reports an error"
     if inside and abs(voltage - model.voltage) > 0.15 * model.voltage:
-        fix = f"its stall figures hold at {model.voltage:g} V; expect another largest torque"
+        fix = f"its stall torque holds at {model.voltage:g} V; here the largest torque differs"
     wanted = f"{low:.1f} to {high:.1f} V"
     yield Judgement(Finding("supply", inside, f"{voltage:.1f} V", wanted, fix))
     now, limit = values["present_temperature"] or 0, values["temperature_limit"] or 0

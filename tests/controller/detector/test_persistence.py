@@ -30,7 +30,7 @@ def seen(*half_cycles: tuple[float, float], settings: BackstopSettings = SETTING
     found = Persistence(settings)
     for last in range(len(half_cycles)):
         four = [half_cycles[max(last - k, 0)] for k in range(4)]
-        motion = {"known": last + 1}
+        motion: dict[str, float] = {"known": last + 1}
         for k, (amplitude, duration) in enumerate(four):
             name = f"_{k + 1}" if k else ""
             motion |= {f"amplitude{name}": amplitude, f"duration{name}": duration}

@@ -77,7 +77,7 @@ def test_quick_replies_are_well_in_both_schedules() -> None:
     assert all(finding.ok and not finding.fix for finding in found.values())
     found = judged(QUICK, wanted("pipelined"))
     assert all(finding.ok for finding in found.values())
-    assert found["schedule"].fix == "set servo.schedule=immediate: samples would be younger"
+    assert found["schedule"].fix == "set servo.schedule=immediate, which has younger samples"
 
 
 SPOILED = [series("immediate", 0, 0, 1), series("pipelined", 0, 0, 0)]
@@ -98,7 +98,7 @@ def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named() -> N
     assert "1 of 3 phases" in found["schedule immediate"].found
     found = judged(TIMER, wanted("pipelined"), *SPOILED)
     assert all(finding.ok for finding in found.values())
-    assert "would not do here" in found["schedule immediate"].found
+    assert "not suitable here" in found["schedule immediate"].found
 
 
 def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate() -> None:

@@ -122,11 +122,11 @@ def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("damping", "sets", "words"),
     [
-        (8.0, (), ("over the ceiling", "nothing was tried")),
-        (-0.02, (), ("takes away all of the servo's own",)),
-        (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit leaves room", "--kick")),
-        (5.0, (), ("servo.torque_limit leaves no room at all", "nothing was tried")),
-        (0.02, ("safety.max_speed=2",), ("safety.max_speed leaves room", "--kick")),
+        (8.0, (), ("above the ceiling", "nothing was tried")),
+        (-0.02, (), ("cancels all of the servo's own",)),
+        (0.02, ("servo.torque_limit=0.5",), ("servo.torque_limit allows only up to", "--kick")),
+        (5.0, (), ("servo.torque_limit allows no stiffness", "nothing was tried")),
+        (0.02, ("safety.max_speed=2",), ("safety.max_speed allows only up to", "--kick")),
     ],
 )
 def test_a_point_out_of_reach_says_why(
@@ -242,7 +242,7 @@ def test_a_run_that_lost_all_is_made_again(
     found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
     assert found.measured is not None
     assert found.trips[0].startswith(f"{trip} at ")
-    assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was run again"
+    assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was repeated"
 
 
 @pytest.mark.parametrize(

@@ -232,7 +232,7 @@ def test_a_strong_spring_on_the_shaft_is_told(
 def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     """More than friction holds: the shaft would not have stayed where it was."""
     weight = Effects(gravity=0.1, hanging=math.pi / 2)
-    with pytest.raises(UnidentifiableError, match="something else moves it"):
+    with pytest.raises(UnidentifiableError, match="a weight, a spring or a hand moves it too"):
         identify(weight.on(config_of()), tmp_path)
 
 
@@ -240,9 +240,12 @@ def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
     ("effects", "said"),
     [
         (Effects(load_friction=0.1, backward=0.8), "the gear adds 10 % of its load"),
-        (Effects(backward=0.8), "N·m·s/rad backwards; the smaller one counts"),
-        (Effects(cogging=0.0042, periods=30), "it cogs: 0.0042 N·m to and fro, about "),
-        (Effects(gravity=0.012, hanging=0.5), "0.012 N·m at most: a weight that hangs at 0.5"),
+        (Effects(backward=0.8), "N·m·s/rad backwards; the smaller value is used"),
+        (Effects(cogging=0.0042, periods=30), "cogging: an amplitude of 0.0042 N·m, about "),
+        (
+            Effects(gravity=0.012, hanging=0.5),
+            "0.012 N·m depends on the angle: a weight that hangs at 0.5",
+        ),
     ],
     ids=["load and direction", "direction", "a period per turn", "an angle"],
 )
@@ -254,7 +257,7 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
     config = effects.on(config_of("servo.delay=0.002", "servo.kick=0.0005"))
     found = identify(config, tmp_path)
     (warning,) = (warning for warning in found.warnings if said in warning)
-    assert warning.endswith("the model does not know it")
+    assert warning.endswith("the model lacks it")
     model = identified_model(found, config)
     for name, true in zip(NAMES, truth(config), strict=True):
         least = true * (effects.backward if name == "damping" else 1.0)
@@ -425,7 +428,7 @@ def test_a_weight_that_drives_the_shaft_away_is_told(
     bed = Testbed(config, tmp_path, lambda _text: None, option="--logs")
     inertia, damping, coulomb, _ = truth(config)
     guess = Guess(inertia, damping, coulomb, 0.005)
-    with pytest.raises(UnidentifiableError, match=r"up to 0\.0[01]\d* N·m: take it off"):
+    with pytest.raises(UnidentifiableError, match=r"up to 0\.0[01]\d* N·m"):
         Bench(bed, bounds_of(config, 0.6), lambda _text: None).fitted(
             "motions", guess, 0.15, rough=True
         )

@@ -34,7 +34,7 @@ def test_a_task_under_way_is_not_waited_for_when_the_block_is_left_early(
 
 def test_one_that_dies_is_an_error_that_says_so() -> None:
     with (
-        pytest.raises(PlatformError, match="was ended from outside, perhaps because memory"),
+        pytest.raises(PlatformError, match="was killed from outside, perhaps for lack of memory"),
         processes(1) as pool,
     ):
         pool.submit(os._exit, 9).result()

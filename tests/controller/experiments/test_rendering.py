@@ -131,7 +131,7 @@ def test_a_spring_too_soft_for_friction_is_told(
     found, rows = measured(tmp_path, "wall.stiffness=0.3", "wall.damping=0")
     row = rows["static stiffness"]
     assert row.rendered is None
-    assert "friction would hide" in row.note
+    assert "friction hides" in row.note
     assert found.static is None
     assert rendering_report(found)["rows"][0]["ratio"] is None
 

@@ -121,7 +121,7 @@ def test_it_ends_with_its_last_phase(tmp_path: Path) -> None:
 # What the recorder monitor says of a log whose rows were lost; not all of it names the file.
 CUT_SHORT = [
     (3, "the log is incomplete (more rows waited to be written than memory holds): it lacks 3"),
-    (1, "the log is incomplete (no recorder came to write its end): it lacks 1 of 90 rows"),
+    (1, "the log is incomplete (no recorder wrote its end): it lacks 1 of 90 rows"),
     (None, "part of the log is lost (it.hwlog: Input/output error)"),
 ]
 
@@ -148,7 +148,7 @@ def test_a_log_that_was_cut_short_is_no_measurement(
 def test_a_warning_that_costs_no_row_spoils_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one went on")
+    cut_short(monkeypatch, 0, "the recorder was killed by SIGKILL; another one continued")
     assert bed(tmp_path).play("it", [Phase(0.05)]).rows.size >= 50
 
 

@@ -229,7 +229,7 @@ def test_the_example_runs_and_its_report_tells_of_the_tank(
     assert report["torque"]["max"] > 0.1
     assert report["guard"]["requested"]["stiffness"] > 0.2 * math.pi / 0.2
     told = report["guard"]["reasons"][-1]
-    assert "breathing:Breathing depends on time, and gives only what it absorbed" in told
+    assert "breathing:Breathing depends on time, and gives only absorbed energy" in told
 
 
 def test_an_error_of_the_law_ends_the_run_by_its_name(
@@ -263,7 +263,7 @@ def test_settings_that_the_tank_cannot_count_are_refused() -> None:
     said = "\n".join(refused.value.problems)
     assert "delay.steps" in said
     assert "wall.passivity_control" in said
-    with pytest.raises(ConfigError, match="it alone, not in a sum"):
+    with pytest.raises(ConfigError, match="it outside of a sum"):
         load_config("simulated", ["wall.law=sum", "wall.parts=[{law: 'breathing:Breathing'}]"])
     with pytest.raises(UserError, match="depends on time"):
         changed(load_config("simulated", [law]).config, ["wall.damping=0.01"])

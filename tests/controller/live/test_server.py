@@ -287,7 +287,7 @@ def test_one_hand_holds_the_shaft_and_lets_go_with_its_page(served: Served) -> N
             client.send(hold)
             until(lambda: held(served) == 0.25)
             reader.send(other)
-            assert "may look" in heard(reader, "refused")["words"]
+            assert "may not change the wall" in heard(reader, "refused")["words"]
             client.send(hold)
             late.send(other)
             client.send('{"hand": null}')
@@ -309,7 +309,7 @@ def test_a_page_that_answers_the_beats_holds_the_dead_man_until_it_goes(
     with served.connect() as reader, served.connect(f"?token={TOKEN}") as client:
         beat = heard(client, "beat")["beat"]
         reader.send(json.dumps({"hold": beat}))
-        assert "may look" in heard(reader, "refused")["words"]
+        assert "may not change the wall" in heard(reader, "refused")["words"]
         assert words[Word.HELD_NS] == 0
         client.send(json.dumps({"hold": heard(client, "beat")["beat"]}))
         until(lambda: words[Word.HELD_NS] > 0)
@@ -323,7 +323,7 @@ def test_a_page_that_answers_the_beats_holds_the_dead_man_until_it_goes(
 def test_only_the_token_turns_the_knobs(served: Served, run: socket.socket) -> None:
     with served.connect() as client:
         client.send('{"set": {"wall.stiffness": 4}}')
-        assert "may look" in heard(client, "refused")["words"]
+        assert "may not change the wall" in heard(client, "refused")["words"]
     run.settimeout(0.0)
     with pytest.raises(BlockingIOError):
         run.accept()

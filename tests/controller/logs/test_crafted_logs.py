@@ -112,10 +112,10 @@ def test_blocks_out_of_order_or_twice_are_told(
     detected = json.loads(told(capsys, "detect", log, "--json")[1])
     assert detected["samples"] == found["rows"], "log and detect agree"
     text = told(capsys, "log", log)[1]
-    assert (f"{late} rows stand behind later ones: they are left out" in text) == bool(late)
-    assert (f"{twice} rows stand there twice: they are read once" in text) == bool(twice)
+    assert (f"{late} rows come after later ones: they are left out" in text) == bool(late)
+    assert (f"{twice} rows occur twice: they are read once" in text) == bool(twice)
     said = " ".join(detected["notes"])
-    assert ("stand behind later ones" in said, "stand there twice" in said) == (
+    assert ("come after later ones" in said, "occur twice" in said) == (
         bool(late),
         bool(twice),
     )
@@ -219,7 +219,7 @@ def test_whatever_stands_for_the_configuration_a_log_is_summarised(
     for command in (["detect", log], ["log", log, "--plot", tmp_path / "a.png"]):
         status, text = told(capsys, *command)
         assert (status, text.count("\n")) == (2, 1)
-        assert "configuration is not one this program knows" in text
+        assert "this program does not know the log's configuration" in text
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def test_an_end_that_no_run_writes_is_told_as_damage(
     found = summary(capsys, log)
     assert found["rows"] == 50
     assert found["stop_reason"] is None
-    assert found["damaged"]["why"] == f"how the run ended: {why}"
+    assert found["damaged"]["why"] == f"the run's end: {why}"
 
 
 @pytest.mark.parametrize(
@@ -309,7 +309,7 @@ OTHER = np.dtype([*((name, ROW[name]) for name in not_none(ROW.names)), ("\x1b[3
         (TEXT, "its column seq is of type '<U8', wanted '<i8'"),
         (SEVERAL, "its column torque is of type \"('<f8', (2,))\", wanted '<f8'"),
         (OTHER, r"its rows have a column '\x1b[31m' that this program does not know"),
-        (np.dtype([("seq", "<i8"), ("position", "<f8")]), "its rows have no column deadline_ns"),
+        (np.dtype([("seq", "<i8"), ("position", "<f8")]), "its rows lack the column deadline_ns"),
     ],
 )
 @pytest.mark.parametrize("size", [0, 20])
@@ -467,7 +467,7 @@ def test_a_log_is_known_whatever_its_name(
         if damaged is content:
             assert (status, json.loads(text)["samples"]) == (0, 50)
         else:
-            assert (status, "tells no configuration" in text) == (2, True)
+            assert (status, "has no configuration" in text) == (2, True)
     with pytest.raises(UserError, match="is not a log of haptic-wall"):
         other.rename(log)
         log.write_text("time_s,position_rad\n")

@@ -473,7 +473,7 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
     tmp_path: Path,
 ) -> None:
     path = write(tmp_path / "a.hwlog", rows(3))
-    with pytest.raises(LogFormatError, match="other rows"):
+    with pytest.raises(LogFormatError, match="other columns"):
         LogWriter.resume(path, np.dtype([("seq", "<i8")]))
     assert len(read_log(path)[1]) == 3, "and it is left as it was"
     path.write_bytes(path.read_bytes()[:100])

@@ -156,7 +156,7 @@ def test_a_recording_at_another_rate_is_one_of_its_own(
     assert [each.samples for each in found] == [300] * len(rates)
     notes = [note for each in found for note in each.notes]
     for k, rate in list(enumerate(rates))[1:]:
-        assert f"from {1000 * k} s on there is a sample each {1000 / rate:.4g} ms" in notes
+        assert f"from {1000 * k} s on the samples are {1000 / rate:.4g} ms apart" in notes
 
 
 def test_a_recording_whose_time_begins_anew_comes_after_the_one_before(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
     [
         (b"time_s,position_rad" + b",1" * 100_000, "line 1 has more than 65536 characters"),
         (b"time_s,position_rad\n0,0\n0," + b" " * 70_000, "line 3 has more than 65536"),
-        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "is a quote left open?"),
+        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "a quote is not closed"),
         (b"time_s,position_rad\n0,\x1b[31m\n", r"line 2 holds the control character '\x1b'"),
         (b"\x89PNG\r\n\x1a\n", "its first line has no column time_s and no position_rad"),
         ("time_s,position_rad\n".encode("utf-16"), r"the control character '\x00'"),
@@ -240,7 +240,7 @@ def test_what_may_never_end_is_not_looked_into(
         ("time_s,position_rad\n0,1\n0.001,1\n", "found 2 rows"),
         ("time_s,position_rad\n" + "".join(f"{k},\n" for k in range(20)), "0 rows with a position"),
         ("time_s,position_rad\n" + "nan,1\n" * 20, "found 0 rows"),
-        ('time_s,position_rad\n0,"' + 200_000 * "1", "is a quote left open?"),
+        ('time_s,position_rad\n0,"' + 200_000 * "1", "a quote that is not closed"),
     ],
 )
 def test_what_cannot_be_looked_at_is_refused_in_a_sentence(

@@ -107,7 +107,7 @@ def test_a_changed_wall_is_replayed_as_it_was(swung: Swung, tmp_path: Path) -> N
     assert record.state.tolist() == rows["oscillation"].tolist()[-len(part.times) :]
     written(tmp_path / "silent.hwlog", run, rows, tells=False)
     silent = replayed(tmp_path / "silent.hwlog", NOT_GIVEN)
-    assert silent is not None and "the log does not tell 3 changes" in silent.notes[0]
+    assert silent is not None and "the log lacks 3 changes" in silent.notes[0]
 
 
 def test_each_stretch_is_judged_with_its_own_wall(swung: Swung) -> None:
@@ -163,8 +163,8 @@ def test_a_log_of_an_absent_law_says_so(
         log.append(swung[2][:50])
     for words in (["detect", path], ["log", path, "--plot", tmp_path / "a.png"]):
         status, text = told(capsys, *words)
-        assert status == 2 and f"the run's law cannot be made here: wall.law: {why}" in text
-        assert "install the distribution that brings it" in text
+        assert status == 2 and f"the run's law is not available here: wall.law: {why}" in text
+        assert "install its distribution" in text
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ class ScriptedDesk:
         return {"applied": True, "changed": {}, "waited_s": 0.0} if self._left <= 0 else None
 
     def obstacle(self) -> str:
-        return "the torque would jump: by 1 N·m"
+        return "the torque would jump by 1 N·m"
 
     def withdraw(self) -> None:
         self.withdrawn += 1
@@ -141,7 +141,7 @@ def test_a_change_that_waits_says_so_once(served: Served) -> None:
     served.desk.looks = 60
     client = Client(served.run, "a=1")
     served.until(lambda: client.answer)
-    assert client.told == ["waits: the torque would jump: by 1 N·m"]
+    assert client.told == ["waits: the torque would jump by 1 N·m"]
 
 
 def test_only_the_owner_may_connect(served: Served) -> None:
@@ -152,7 +152,8 @@ def test_only_the_owner_may_connect(served: Served) -> None:
 def test_another_user_is_refused_by_the_kernels_word(tmp_path: Path) -> None:
     other = Served(tmp_path, ScriptedDesk(), owner=os.getuid() + 1)
     told = sent(other, b'{"set": ["wall.stiffness=4"]}\n')
-    assert "belongs to another user" in told["error"] and other.desk.asked == []
+    assert "only the owner of this wall may change it" in told["error"]
+    assert other.desk.asked == []
     other.dial.close()
 
 
@@ -227,7 +228,7 @@ def test_too_many_clients_are_sent_away(served: Served, monkeypatch: pytest.Monk
         for _ in range(3):
             open_ones.enter_context(connected(served.run.socket))
             served.dial.serve()
-        assert "others ask at the same time" in sent(served, b"")["error"]
+        assert "other clients wait" in sent(served, b"")["error"]
 
 
 def test_a_socket_that_a_killed_run_left_is_replaced_but_no_other_file(tmp_path: Path) -> None:
@@ -273,7 +274,7 @@ def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:
     runs = alive_in(tmp_path / "proc", tmp_path / "a.hwlog", tmp_path / "b.hwlog")
     with pytest.raises(UserError, match=r"2 running walls: .*a\.hwlog, .*b\.hwlog"):
         chosen(None, runs)
-    with pytest.raises(UserError, match=r"no wall is running in .*; running are .*a\.hwlog"):
+    with pytest.raises(UserError, match=r"no wall is running in .*; name one of .*a\.hwlog"):
         chosen(tmp_path / "other", runs)
     with pytest.raises(UserError, match="no wall is running; start one"):
         chosen(None, [])

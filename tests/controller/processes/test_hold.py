@@ -238,7 +238,7 @@ def test_after_lost_events_the_kernel_is_asked_what_is_down(kernel: dict[int, se
 
 def test_a_terminal_is_refused_by_name() -> None:
     _, terminal = pty.openpty()
-    with pytest.raises(UserError, match="does not say when a key is let go"):
+    with pytest.raises(UserError, match="does not report the release of a key"):
         hold_by(os.ttyname(terminal))
 
 

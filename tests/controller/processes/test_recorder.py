@@ -82,7 +82,7 @@ def test_rows_survive_a_full_disk_and_a_kill_in_the_midst_of_it(tmp_path: Path) 
     before = recording.recorded()
     recording.recorders[0].send(signal.SIGKILL)
     recording.until(lambda: recording.recorded() > before)
-    assert "was killed by SIGKILL; another one goes on" in recording.told[1]
+    assert "was killed by SIGKILL; another one continues" in recording.told[1]
     recording.telemetry.write(row())
     (note,) = recording.monitor.end()
     recording.monitor.close()

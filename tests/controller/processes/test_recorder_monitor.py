@@ -165,13 +165,13 @@ def test_a_killed_recorder_is_told_at_once_and_no_row_is_lost(run: Run) -> None:
     run.recorders[-1].end(-9)
     run.go(0.25)
     assert run.told == [
-        "the recorder was killed by SIGKILL; another one goes on with the log",
+        "the recorder was killed by SIGKILL; another one continues the log",
     ]
     assert len(run.recorders) == 2
     run.go(2.0)
     notes, rows = run.end()
     assert notes == [
-        "the recorder was killed by SIGKILL; another one went on, and no row is missing from the"
+        "the recorder was killed by SIGKILL; another one continued, and no row is missing from the"
         " log"
     ]
     np.testing.assert_array_equal(rows, np.arange(4250))
@@ -183,7 +183,7 @@ def test_a_recorder_that_never_lives_is_not_started_all_the_time(run: Run) -> No
         run.go(0.5)
     assert len(run.recorders) <= 1 + 4, "within 10 s, at 1, 2, 3 and 4 s after the one before"
     notes, rows = run.end()
-    assert "times); another one went on, and no row is missing" in notes[0]
+    assert "times); another one continued, and no row is missing" in notes[0]
     np.testing.assert_array_equal(rows, np.arange(10_000))
 
 
@@ -241,7 +241,7 @@ def test_a_recorder_that_gets_on_but_does_not_keep_up_is_replaced_once(
     monkeypatch.setattr(slow, "turn", lambda: crawl(slow))
     run.go(2.25, rows_per_s=CAPACITY // 4)
     run.go(STUCK_S + 0.5, rows_per_s=4)
-    assert run.told == ["the recorder did not keep up for 10 s; another one goes on with the log"]
+    assert run.told == ["the recorder did not keep up for 10 s; another one continues the log"]
     (note,), rows = run.end()
     assert "no row is missing" in note
     np.testing.assert_array_equal(rows, np.arange(run.words[Word.HEAD]))
@@ -269,7 +269,7 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     (told,) = run.told
     assert "the log cannot be written (run.hwlog: No space left on device)" in told
     run.go(1.0, rows_per_s=CAPACITY // 2)
-    assert "rows are being lost" in run.told[1]
+    assert "the log loses rows" in run.told[1]
     run.recorders[-1].writes = True
     run.recorders[-1].say(None)
     run.go(1.0)
@@ -299,7 +299,7 @@ def failing(*_: object) -> NoReturn:
     raise OSError(errno.EIO, "Input/output error")
 
 
-LOST = "run.hwlog: Input/output error), and nobody knows which rows; the run was not disturbed"
+LOST = "run.hwlog: Input/output error), and the lost rows are not known; the run was not disturbed"
 
 
 def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(

@@ -148,7 +148,7 @@ def test_this_machine_may_listen(place: str) -> None:
 )
 def test_another_machine_is_asked_for(place: str) -> None:
     """These are addresses of documentation, of groups, and of everybody."""
-    with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere if"):
+    with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere to"):
         stream_to(f"{place}:9870", 100.0, anywhere=False)
     assert stream_to(f"{place}:9870", 100.0, anywhere=True).port == 9870
 
@@ -169,7 +169,7 @@ def test_an_own_address_on_the_network_is_this_machine() -> None:
         (["--stream", "localhost:9870", "--set", "loop.clock=simulated"], "loop.clock=monotonic"),
         (["--stream-rate", "50"], "--stream-rate: found without --stream"),
         (["--stream-anywhere"], "--stream-anywhere: found without --stream"),
-        (["--stream", "192.0.2.7:9870"], "add --stream-anywhere if that is meant"),
+        (["--stream", "192.0.2.7:9870"], "add --stream-anywhere to allow this"),
         (["--stream", "9870"], "wanted HOST:PORT"),
     ],
 )

@@ -89,7 +89,7 @@ def test_a_wall_that_was_let_go_is_not_drawn_as_on(
     rows = run_rows()
     rows["flags"][400:] |= FLAG_OFF
     figure = draw(monkeypatch, tmp_path, rows, metadata("emulated-ideal"))
-    assert "the wall is off: let go, or loaded" in legend(figure.axes[0])
+    assert "the wall is off: released, or loaded" in legend(figure.axes[0])
 
 
 def test_one_look_tells_wall_torque_and_timing(
@@ -201,6 +201,6 @@ def test_a_long_run_is_drawn_as_its_envelope(
 
 
 def test_a_log_of_another_program_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogFormatError, match="not one this program knows"):
+    with pytest.raises(LogFormatError, match="this program does not know the log"):
         rows = run_rows()
         plot.plot_run(sketched([rows], 600, 0), {"config": {"wall": 3}}, tmp_path / "run.png")

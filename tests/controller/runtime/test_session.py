@@ -299,7 +299,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     result = run_session(
         config, SimulatedClock(), telemetry, 2.0, surroundings=Surroundings(tell=tell)
     )
-    assert "goes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
+    assert "comes on when the shaft has been turned below 0.0° (0.00 turns)" in told[-1]
     assert (result.stop_reason, result.ticks) == ("interrupted", 0)
     rows, _ = telemetry.read(0)
     assert rows["position"][-1] > 0.0
@@ -373,7 +373,7 @@ def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it
     assert rows["stiffness"][-1] == pytest.approx(0.25 * rows["stiffness"][0])
     assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
     assert not_none(result.oscillation)["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
-    assert f"{rows['stiffness'][0]:.4g} is commanded" in guard["reasons"][0]
+    assert f"the guard commands {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
 
 
 def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -> None:
@@ -382,8 +382,8 @@ def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -
     left = not_none(result.oscillation)["reduced_to"]["stiffness"]
     assert left < 1.0
     assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
-    assert f"{rows['stiffness'][0]:.4g} is allowed" in guard["reasons"][0]
-    assert not any("is commanded" in reason for reason in guard["reasons"])
+    assert f"the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
+    assert not any("guard commands" in reason for reason in guard["reasons"])
     assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
 
 

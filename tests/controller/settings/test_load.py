@@ -174,7 +174,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
         "loop.clock (from --set): found simulated, wanted monotonic",
         "wall.side (from --set): found 'abov', wanted one of above, below, both; did you mean "
         "above?",
-        "servo.inertia (from --set): found 0.01, but this is for simulated and emulated servos",
+        "servo.inertia (from --set): found 0.01, but only simulated and emulated servos",
         "servo.baud (from --set): found 400000.0, wanted one of 9600, 57600",
         "model.inertia (from --set): found nothing, wanted a number or {value, low, high}",
         "model.delay (from --set): found {'value': 3, 'low': 1, 'high': 2}, wanted a number from "
@@ -189,7 +189,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
 def test_a_bus_too_slow_for_the_rate_is_refused() -> None:
     assert only(HARDWARE, "servo.baud=57600") == (
         "servo.baud (from --set): found 57600, at which a cycle takes 10.1 ms on the wire, more "
-        "than 0.8 of a period of 1 ms; wanted a faster bus (set the servo to it first) or "
+        "than 0.8 of a period of 1 ms; use a faster bus (set the servo's rate first) or "
         "loop.rate_hz below 79.4"
     )
     patient = ("servo.baud=115200", "loop.rate_hz=155")
@@ -249,7 +249,7 @@ def test_losses_that_are_no_number_above_0_are_refused_by_name(value: str) -> No
 def test_static_friction_below_the_kinetic_one_and_noise_without_counts_are_refused() -> None:
     assert only("simulated", "servo.static_friction=0.05", "servo.coulomb=0.09") == (
         "servo.static_friction (from --set): found 0.05 N·m, wanted at least servo.coulomb, "
-        "0.09 N·m, or 0 for as much"
+        "0.09 N·m, or 0 for servo.coulomb"
     )
     assert "servo.counts_per_rev is 0" in only(
         "simulated", "servo.encoder_noise=1", "servo.counts_per_rev=0"

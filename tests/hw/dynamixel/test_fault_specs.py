@@ -34,7 +34,7 @@ def test_values_have_their_units() -> None:
         ("drop:p=x", ["'x'", "a number"]),
         ("drop:every=0", ["every", "'0'", "whole number from 1"]),
         ("drop:p=0.1,p=0.2", ["p is given twice"]),
-        ("drop:p=0.1,every=3", ["p and every"]),
+        ("drop:p=0.1,every=3", ["found both p and every"]),
         ("drop:way=up", ["way", "'up'", "request, reply, both"]),
         ("drop:ms=3", ["drop has no 'ms'"]),
         ("late:p=0.1", ["wanted ms", "late:ms=3,p=0.01"]),

@@ -106,7 +106,7 @@ def test_what_the_run_has_started_itself_is_nobody(port: Port) -> None:
 def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port: Port) -> None:
     """As by root, or from outside of a container; here by this process, which is not looked at."""
     held = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
-    words = "this user may not see has opened"
+    words = "a program of another user has opened"
     assert words in port.users.look_everywhere()
     assert words in port.looks(LOOKS)
     os.close(held)

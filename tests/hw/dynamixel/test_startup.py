@@ -115,8 +115,9 @@ def test_a_model_that_senses_its_supply_is_sent_the_square_and_says_so() -> None
     bench.settings = replace(bench.settings, model="XL330-M288")
     bench.servo = type(bench.servo)(bench.settings, bench.line)
     assert bench.found("torque per current") == (
-        "0.354 N·m/A, stall torque over current; of the motor: the supply's is sensed, so its "
-        "square is sent, in steps of at most 0.014 N·m"
+        "0.354 N·m/A, stall torque over current; of the motor's current: the servo "
+        "senses that of its supply, so goals go with the square of the torque, in steps of at most "
+        "0.014 N·m"
     )
 
 
@@ -497,7 +498,7 @@ def test_torque_is_never_on_without_the_watchdog_when_that_is_armed_again() -> N
 def test_a_machine_that_always_stalls_is_told_apart_from_a_blocked_shaft() -> None:
     bench = Bench()
     stalling(bench, 1000)
-    refused(bench, match=r"Bus Watchdog \(40 ms\) ended the push.*servo\.watchdog_s")
+    refused(bench, match=r"Bus Watchdog \(40 ms\) ended the probe.*servo\.watchdog_s")
 
 
 def test_a_servo_that_stops_answering_in_the_probe_is_missing() -> None:
@@ -531,7 +532,7 @@ def test_every_model_that_can_make_torque_starts(name: str) -> None:
         (None, 12.0, "4.82 rad/s at 12 V"),
         (None, 10.0, "4.01 rad/s at 10 V"),
         (4.0, 12.0, "4.82 rad/s at 12 V"),
-        (15.0, 12.0, "4.82 rad/s at 12 V, below safety.max_speed 15: a wall that drives it"),
+        (15.0, 12.0, "4.82 rad/s at 12 V, below safety.max_speed 15: a wall that drives the"),
     ],
 )
 def test_the_no_load_speed_goes_with_the_supply_and_a_limit_above_it_is_told(

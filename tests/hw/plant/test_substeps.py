@@ -267,7 +267,7 @@ def test_a_braked_motor_loads_the_gear_less() -> None:
 @pytest.mark.parametrize(
     ("effects", "said"),
     [
-        ({"load_friction": 1.0}, "load_friction is 1.0; give a share from 0 to 0.9"),
+        ({"load_friction": 1.0}, "load_friction is 1.0; give a fraction from 0 to 0.9"),
         ({"cogging_periods": 0.0}, "cogging_periods is 0.0"),
         ({"damping_back": -0.1}, "damping_back is -0.1"),
         ({"gravity_angle": math.inf}, "gravity_angle is inf"),

@@ -92,7 +92,10 @@ def test_an_ordinary_servo_is_commissioned_to_the_end(
     for name, truth in (("inertia", 0.011951), ("damping", 0.011692)):
         each = report["verdict"]["model"][name]
         assert each["low"] <= truth <= each["high"]
-    for misfit in ("It cogs: 0.03", "A torque goes with the angle, 0.1 N·m at most"):
+    for misfit in (
+        "Cogging: an amplitude of 0.03",
+        "A torque of at most 0.1 N·m depends on the angle",
+    ):
         assert misfit in page
 
 
@@ -482,7 +485,7 @@ def test_a_configuration_that_was_edited_since_stays_as_it_is(
     written = config.read_text()
     config.write_text("# stiffer on Tuesdays\n" + written)
     assert call("commission", *SIMULATED, "--out", tmp_path) == 0
-    assert "config.yaml was edited since it was written" in capsys.readouterr().err
+    assert "config.yaml was edited, so it is not replaced" in capsys.readouterr().err
     assert config.read_text().startswith("# stiffer on Tuesdays\n")
     config.unlink()
     assert call("commission", *SIMULATED, "--out", tmp_path) == 0

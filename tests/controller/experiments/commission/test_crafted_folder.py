@@ -205,7 +205,7 @@ def test_nothing_that_somebody_else_put_there_is_replaced(
     (tmp_path / name).symlink_to("nowhere")
     for words in ((), ("--fresh",), ("--plan",)):
         assert call("commission", *SIMULATED, "--out", tmp_path, *words) == 2
-        assert f"it holds a {name} that no commissioning wrote" in capsys.readouterr().err
+        assert f"found a {name} that no commissioning wrote" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 

@@ -120,7 +120,7 @@ def test_backlash_that_is_believed_takes_no_margin() -> None:
     found = agreement.boundary(
         load_config("simulated", believed).config, [swept(expected["expected"], kick_rad=0.02)]
     )
-    assert "asks for less than the configured guard.margin" in " ".join(words._boundary(found, 0.8))
+    assert "requires a lower guard.margin" in " ".join(words._boundary(found, 0.8))
 
 
 def test_a_point_without_a_figure_is_no_disagreement() -> None:
@@ -139,7 +139,7 @@ def test_two_delays_that_differ_are_told_with_the_longer_one() -> None:
     found = agreement.delays(identify, {"parts": {"device": device}, "points": points}, 1e-3)
     assert not found["device"]["agree"] and not found["inserted"]["points"][0]["agree"]
     said = " ".join(words._delay(found))
-    assert "do NOT agree" in said and "0.00154 s" in said and "NOT what was inserted" in said
+    assert "do NOT agree" in said and "0.00154 s" in said and "does NOT agree" in said
 
 
 def test_points_that_lie_on_no_boundary_tell_nothing_of_damping_and_delay(tmp_path: Path) -> None:
@@ -156,4 +156,4 @@ def test_points_that_lie_on_no_boundary_tell_nothing_of_damping_and_delay(tmp_pa
     identify["torque_gain"] = {"value": 0.707, "stderr": 0.0}
     found = agreement.line(load_config("simulated").config, identify, path)
     (said,) = words._line(found)
-    assert "could not be read off the boundary: the measured points scatter too much" in said
+    assert "could not be fitted to the boundary: the measured points scatter too much" in said
