@@ -44,7 +44,8 @@ class Persistence:
         self._evidence, self._enough = tuning.evidence, tuning.steadiness.half_cycles
         self._steadiness = Steadiness(settings.period, settings.position_step, tuning.steadiness)
         self._sizes: deque[float] = deque(maxlen=self._tuning.loss_half_cycles + 2)
-        self._forget_beyond()
+        self._beyond = 0
+        self._largest, self._largest_before = 0.0, math.inf
         self.steady = False
         self.streak = self.gentle = 0
         self.since = 0.0
@@ -97,16 +98,13 @@ class Persistence:
             beyond_hands: Whether no hand moves a shaft like this.
         """
         if not beyond_hands:
-            self._forget_beyond()
+            self._beyond = 0
+            self._largest, self._largest_before = 0.0, math.inf
             return False
         self._beyond += 1
         self._largest = max(self._largest, amplitude)
         if self._beyond % self._tuning.beyond_half_cycles:
             return False
-        goes_on: bool = self._largest > self._evidence.dying * self._largest_before
+        goes_on = self._largest > self._evidence.dying * self._largest_before
         self._largest, self._largest_before = 0.0, self._largest
         return goes_on
-
-    def _forget_beyond(self) -> None:
-        self._beyond = 0
-        self._largest, self._largest_before = 0.0, math.inf
