@@ -137,7 +137,7 @@ def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_p
     ("arguments", "message"),
     [
         (["xm430-w350"], "CONFIG: found a real servo at"),
-        (["simulated", "--kick", "0"], "--kick: found 0, wanted above 0"),
+        (["simulated", "--kick", "0"], "--kick: found 0, wanted a kick above 0"),
         (["simulated", "--delay-steps", "0.5"], "--delay-steps: found '0.5', wanted whole periods"),
         (["simulated", "--delay-steps=-1"], "--delay-steps: found '-1'"),
         (["simulated", "--virtual-damping", "a"], "wanted numbers with commas between"),
