@@ -122,7 +122,7 @@ def _problem(error: BaseException, arguments: Sequence[str]) -> Problem:
 def _of_value(message: str) -> Problem:
     """Return click's own message about a value in our words, where it has some for it."""
     if said := _OUTSIDE.fullmatch(message):
-        return Problem(f"found {said[1]}", wanted=f"a number x in {said[2]}")
+        return Problem(f"found {said[1]}", wanted=f"a number x with {said[2]}")
     if said := _NO_CHOICE.fullmatch(message):
         return Problem(f"found {said[1]}", wanted=f"one of {said[2].replace(chr(39), '')}")
     said = _NO_NUMBER.fullmatch(message)

@@ -110,7 +110,7 @@ def _joined(parts: Sequence[Mapping[str, Any]], log: str) -> Iterator[str]:
     """Describe the logs that are joined in one file, if there are several."""
     if len(parts) == 1:
         return
-    yield f"joined      {len(parts)} logs in one file: each begins 1 s after the end of the last"
+    yield f"joined      {len(parts)} logs in one file: each begins 1 s after the one before ends"
     for number, part in enumerate(parts, 1):
         where = "no rows"
         if part["rows"]:
@@ -159,7 +159,7 @@ def _changes(changes: Mapping[str, Any]) -> Iterator[str]:
     user = by.get("user") if isinstance(by, dict) else None
     asked = " ".join(map(str, sets)) if isinstance(sets, list) else "unknown"
     yield (
-        f"changes     {changes['count']} asked for; the last: {in_line(asked, 80)}, by "
+        f"changes     {changes['count']} requested; the last: {in_line(asked, 80)}, by "
         f"{in_line(str(user), 40)}: {in_line(str(last.get('outcome')), 40)}"
     )
 

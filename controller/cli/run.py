@@ -85,7 +85,11 @@ SIMULATED_S = 5.0
     help="Show the run in a browser; prints the address. Default: a free port, for this machine.",
 )
 @click.option("--page-socket", type=int, hidden=True)  # inherited, of a page of several runs
-@click.option("--live-control", is_flag=True, help="With --live: let the page change the wall.")
+@click.option(
+    "--live-control",
+    is_flag=True,
+    help="With --live: whoever has the page's address may change the wall.",
+)
 @click.option(
     "--hold",
     metavar="SOURCE",

@@ -209,7 +209,10 @@ class _Checkup:
         ok = firmware >= WATCHDOG_FIRMWARE
         fix = ""
         if not ok:
-            fix = f"update it with Dynamixel Wizard: {WATCHDOG_FIRMWARE} or later has a watchdog"
+            fix = (
+                "update it with Dynamixel Wizard:"
+                f" from {WATCHDOG_FIRMWARE} on it has a Bus Watchdog"
+            )
         elif not model.knows_fast_reads(firmware):
             fix = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
         wanted = f"at least {WATCHDOG_FIRMWARE}"

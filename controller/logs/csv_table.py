@@ -106,7 +106,10 @@ class _Lines:
             if found := _CONTROL.search(line):
                 self._refuse(f"holds the control character {found[0]!r}")
             if self.of_row > _MOST_LINES:
-                self._refuse(f"and the {_MOST_LINES} before are one row, as a quote is not closed")
+                self._refuse(
+                    f"and the {_MOST_LINES} before are one row, perhaps after a quote that is not"
+                    " closed"
+                )
             if self.of_row == 1 and line.lstrip().startswith("#"):
                 self.of_row = 0
                 continue

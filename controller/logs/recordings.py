@@ -191,7 +191,9 @@ def _of_rows(window: Window, origin_ns: int, config: Config, surface: float) -> 
         notes.append(f"{np.count_nonzero(~good)} readings failed or were late and are left out")
     lag = age + belief.delay.value
     if lag > MOST_LAG_S:
-        notes.append(f"the delay in it is {lag:.4g} s: it counts as {MOST_LAG_S:g} s")
+        notes.append(
+            f"torques act {lag:.4g} s after their samples: this counts as {MOST_LAG_S:g} s"
+        )
     known = Knowledge(
         inertia=belief.inertia.value / gain,
         damping=belief.damping.value / gain,

@@ -96,7 +96,7 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     ),
     Trip.TRAVEL: Problem(
         "the shaft left safety.travel",
-        advice="compare the turns in the start-up line, turn the shaft back by hand, or "
+        advice="check the turns in the start-up line, turn the shaft back by hand, or "
         "widen safety.travel",
     ),
     Trip.OSCILLATION: Problem(
@@ -150,8 +150,8 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         advice="find the cause of the stop or stall, or raise safety.heartbeat_s",
     ),
     Trip.LOOP_DIED: Problem(
-        "look for the cause in the kernel's log, which names a lack of memory",
-        advice="if there is none, please report this with the log",
+        "look for the cause; if memory ran out, the kernel's log says so",
+        advice="if you find no cause, please report this with the log",
     ),
     Trip.INTERNAL_ERROR: Problem(
         "the program met an unexpected error",

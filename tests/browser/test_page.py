@@ -169,8 +169,8 @@ def test_a_knob_raises_the_stiffness_to_the_clamp_and_says_why(tab: Tab, tmp_pat
                 ask(tab, "wall.stiffness", 5000)
                 words = tab.wait(
                     "(() => { const text = document.querySelector('.knob .words').textContent;"
-                    " return ['the guard commands', 'not applied'].some((each) => text.includes(each))"
-                    " && text; })()",
+                    " return ['the guard commands', 'not applied']"
+                    ".some((each) => text.includes(each)) && text; })()",
                     40.0,
                 )
         assert "the guard commands" in words and "5000" in words

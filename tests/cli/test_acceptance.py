@@ -76,11 +76,14 @@ def accepted(whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory
     return folder
 
 
-def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path, thorough: bool) -> None:
-    if not thorough:
-        pytest.skip("minutes; --thorough runs it")
+def test_an_emulated_servo_is_accepted_to_the_end(
+    whole: Callable[[], None], tmp_path: Path
+) -> None:
+    """Down to the bytes: each step through the driver, on a bus in memory."""
+    whole()
     with pytest.MonkeyPatch.context() as patch:
         quicker(patch)
+        patch.setattr(predictions, "short_sweep", lambda _config: SWEPT[:1])
         assert call(*EMULATED, "--yes", "--out", tmp_path / "out") == 0
     report = report_of(tmp_path / "out")
     assert [s["step"] for s in report["steps"] if s["state"] != "done"] == ["doctor"]

@@ -177,7 +177,7 @@ def _why(point: Mapping[str, Any] | None, ended: str | None) -> str | None:
     if point["measured"] is not None:
         if point.get("disturbed"):
             found.append(f"{point['disturbed']} trials were disturbed, and repeated")
-        found += [f"trip {each}" for each in point["trips"]]
+        found += point["trips"]
     return "; ".join(found) or None
 
 

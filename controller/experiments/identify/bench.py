@@ -179,7 +179,10 @@ class Bench:
             if best is not None or fit.residual <= SPOILT * rounding_of(bounds):
                 return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
             best = (played, fit)
-            self._tell("the model does not explain the motion, perhaps of a touched shaft; again")
+            self._tell(
+                "the model does not explain the motion, perhaps because the shaft was touched;"
+                " once more"
+            )
         if best is not None:
             return best
         if unfit and furthest <= bounds.reach:

@@ -133,7 +133,7 @@ def vibration_report(found: Vibration | None) -> dict[str, Any] | None:
 def vibration_lines(found: Vibration | None) -> Iterator[str]:
     """Yield sentences for people, without their full stop."""
     if found is None:
-        yield "no vibration was searched: the motions are too small; give a larger --reach"
+        yield "no search for a vibration: the motions are too small; give a larger --reach"
     elif found.ratio is None:
         yield f"no vibration of a load found below {found.hertz.low:.3g} Hz"
     else:

@@ -66,7 +66,7 @@ def why(report: Report) -> Iterator[str]:
         decided = verdict[case]
         if case == "best" and decided["commanded"]["damping"] == 0.0:
             continue
-        yield f"{which} virtual damping {'; '.join(decided['reasons'])}."
+        yield f"{which} {'; '.join(decided['reasons'])}."
     yield from _together(verdict["best"])
     parts = ", ".join(
         f"{_PARTS[part['name']]} {ms(part['seconds'])} ({100 * part['share']:.0f} %)"
@@ -258,7 +258,7 @@ def unknown(report: Report) -> Iterator[str]:
     yield (
         "The servo was measured free, at one temperature and on one day: a part that is mounted"
         " later changes the inertia; wear and temperature change the friction. The bounds in the"
-        " configuration cover a small change; after any other commission the servo again."
+        " configuration cover a small change; after a larger one, commission the servo again."
     )
 
 
