@@ -22,9 +22,9 @@ from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.laws.wall import Law
 
 Answer = Literal["report", "reduce", "trip"]
-_OUTRUNS = 2.0
-"""How much faster than the wall's own motion a vibration of a link is, at least: a servo within a
-usual belief is up to 1.4 times as fast as the believed one, and late damping stiffens the spring"""
+_OUTRUNS = 1.5
+"""How much faster than the fastest motion on the wall's spring a vibration of a link is, at least:
+late damping stiffens the spring"""
 _NOT_JUDGED = 0.0, 0.0, -math.inf
 """Of a contact that the watch has not seen begin: the wall may give what it held before"""
 
@@ -51,6 +51,8 @@ class WatchSettings:
     """Largest believed viscous friction, in commanded torque [N·m·s/rad]"""
     heavy: float = 0.0
     """Largest believed inertia, in commanded torque [kg·m²]"""
+    light: float = 0.0
+    """Least believed inertia, in commanded torque [kg·m²]"""
     elongation: Callable[[float], float] | None = None
     """Elongation of a law that is not linear: that of a linear spring with the same energy, over
     position [rad]. Such a law holds no load while it is softened."""
@@ -304,19 +306,19 @@ class Watch:
         return detector.frequency_hz, detector.amplitude, detector.growth, alarm
 
     def outruns(self, stiffness: float) -> bool:
-        """Whether the motion is twice as fast as the believed servo on the wall's spring.
+        """Whether the motion is faster than that of any believed servo on the wall's spring.
 
         Then a link vibrates, whatever is believed of one.
 
         Args:
             stiffness: K without a derating [N·m/rad].
         """
-        own, inertia = self.own, self._settings.detector.inertia
+        own, light = self.own, self._settings.light
         if own is None:
             return False
         if not stiffness > 0.0:
             return own.is_faster(math.inf)
-        return own.is_faster(math.pi * math.sqrt(inertia / stiffness) / _OUTRUNS)
+        return own.is_faster(math.pi * math.sqrt(light / stiffness) / _OUTRUNS)
 
     @property
     def scale(self) -> float:

@@ -71,6 +71,7 @@ def watch_settings(
         bounces=_backstop(config, facts, law.clip, tuning, bounces=True),
         damping_high=belief.damping.high / belief.torque_gain.low,
         heavy=belief.inertia.high / belief.torque_gain.low,
+        light=belief.inertia.low / belief.torque_gain.high,
         elongation=None if law.linear else law.elongation,
     )
 

@@ -24,8 +24,8 @@ from haptic_wall.controller.theory.dimensionless import settings
 
 _ZOOMS = 12
 _ZOOM_POINTS = 9
-_BLOCK = 256
-"""Walls that are scanned at a time, so that the memory stays small"""
+_BLOCK, _MOST_ANGLES = 256, 1 << 17
+"""Most walls that are scanned at a time, and most angles of all, so that the memory stays small"""
 _NEVER_PASSIVE = 1e9  # B / b: at some angle the damper alone injects more than b dissipates
 
 
@@ -68,10 +68,16 @@ def passive_limit(
     for row, loop in enumerate(loops):
         alike.setdefault(loop, []).append(row)
     for loop, rows in alike.items():
-        for start in range(0, len(rows), _BLOCK):
-            block = rows[start : start + _BLOCK]
+        size = max(1, min(_BLOCK, _MOST_ANGLES // _steps(*loop)))
+        for start in range(0, len(rows), size):
+            block = rows[start : start + size]
             kappa[block] = _kappa(ratio[block], *loop)
     return s.shaped(np.where(undamped, 0.0, kappa * s.delta * s.stiffness_unit))
+
+
+def _steps(delay: float, n_samples: int) -> int:
+    """Return the number of scanned steps: sixteen per turn of the fastest angle."""
+    return 64 + 8 * int((delay + 2) + n_samples)
 
 
 def _kappa(ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
@@ -82,10 +88,9 @@ def _kappa(ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
         delay: [periods].
         n_samples: Samples of the velocity difference.
     """
-    # sixteen points per turn of the fastest angle, and the limit theta -> 0
-    steps = 64 + 8 * int((delay + 2) + n_samples)
+    steps = _steps(delay, n_samples)
     theta = np.linspace(0.0, np.pi, steps + 1)
-    theta[0] = 1e-7
+    theta[0] = 1e-7  # the limit theta -> 0
     values = _kappa_at(theta, ratio[:, None], delay, n_samples)
     # every local minimum of the scan may contain the least value
     beside = np.full((ratio.size, steps + 3), np.inf)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.clock import SimulatedClock
 from scripts.trials.beyond_ceiling import (
     SHARES,
@@ -98,6 +99,21 @@ def test_passivity_control_with_a_known_link_adds_nothing_near_its_ceiling() -> 
     found = controlled(replace(case, law=link_believed(case.truth)))
     assert found.injected == pytest.approx(0.0, abs=1e-9)
     assert found.amplitude[0] == found.amplitude[1]
+
+
+def test_passivity_control_stabilises_the_fastest_rigid_servo_of_a_belief() -> None:
+    """Its wall swings 1.7 times as fast as the believed servo's, and more with late damping."""
+    inertia, damping, gain, delay = 0.00121, 0.00366, 2.0, 0.005
+    dampings = np.linspace(0.0, 1.5 * inertia / (delay + 1e-3), 200)
+    limits = critical_stiffness(inertia, damping, dampings, 1e-3, delay)
+    virtual = 0.7 * dampings[np.argmax(limits)]
+    stiffness = 1.05 * float(np.interp(virtual, dampings, limits))
+    truth = Truth(inertia=inertia, damping=damping, torque_gain=gain, delay=delay)
+    wall = WallAsked(stiffness / gain, virtual / gain)
+    case = Case("xl330-m288", truth, wall, position=0.1, duration_s=2.5, law=(CONTROL,))
+    found = case.run("report")
+    assert 0.5 * np.ptp(found.output[-300:]) < 0.005
+    assert math.isnan(found.first_alarm_s)
 
 
 def test_passivity_control_does_not_feed_a_vibration_of_a_link_that_nobody_believes() -> None:

@@ -181,7 +181,7 @@ def test_a_long_recording_comes_in_pieces_that_overlap(tmp_path: Path) -> None:
     [
         (b"time_s,position_rad" + b",1" * 100_000, "line 1 has more than 65536 characters"),
         (b"time_s,position_rad\n0,0\n0," + b" " * 70_000, "line 3 has more than 65536"),
-        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "a quote is not closed"),
+        (b"time_s,position_rad\n" + b'"\n",' * 10_000, "a quote that is not closed"),
         (b"time_s,position_rad\n0,\x1b[31m\n", r"line 2 holds the control character '\x1b'"),
         (b"\x89PNG\r\n\x1a\n", "its first line has no column time_s and no position_rad"),
         ("time_s,position_rad\n".encode("utf-16"), r"the control character '\x00'"),
