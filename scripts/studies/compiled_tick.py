@@ -132,7 +132,7 @@ def wall_lines(found: Found[str, Wall]) -> list[str]:
 # The parts of a tick.
 
 
-class Rung(NamedTuple):
+class LevelTimes(NamedTuple):
     """One level of the loop."""
 
     level: Level
@@ -144,42 +144,42 @@ class Rung(NamedTuple):
     """Calls a tick, and their median time [µs]; empty: not timed"""
 
 
-def levels(case: Round) -> list[Rung]:
+def levels(case: Round) -> list[LevelTimes]:
     """Run the loop at each level, in an order that goes on by one with each round."""
     every = [(level, fast) for level in Level for fast in (False, True)]
     first = case.number % len(every)
     with emulated_bus() as path:
         return [
-            rung(path, level, case.seconds, fast=fast, calls=False)
+            at_level(path, level, case.seconds, fast=fast, calls=False)
             for level, fast in (*every[first:], *every[:first])
         ]
 
 
-def system_calls(case: Round) -> list[Rung]:
+def system_calls(case: Round) -> list[LevelTimes]:
     """Time the system calls of the bare loop and of the tick."""
     with emulated_bus() as path:
         return [
-            rung(path, level, case.seconds, fast=False, calls=True)
+            at_level(path, level, case.seconds, fast=False, calls=True)
             for level in (Level.BYTES, Level.TICK)
         ]
 
 
-def rung(path: str, level: Level, seconds: float, *, fast: bool, calls: bool) -> Rung:
+def at_level(path: str, level: Level, seconds: float, *, fast: bool, calls: bool) -> LevelTimes:
     """Run the loop at one level, with compiled modules or without."""
     core, _ = pick_cores()
     side = compiled_side() if fast else Side()
     orders = {"path": path, "level": int(level), "seconds": seconds, "calls": calls}
     with patch.dict(os.environ, {"PYTHONPATH": side.path}):
         told = told_by("the loop", ["scripts.tick_steps"], orders, seconds, {core})
-    return Rung(level, fast, told["p50"], told["p99"], told["calls"])
+    return LevelTimes(level, fast, told["p50"], told["p99"], told["calls"])
 
 
-def level_lines(found: Found[Round, list[Rung]]) -> list[str]:
+def level_lines(found: Found[Round, list[LevelTimes]]) -> list[str]:
     """A line for each level."""
 
     def of(level: Level, figure: str, *, fast: bool = False) -> list[float]:
-        each = [rung for _, row in found for rung in row if rung.level is level]
-        return [getattr(rung, figure) for rung in each if rung.compiled is fast]
+        each = [times for _, row in found for times in row if times.level is level]
+        return [getattr(times, figure) for times in each if times.compiled is fast]
 
     rows = []
     before: float | None = None
@@ -197,7 +197,7 @@ def level_lines(found: Found[Round, list[Rung]]) -> list[str]:
     return [*table(head, *rows), "", f"{len(found)} rounds of {found[0][0].seconds:g} s."]
 
 
-def call_lines(found: Found[Round, list[Rung]]) -> list[str]:
+def call_lines(found: Found[Round, list[LevelTimes]]) -> list[str]:
     """A line for each kind of call, in the bare loop and in the tick."""
     kinds = list(dict.fromkeys(kind for _, row in found for each in row for kind in each.calls))
     rows, sums = [], {Level.BYTES: 0.0, Level.TICK: 0.0}
@@ -205,10 +205,10 @@ def call_lines(found: Found[Round, list[Rung]]) -> list[str]:
         cells = [kind]
         for level in sums:
             each = [
-                rung.calls.get(kind, [0.0, 0.0])
+                times.calls.get(kind, [0.0, 0.0])
                 for _, row in found
-                for rung in row
-                if rung.level is level
+                for times in row
+                if times.level is level
             ]
             count, time = (statistics.median(values) for values in zip(*each, strict=True))
             sums[level] += count * time

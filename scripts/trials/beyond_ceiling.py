@@ -15,12 +15,12 @@ from scripts.real_servos import BANDWIDTH
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, log_uniform
 from scripts.trials.draws import bench_of, draw_truth
-from scripts.trials.judges import OwnOscillation, large, own_oscillation
+from scripts.trials.judges import large
 from scripts.trials.rates import few, most
 from scripts.trials.run import Trial, WallAsked
 from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.truth import Truth
-from scripts.trials.verdicts import Answered, answered, small, sustains
+from scripts.trials.verdicts import Answered, answered, small, sustains, until_judged
 
 SHARES = (0.9, 1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
 """B over the exact ceiling"""
@@ -39,7 +39,6 @@ _FED = 0.45 * math.pi
 _SOFTER = 0.9
 """B over the ceiling where K is half of the limit"""
 _COUNT = math.tau / 4096
-_LONGER_S = 12.0
 _A_JOB = 6
 
 
@@ -180,7 +179,7 @@ def vibration(case: Case) -> Vibration:
     counts = case.truth.counts_per_rev
     is_large = sustains(reported, large(counts))
     lasts = is_large or sustains(reported, small(counts))
-    trial, own = _with_guard_off(case)
+    trial, own = until_judged(unguarded(case), "trip")
     alarm = trial.first_alarm_s
     return Vibration(
         case=case,
@@ -192,18 +191,6 @@ def vibration(case: Case) -> Vibration:
         in_time=own.in_time,
         reduced=answered(case) if is_large else None,
     )
-
-
-def _with_guard_off(case: Case) -> tuple[Trial, OwnOscillation]:
-    """Run a case with the guard off, for longer if it was too short for a verdict."""
-    belief, counts = bench_of(case.preset).belief, case.truth.counts_per_rev
-    case = unguarded(case)
-    trial = case.run("trip")
-    own = own_oscillation(trial, belief, counts_per_rev=counts)
-    if not own.judged or not own.in_time:
-        trial = replace(case, duration_s=case.duration_s + _LONGER_S).run("trip")
-        own = own_oscillation(trial, belief, counts_per_rev=counts)
-    return trial, own
 
 
 def _amplitude(trial: Trial, at_s: float) -> float:

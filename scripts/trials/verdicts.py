@@ -120,17 +120,11 @@ def goes_on_by_itself(case: Case) -> bool:
 
 def answered(case: Case, tuning: Tuning = TUNING) -> Answered:
     """Run a case with ``reduce`` and judge it; repeat it longer if it was too short."""
-    trial = case.run(tuning=tuning)
-    own = _judged(case, trial)
+    trial, own = until_judged(case, tuning=tuning)
     late_at_any_speed = False
-    if not own.judged or not own.in_time:
-        longer = replace(case, duration_s=case.duration_s + _LONGER_S)
-        trial = longer.run(tuning=tuning)
-        own = _judged(case, trial)
-        if not own.in_time:
-            late_at_any_speed = not _judged(
-                case, longer.run(speed_limits=True, tuning=tuning)
-            ).in_time
+    if not own.in_time:
+        limited = _longer(case).run(speed_limits=True, tuning=tuning)
+        late_at_any_speed = not _judged(case, limited).in_time
     over = own.ended_s if own.tripped else own.decays_s
     at_alarm, after = at_alarm_and_after(trial)
     return Answered(
@@ -155,6 +149,22 @@ def at_alarm_and_after(trial: Trial) -> tuple[float, float]:
     away = np.abs(trial.output)
     at = min(max(1, round(trial.first_alarm_s / trial.period)), away.size)
     return float(away[:at].max()), float(away[at:].max(initial=0.0))
+
+
+def until_judged(
+    case: Case, answer: str = "reduce", tuning: Tuning = TUNING
+) -> tuple[Trial, OwnOscillation]:
+    """Run a case and judge it; repeat it longer if it was too short for a verdict, or late."""
+    trial = case.run(answer, tuning=tuning)
+    own = _judged(case, trial)
+    if not own.judged or not own.in_time:
+        trial = _longer(case).run(answer, tuning=tuning)
+        own = _judged(case, trial)
+    return trial, own
+
+
+def _longer(case: Case) -> Case:
+    return replace(case, duration_s=case.duration_s + _LONGER_S)
 
 
 def _judged(case: Case, trial: Trial) -> OwnOscillation:

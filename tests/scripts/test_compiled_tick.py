@@ -13,7 +13,7 @@ from scripts.compiled_package import MODULES, compiled
 from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
 from scripts.studies.compiled_tick import (
     STUDY,
-    Rung,
+    LevelTimes,
     Wall,
     call_lines,
     level_lines,
@@ -55,7 +55,7 @@ def test_each_level_is_told_with_its_difference_to_the_one_before() -> None:
         (
             each,
             [
-                Rung(level, fast, (10.0 + 2.0 * level) / (1.0 + fast), 30.0, {})
+                LevelTimes(level, fast, (10.0 + 2.0 * level) / (1.0 + fast), 30.0, {})
                 for level in Level
                 for fast in (False, True)
             ],
@@ -70,8 +70,8 @@ def test_each_level_is_told_with_its_difference_to_the_one_before() -> None:
 
 
 def test_calls_are_added_by_their_number_in_a_tick() -> None:
-    bare = Rung(Level.BYTES, False, 1.0, 1.0, {"write": [2.0, 3.0], "read": [1.0, 1.0]})
-    tick = Rung(Level.TICK, False, 1.0, 1.0, {"write": [2.0, 4.0]})
+    bare = LevelTimes(Level.BYTES, False, 1.0, 1.0, {"write": [2.0, 3.0], "read": [1.0, 1.0]})
+    tick = LevelTimes(Level.TICK, False, 1.0, 1.0, {"write": [2.0, 4.0]})
     rows = call_lines([(ROUNDS[0], [bare, tick])])
     assert rows[2:] == [
         "| write | 2.00 | 3.0 | 2.00 | 4.0 |",

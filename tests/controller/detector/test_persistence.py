@@ -26,7 +26,7 @@ SETTINGS = BackstopSettings(
 
 
 def seen(*half_cycles: tuple[float, float], settings: BackstopSettings = SETTINGS) -> Persistence:
-    """What is counted of half-cycles, each with its amplitude [rad] and duration [s]."""
+    """Take half-cycles, each with its amplitude [rad] and duration [s]."""
     found = Persistence(settings)
     for last in range(len(half_cycles)):
         four = [half_cycles[max(last - k, 0)] for k in range(4)]
