@@ -66,7 +66,7 @@ class Tab:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def wait(self, expression: str, seconds: float = 15.0) -> Any:  # noqa: ANN401 - the page's
+    def wait(self, expression: str, seconds: float = 60.0) -> Any:  # noqa: ANN401 - the page's
         """Wait until an expression is true; return its value."""
         end_s = time.monotonic() + seconds
         while not (found := self.value(expression)):

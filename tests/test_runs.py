@@ -103,8 +103,8 @@ def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60
 def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A run whose log holds more rows than the warm-up has, the wall is on; and its family.
 
-    A start-up that a stalled machine has spoiled is tried again; a run that ends for another reason
-    fails at once, by what it says.
+    A run that a stalled machine has spoiled is tried again, whether the servo's start-up was late
+    (4) or the loop lost too many samples (3); one that ends otherwise fails at once.
     """
     path = cwd / "run.hwlog"
     enough = 300 * ROW.itemsize
@@ -112,7 +112,7 @@ def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str],
     def grown() -> bool:
         return path.exists() and path.stat().st_size > enough
 
-    for attempt in range(3):
+    for attempt in range(5):
         path.unlink(missing_ok=True)
         with started(*arguments, cwd=cwd) as process:
             wait_for(lambda: grown() or process.poll() is not None, "a growing log")
@@ -120,7 +120,7 @@ def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str],
                 yield process, children(process.pid)
                 return
             said = not_none(process.stderr).read()
-        assert process.returncode == 4 and attempt < 2, f"ended by {process.returncode}: {said}"
+        assert process.returncode in {3, 4} and attempt < 4, f"{process.returncode}: {said}"
 
 
 def shared_words(pid: int) -> memoryview:
