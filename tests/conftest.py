@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -41,7 +40,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--thorough", action="store_true", help="as many random cases as the documentation claims"
     )
     parser.addoption(
-        "--whole", action="store_true", help="also run the longest commands to their end"
+        "--whole", action="store_true", help="also play whole experiments to their end"
     )
     parser.addoption(
         "--browser", action="store_true", help="also look at the live page in a headless Chromium"
@@ -91,14 +90,10 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 @pytest.fixture(scope="session")
-def whole(pytestconfig: pytest.Config, thorough: bool) -> Callable[[], None]:
-    """Leaves a test of one of the longest commands out, unless it is asked for."""
-
-    def wanted() -> None:
-        if not (thorough or pytestconfig.getoption("whole")):
-            pytest.skip("half a minute of a command: run with --whole, as .ci/run does")
-
-    return wanted
+def whole(pytestconfig: pytest.Config, thorough: bool) -> None:
+    """Leaves out what plays a whole experiment to its end, unless it is asked for."""
+    if not (thorough or pytestconfig.getoption("whole")):
+        pytest.skip("a whole experiment: run with --whole, as .ci/run does")
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ import re
 import shutil
 import socket
 import zipfile
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -63,9 +62,11 @@ def quicker(patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def accepted(whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def accepted(
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
     """The folder of a whole acceptance of the simulated servo, in the home of somebody."""
-    whole()
     home = tmp_path_factory.mktemp("home") / USER
     folder = home / "bench" / "accepted"
     home.mkdir()
@@ -76,11 +77,9 @@ def accepted(whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory
     return folder
 
 
-def test_an_emulated_servo_is_accepted_to_the_end(
-    whole: Callable[[], None], tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("whole")
+def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
-    whole()
     with pytest.MonkeyPatch.context() as patch:
         quicker(patch)
         patch.setattr(predictions, "short_sweep", lambda _config: SWEPT[:1])

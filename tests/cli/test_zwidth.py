@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +42,10 @@ def answered(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str
 
 @pytest.fixture(scope="module")
 def frictionless(
-    whole: Callable[[], None], tmp_path_factory: pytest.TempPathFactory
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Path, dict[str, Any]]:
     """The measured Z-width of a servo without friction, so that theory is exact."""
-    whole()
     folder = tmp_path_factory.mktemp("zwidth") / "here"
     assert call(*PLAIN, "--velocity-samples=1,3", "--out", folder) == 0
     return folder, json.loads((folder / "zwidth.json").read_text())

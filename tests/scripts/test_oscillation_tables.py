@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,10 +33,8 @@ def _shortened(study: Study) -> Study:
     ("study", "name"),
     [(detector_table.STUDY, "detector_table"), (reaction_table.STUDY, "reaction_table")],
 )
-def test_the_sections_of_a_page_are_made(
-    whole: Callable[[], None], tmp_path: Path, study: Study, name: str
-) -> None:
-    whole()
+@pytest.mark.usefixtures("whole")
+def test_the_sections_of_a_page_are_made(tmp_path: Path, study: Study, name: str) -> None:
     page, examples = tmp_path / "page.md", tmp_path / "examples"
     page.write_text((ROOT / "docs" / study.page).read_text())
     sections = [part.name for part in study.parts if part.name != "belief"]
