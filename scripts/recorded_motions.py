@@ -12,6 +12,7 @@ from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 from haptic_wall.controller.experiments.recorded.record import Stretch, read_record
 from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
+from scripts.trials.truth import COUNT
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "xl330-pendulum"
 PENDULUM = Pendulum(0.49, 0.1)
@@ -23,7 +24,6 @@ DRIVEN = tuple(
 )
 FULL_PWM = 885.0
 """Present PWM of an XL330 at full voltage"""
-STEP = math.tau / 4096
 
 
 def drop(name: str) -> tuple[Stretch, ...]:
@@ -102,6 +102,6 @@ def made(seed: int, *, torque: bool, stribeck: bool = False) -> Made:
     )  # fmt: skip
     terms = {name: value * one for name, value in values.items()}
     found = positions(pieces, terms, begin * one, 0.0 * one)[0, 0, ::4]
-    rows = {"time_s": time, "position_rad": np.round(found / STEP) * STEP}
+    rows = {"time_s": time, "position_rad": np.round(found / COUNT) * COUNT}
     rows |= {"torque_nm": sent} if torque else {"torque_enabled": np.zeros(count)}
     return Made(rows, truth, pendulum)

@@ -17,9 +17,9 @@ from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.hw.settings import TrueServo
 from scripts.kicked_walls import kicked, least_bad
 from scripts.study import Found, Option, Part, Study, table
+from scripts.trials.truth import COUNT
 
 PERIOD = 1e-3
-COUNT = 2 * math.pi / 4096
 COUNTS = 4
 KICKS = (0.01, 0.03, 0.1, 0.3)
 CYCLES = 60

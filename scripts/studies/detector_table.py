@@ -31,6 +31,7 @@ from scripts.trials.real_rows import REAL
 from scripts.trials.recordings import RECORDINGS
 from scripts.trials.sections import HOURS_TRIED, WALLS_TRIED
 from scripts.trials.small_cycles import BACKLASH_CYCLES
+from scripts.trials.truth import COUNT
 
 KICKS, KEPT = "kicks", "sustained"
 SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
@@ -100,7 +101,7 @@ def lines(found: Found[Task, Trials]) -> list[str]:
         "|---|---|---|---|",
         *(_servo_row(name, [t for t in kicks if t.name == name]) for name in NAMES),
         _servo_row("B = 0", [t for t in kicks if t.undamped]),
-        _servo_row("kick up to 20 counts", [t for t in kicks if t.kick < 20 * _COUNT]),
+        _servo_row("kick up to 20 counts", [t for t in kicks if t.kick < 20 * COUNT]),
         "",
         "## Sustained oscillations",
         "",
@@ -119,9 +120,6 @@ def lines(found: Found[Task, Trials]) -> list[str]:
         " motion goes on if after one of them at least half of the amplitude is left, and no more"
         " than 7 % is lost in the last twelve of 60 cycles.",
     ]
-
-
-_COUNT = 2.0 * math.pi / 4096
 
 
 def _percent(part: int, whole: int) -> str:

@@ -24,6 +24,7 @@ from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.emulated.motor import Motor, motor_of
 from haptic_wall.hw.plant.body import PlantParameters, State, step
 from scripts.study import Found, Given, Part, Study, table
+from scripts.trials.truth import COUNT
 from scripts.whole_program import hardware_of
 
 CANDIDATES = {
@@ -31,7 +32,6 @@ CANDIDATES = {
     "xl330-m288": ((0.25, 0.001), (0.6, 0.005), (0.8, 0.005), (1.2, 0.005)),
 }
 PERIOD = 1e-3
-STEP = math.tau / 4096
 AGE = 0.0006
 """Of a sample when its torque is sent [s]"""
 LONG_LAGS = {"xm430-w350": 0.004, "xl330-m288": 0.008}
@@ -95,7 +95,7 @@ def swings_on(case: Kicked) -> bool:
     A motion that is below that for ``SPAN_S`` is over.
     """
     corner, motor = case.corner, case.motor
-    state, last = State(case.kick, 0.0), round(case.kick / STEP) * STEP
+    state, last = State(case.kick, 0.0), round(case.kick / COUNT) * COUNT
     whole, rest = divmod(case.lag, PERIOD)
     pending = deque([0.0] * int(whole))
     before = 0.0
@@ -104,7 +104,7 @@ def swings_on(case: Kicked) -> bool:
     for _ in range(round(SWING_S / SPAN_S)):
         largest, smallest = -math.inf, math.inf
         for _ in range(span):
-            position = round(state.position / STEP) * STEP
+            position = round(state.position / COUNT) * COUNT
             torque = -case.stiffness * position - case.damping * (position - last) / PERIOD
             last = position
             largest, smallest = max(largest, position), min(smallest, position)
@@ -123,7 +123,7 @@ def swings_on(case: Kicked) -> bool:
                 state = step(state, body, acts, seconds)
             before = after
         sizes.append(0.5 * (largest - smallest))
-        if sizes[-1] <= QUIET_COUNTS * STEP:
+        if sizes[-1] <= QUIET_COUNTS * COUNT:
             return False
     return sizes[-1] > DIES * sizes[-3]
 
@@ -172,7 +172,7 @@ def _limits(config: Config, damping: float, lag: float) -> tuple[float, float]:
             PERIOD * one,
             (AGE + lag) * one,
         )
-        situation = Situation(belief, PERIOD, hardware_of(config)[1], STEP)
+        situation = Situation(belief, PERIOD, hardware_of(config)[1], COUNT)
         request = replace(config.request(), damping=damping)
         found = evaluate(request, config.guard_settings(), situation, plant, 1e-3)
         exact = min(exact, float(found.exact[0]))
@@ -206,11 +206,11 @@ def row(case: Wall) -> list[str]:
     name, stiffness, damping = case
     config = load_config(name).config
     belief, (_, limit) = config.belief(), hardware_of(config)
-    situation = Situation(belief, PERIOD, limit, STEP)
+    situation = Situation(belief, PERIOD, limit, COUNT)
     request = replace(config.request(), stiffness=stiffness, damping=damping)
     decision = decide(request, config.guard_settings(), situation, [AGE])[0]
     bound = f" ({decision.binding})" if decision.binding else ""
-    count = stiffness * STEP + damping * STEP / PERIOD
+    count = stiffness * COUNT + damping * COUNT / PERIOD
     believed = _limits(config, damping, belief.delay.high)
     long_lag = LONG_LAGS[name]
     late = _limits(config, damping, long_lag)

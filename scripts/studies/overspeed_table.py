@@ -26,10 +26,10 @@ from haptic_wall.hw.emulated.motor import Motor, motor_of
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from haptic_wall.hw.servo import JUMP_SHARE, JUMP_SPEED
 from scripts.study import Found, Given, Option, Part, Study, table
+from scripts.trials.truth import COUNT
 from scripts.whole_program import hardware_of
 
 PERIOD = 1e-3
-STEP = math.tau / 4096
 PRESETS = ("xm430-w350", "xl330-m288")
 AGE = 0.0006
 """Of a sample when its torque is sent [s]"""
@@ -99,8 +99,8 @@ def preset(name: str) -> Preset:
     """The preset, with what its guard allows."""
     config = load_config(name).config
     model, limit = hardware_of(config)
-    situation = Situation(config.belief(), PERIOD, limit, STEP)
-    most = 0.5 * config.guard.quantisation_share * limit * PERIOD / STEP
+    situation = Situation(config.belief(), PERIOD, limit, COUNT)
+    most = 0.5 * config.guard.quantisation_share * limit * PERIOD / COUNT
     dampings = tuple(float(share * most) for share in (0.02, 0.1, 0.3, 1.0))
     allowed = []
     for damping in dampings:
@@ -147,7 +147,7 @@ def played(case: Case) -> Outcome:
     gain = belief.torque_gain.high
     limits = DrivenLimits(
         DRIVEN_SHARE * servo.no_load,
-        STEP,
+        COUNT,
         servo.torque_limit,
         belief.inertia.low / gain,
         belief.damping.low / gain,
@@ -162,17 +162,17 @@ def played(case: Case) -> Outcome:
     state = State(case.position, case.speed)
     late = round(case.lag / PERIOD)
     pending = deque([0.0] * late)
-    last = round(case.position / STEP) * STEP
+    last = round(case.position / COUNT) * COUNT
     fast_s = trip_s = math.nan
     jumped = False
     fastest = JUMP_SHARE * servo.no_load if case.back_emf else JUMP_SPEED
     for k in range(round(RUN_S / PERIOD)):
         now_ns = k * 1_000_000
-        position = round(state.position / STEP) * STEP
+        position = round(state.position / COUNT) * COUNT
         acted, contact = believed.acted(1), wall.in_contact(position)
         if math.isnan(fast_s) and alone.too_fast(position, now_ns, acted, contact, program):
             fast_s = k * PERIOD
-        jumped = abs(position - last) > fastest * PERIOD + SLACK_COUNTS * STEP
+        jumped = abs(position - last) > fastest * PERIOD + SLACK_COUNTS * COUNT
         if driven.too_fast(position, now_ns, acted, contact, wall) or jumped:
             trip_s = k * PERIOD
             break

@@ -36,10 +36,10 @@ from scripts.trials.laws import LAW_GROWTH
 from scripts.trials.own_walls import GROWTH
 from scripts.trials.passive_ceiling import PASSIVE
 from scripts.trials.sections import GENERATIONS, WALLS_TRIED
+from scripts.trials.truth import COUNT
 from scripts.trials.worst import WORST
 
 PERIOD = 1e-3
-STEP = math.tau / 4096
 PLANTS = {
     **{name: (s.inertia, s.damping, s.coulomb) for name, s in SERVOS.items()},
     "Table II": (1.0, 0.1, 0.0),
@@ -99,7 +99,7 @@ def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, Any]]:
         delay = rng.uniform(0.0, 0.010)
         limit = TORQUE_LIMITS[name]
         ceiling = float(max_virtual_damping(m, b, PERIOD, delay))
-        most = min(0.5 * ceiling, QUANTISATION_SHARE * limit * PERIOD / STEP)
+        most = min(0.5 * ceiling, QUANTISATION_SHARE * limit * PERIOD / COUNT)
         drawn.append(
             {
                 "plant": name,
@@ -108,7 +108,7 @@ def _drawn(rng: np.random.Generator, count: int) -> list[dict[str, Any]]:
                 "coulomb": c,
                 "delay": delay,
                 "virtual_damping": rng.uniform(0.0, most) if rng.random() < 0.8 else 0.0,
-                "kick": math.exp(rng.uniform(math.log(10 * STEP), math.log(0.3))),
+                "kick": math.exp(rng.uniform(math.log(10 * COUNT), math.log(0.3))),
                 "torque_limit": limit,
             }
         )
@@ -130,7 +130,7 @@ def beyond_the_limit(rng: np.random.Generator, count: int) -> list[Case]:
         columns.pop("virtual_damping"),
         PERIOD,
         columns.pop("delay"),
-        position_step=STEP,
+        position_step=COUNT,
         tolerance=0.01,
         coulomb=columns.pop("coulomb"),
         kick=columns.pop("kick"),
@@ -158,14 +158,14 @@ def below_and_above_the_peak(rng: np.random.Generator, count: int) -> list[Case]
             m, b, delay = one["inertia"], one["damping"], one["delay"]
             limit = float(critical_stiffness(m, b, one["virtual_damping"], PERIOD, delay))
             top = peak(m, b, PERIOD, delay)
-            counted = QUANTISATION_SHARE * one["torque_limit"] * PERIOD / STEP
+            counted = QUANTISATION_SHARE * one["torque_limit"] * PERIOD / COUNT
             damping = min(float(top.virtual_damping), max(counted, one["virtual_damping"]))
             allowed = float(critical_stiffness(m, b, damping, PERIOD, delay))
             highest = 2.0 * float(top.stiffness)
             stiffness = math.exp(rng.uniform(math.log(1.2 * limit), math.log(highest)))
             room = 0.5 * one["torque_limit"] / stiffness
             share = stiffness / float(top.stiffness)
-            if room < 10 * STEP or stiffness < 1.2 * limit or 0.9 < share < 1.1:
+            if room < 10 * COUNT or stiffness < 1.2 * limit or 0.9 < share < 1.1:
                 continue
             if share < 1.0 and stiffness > 0.9 * allowed:
                 share = -share
@@ -282,7 +282,7 @@ def _held_between(
         for case, outcome in zip(cases, outcomes, strict=True)
         if low <= case.ratio < high and not math.isnan(outcome.alarm_s)
     ]
-    return sum(o.largest <= 1.5 * max(o.at_alarm, STEP) for o in of), len(of)
+    return sum(o.largest <= 1.5 * max(o.at_alarm, COUNT) for o in of), len(of)
 
 
 def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
@@ -291,7 +291,7 @@ def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
     after_reduce = [outcome for (answer, _), outcome in found if answer == "reduce"]
     peaks = [(case, outcome) for (answer, case), outcome in found if answer != "reduce"]
     alarmed = [o for o in after_reduce if not math.isnan(o.alarm_s)]
-    held = [o for o in alarmed if o.largest <= 1.5 * max(o.at_alarm, STEP)]
+    held = [o for o in alarmed if o.largest <= 1.5 * max(o.at_alarm, COUNT)]
     ended = [o for o in alarmed if o.tripped]
     worst = max((o.largest / o.at_alarm for o in alarmed), default=math.nan)
     below = [(c, o) for c, o in peaks if 0.0 < c.ratio < 1.0]
@@ -300,7 +300,7 @@ def lines(found: Found[tuple[str, Case], Outcome]) -> list[str]:
     good = [
         (c, o) for c, o in below if not o.tripped and not o.saturated and o.late <= 1.5 * c.kick
     ]
-    small = [(c, o) for c, o in below if o.tripped and o.largest <= 1.5 * c.kick + STEP]
+    small = [(c, o) for c, o in below if o.tripped and o.largest <= 1.5 * c.kick + COUNT]
     tripped = [(c, o) for c, o in above if o.tripped]
     forbidden = [(c, o) for c, o in coarse if o.tripped or o.late <= 1.5 * c.kick]
     quiet = [(c, o) for c, o in above if not o.tripped and o.late <= 1.5 * c.kick]

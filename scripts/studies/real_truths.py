@@ -34,9 +34,9 @@ from haptic_wall.hw.plant.many_substeps import ManyEffects
 from scripts.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
 from scripts.study import Found, Given, Option, Part, Study, table
 from scripts.trials.rates import upper_bound
+from scripts.trials.truth import COUNT
 
 PERIOD = 1e-3
-COUNT = math.tau / 4096
 COUNTS = 4
 """Amplitude of a swing that must not go on [counts]"""
 MARGIN = 0.8

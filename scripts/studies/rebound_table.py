@@ -22,9 +22,9 @@ from haptic_wall.controller.theory import max_virtual_damping
 from haptic_wall.controller.theory.rebound import BETWEEN
 from haptic_wall.controller.theory.rounded_contact import RoundedContacts, returned_speed
 from scripts.study import Option, Part, Study, table_of
+from scripts.trials.truth import COUNT
 
 PERIOD = 1e-3
-STEP = 2 * np.pi / 4096
 LANES, ROUNDS = 96, 8
 
 
@@ -45,10 +45,10 @@ def wall(random: np.random.Generator, friction: float) -> tuple[Situation, Decis
         Bounded(lag, 0.0 if wide else lag, lag),
         Bounded(1.0, *gain),
     )
-    situation = Situation(belief, PERIOD, 1e9, STEP)
+    situation = Situation(belief, PERIOD, 1e9, COUNT)
     request = Request(1e12, damping, "above", int(random.choice([1, 1, 1, 2])))
     (decision,) = decide(request, GuardSettings(), situation, [delay])
-    count = STEP * (decision.stiffness + decision.damping / request.velocity_samples / PERIOD)
+    count = COUNT * (decision.stiffness + decision.damping / request.velocity_samples / PERIOD)
     coulomb = friction * count * gain[1]
     # high enough for some speed to be promised, and low enough to matter
     limit = count * 10 ** random.uniform(0.5, 3)
@@ -76,10 +76,10 @@ def contacts(
         beta=g * decision.damping * PERIOD / m,
         delay=(decision.delay - lag * x[:, 3]) / PERIOD,
         samples=np.full(len(x), decision.request.velocity_samples),
-        friction=c * unit / STEP,
-        limit=g * situation.torque_limit * unit / STEP,
+        friction=c * unit / COUNT,
+        limit=g * situation.torque_limit * unit / COUNT,
         first=np.maximum(x[:, 5], 1e-6),
-        speed=speed * PERIOD / STEP,
+        speed=speed * PERIOD / COUNT,
         phase=x[:, 6],
     )
 

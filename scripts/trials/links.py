@@ -13,9 +13,9 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible import flexible_ceiling
 from haptic_wall.hw.clock import SimulatedClock
+from scripts.trials.truth import COUNT
 
 INERTIA, DAMPING, PERIOD = 0.011951, 0.011692, 1e-3
-_COUNT = math.tau / 4096
 _KICK, _TORQUE = 0.1, 1.0
 _SOFT = 0.4
 """Largest stiffness, over the linear condition: the spring's own oscillation is stable"""
@@ -133,4 +133,4 @@ def _amplitude(position: FloatArray, hertz: float) -> float:
     swing = (position - position.mean()) * window
     near = hertz * np.linspace(0.8, 1.2, 41)
     found = np.exp(-1j * math.tau * np.outer(near, time)) @ swing
-    return float(2.0 * np.abs(found).max() / window.sum() / _COUNT)
+    return float(2.0 * np.abs(found).max() / window.sum() / COUNT)

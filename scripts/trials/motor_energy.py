@@ -16,8 +16,8 @@ from scipy.signal import butter, sosfilt
 
 from haptic_wall.controller.theory.checks import FloatArray
 from scripts.trials.links import DAMPING, INERTIA, PERIOD, LinkRun, link_run
+from scripts.trials.truth import COUNT
 
-_COUNT = math.tau / 4096
 _BAND = (0.75, 1.3)
 """Of frequencies that are kept, over the vibration's"""
 _FASTEST = 450.0
@@ -78,7 +78,7 @@ def noticed(run: LinkRun) -> tuple[float, float]:
         part = slice(end - _SPAN, end)
         square = float(np.mean(output[part] ** 2))
         dissipated = (transmission * (1.0 - over) ** 2 + DAMPING * over**2) * rate**2 * square
-        size = math.sqrt(2.0 * square) / _COUNT
+        size = math.sqrt(2.0 * square) / COUNT
         feeds = float(power[part].mean()) > _WRONG * dissipated and size > _LEAST
         in_a_row = in_a_row + 1 if feeds else 0
         if in_a_row == _IN_A_ROW:

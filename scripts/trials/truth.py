@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 BackEmf = Literal["none", "current", "voltage"]
 Encoder = Literal["output", "motor"]
+COUNTS_PER_REV: Final = 4096
+"""Of the encoder of an X-series servo"""
+COUNT: Final = math.tau / COUNTS_PER_REV
+"""The angle of a count [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ class Truth:
     """Limit of the commanded torque [N·m], > 0"""
     torque_step: float = 0.0
     """Commanded torques are rounded to multiples of it [N·m]; 0: none"""
-    counts_per_rev: int = 4096
+    counts_per_rev: int = COUNTS_PER_REV
     """Encoder counts per revolution; 0: the position is not quantised"""
     backlash: float = 0.0
     """Between the shaft and the encoder, full width [rad], >= 0"""
