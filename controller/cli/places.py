@@ -190,13 +190,14 @@ def _is_new(stem: Path) -> bool:
 
 def _make(option: str, folder: Path) -> None:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make_new(folder)
     except OSError as error:
         raise UserError(
             f"the folder {folder} cannot be made ({error.strerror})",
             field=option,
             advice="name another place",
         ) from error
+    _until_the_end(_remove_empty)
 
 
 def _refuse_foreign(
@@ -236,10 +237,11 @@ def _make_new(folder: Path) -> None:
 
 
 def _remove_empty() -> None:
-    """Remove the folders that the command has made, where they are still empty."""
+    """Remove the folders that the command has made, where no file is in them."""
     while _made:
-        with suppress(OSError):
-            _made.pop().rmdir()
+        for folder, _, _ in os.walk(_made.pop(), topdown=False):
+            with suppress(OSError):
+                Path(folder).rmdir()
 
 
 interrupt.do_first(_remove_empty)
