@@ -28,6 +28,7 @@ from scripts.study import Found, Given, table
 from scripts.whole_program import PROGRAM, ROOT, with_sets
 
 PATIENCE_S = 60.0
+TRIES = 3
 SKIPPED_S, END_S = 2.0, 0.2
 """Ignored time at the beginning of a run, in which clients come, and at its end [s]"""
 SERVOS = {"loop": "simulated", "bus": "emulated-xm430"}
@@ -88,7 +89,20 @@ def turns(given: Given, servo: str) -> list[Case]:
 
 
 def cost(case: Case) -> Cost:
-    """Run a wall once in a mode, and return its figures."""
+    """Run a wall in a mode, and return its figures; a run that the machine ended is repeated."""
+    for _ in range(TRIES):
+        try:
+            return _cost(case)
+        except EndedError as error:
+            sys.stderr.write(f"{error}\n")
+    raise RuntimeError(f"{case}: all of {TRIES} runs ended early")
+
+
+class EndedError(Exception):
+    """A run was ended by a trip, or the servo was lost: a stalled machine does that."""
+
+
+def _cost(case: Case) -> Cost:
     clients = MODES[case.mode]
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         log, record = Path(name) / "run.hwlog", Path(name) / "bus.csv"
@@ -115,7 +129,11 @@ def cost(case: Case) -> Cost:
             os.sched_setaffinity(readers.pid, pick_cores()[1])  # as if on another machine
         _, said = run.communicate(timeout=PATIENCE_S + case.seconds)
         if run.returncode:
-            raise RuntimeError(f"{case} ended with {run.returncode}: {said}")
+            if readers is not None:
+                readers.kill()
+                readers.communicate()
+            kind = EndedError if run.returncode in {3, 4} else RuntimeError
+            raise kind(f"{case} ended with {run.returncode}: {said}")
         if readers is not None and not int(readers.communicate(timeout=PATIENCE_S)[0]):
             raise RuntimeError(f"{case}: the clients read nothing")
         rows = read_log(log)[1]
