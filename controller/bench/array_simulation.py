@@ -182,8 +182,7 @@ def measure() -> Section:
         if fast:
             work[f"{what}, compiled"] = partial(_run, *arrays, _PERIODS)
     if fast:
-        many, start, _ = _as_arrays(drawn[_ROUGH])
-        work[_DETENTS] = partial(_run, replace(many, law=_detents()), start, _PERIODS)
+        work[_DETENTS] = _in_detents(drawn[_ROUGH])
     times = interleaved(work, _ROUNDS, time.process_time)
     rows = []
     for what, walls in drawn.items():
@@ -216,19 +215,20 @@ def measure() -> Section:
         ]
     compared, notes = beside_peers()
     if fast:
-        name = f"compiled, {len(drawn[_ROUGH])} random {_DETENTS}, {_ROUGH}"
-        each = len(drawn[_ROUGH]) * _PERIODS
-        values = [each / one for one in times[_DETENTS]]
-        rows.append(over_rounds(name, values, "wall-periods/s", "a law whose table has more rows"))
+        name, each = f"compiled, {BLOCK} random {_DETENTS}, {_ROUGH}", BLOCK * _PERIODS
+        rates = [each / one for one in times[_DETENTS]]
+        rows.append(over_rounds(name, rates, "wall-periods/s", "a law whose table has more rows"))
         rows += _two_core_rows(drawn)
     else:
         notes.append("nothing is compiled: pip install 'haptic-wall[fast]' adds Numba")
     return Section((*rows, *compared), tuple(notes))
 
 
-def _detents() -> Table:
-    """Return the table of detents all around; its rows are at their peaks."""
-    return Table.of(Detents(_WIDTH, 0.25), _WIDTH * (np.arange(-24, 25) / 2 + 0.25))
+def _in_detents(walls: list[ArrayWall]) -> Callable[[], object]:
+    """Return a call that simulates the servos in detents; the table has a row at each peak."""
+    many, start, _ = _as_arrays(walls)
+    law = Table.of(Detents(_WIDTH, 0.25), _WIDTH * (np.arange(-24, 25) / 2 + 0.25))
+    return partial(_run, replace(many, law=law), start, _PERIODS)
 
 
 def random_walls(rough: bool, count: int) -> list[ArrayWall]:
