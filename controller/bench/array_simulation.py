@@ -6,7 +6,7 @@ import importlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -17,7 +17,9 @@ from haptic_wall.controller.bench.plant_alone import PERIOD_S, beside_peers
 from haptic_wall.controller.bench.rows import Measurement, Section, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.many_walls import Loops
+from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.experiments.maps.walls import BLOCK, Walls
+from haptic_wall.controller.laws.detents import Detents
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
@@ -83,10 +85,14 @@ _COMPARED = 8
 """Number of walls of an array that are also simulated alone"""
 _NOT_THE_SEARCH = "walls with backlash or long velocity differences, and the search around it"
 _BUSY = "a machine with more cores, or with busy cores: this is the time on the clock"
-_OPERATIONS = {"linear servos": (18, 3), "servos with friction and encoder": (36, 4)}
+_ROUGH = "servos with friction and encoder"
+_OPERATIONS = {"linear servos": (18, 3), _ROUGH: (36, 4)}
 """Multiply-adds, or what takes as long, and divisions of a wall period in ``lanes``, where no body
 comes to rest: a period has two parts"""
-_KINDS = {"linear servos": False, "servos with friction and encoder": True}
+_KINDS = {"linear servos": False, _ROUGH: True}
+_DETENTS = "detents"
+_WIDTH = math.tau / 24
+"""Distance between detents [rad]"""
 
 
 def _compiled_rows(
@@ -175,6 +181,8 @@ def measure() -> Section:
         work[f"{what}, alone"] = partial(_each_alone, walls)
         if fast:
             work[f"{what}, compiled"] = partial(_run, *arrays, _PERIODS)
+    if fast:
+        work[_DETENTS] = _in_detents(drawn[_ROUGH])
     times = interleaved(work, _ROUNDS, time.process_time)
     rows = []
     for what, walls in drawn.items():
@@ -207,10 +215,20 @@ def measure() -> Section:
         ]
     compared, notes = beside_peers()
     if fast:
+        name, each = f"compiled, {BLOCK} random {_DETENTS}, {_ROUGH}", BLOCK * _PERIODS
+        rates = [each / one for one in times[_DETENTS]]
+        rows.append(over_rounds(name, rates, "wall-periods/s", "a law whose table has more rows"))
         rows += _two_core_rows(drawn)
     else:
         notes.append("nothing is compiled: pip install 'haptic-wall[fast]' adds Numba")
     return Section((*rows, *compared), tuple(notes))
+
+
+def _in_detents(walls: list[ArrayWall]) -> Callable[[], object]:
+    """Return a call that simulates the servos in detents; the table has a row at each peak."""
+    many, start, _ = _as_arrays(walls)
+    law = Table.of(Detents(_WIDTH, 0.25), _WIDTH * (np.arange(-24, 25) / 2 + 0.25))
+    return partial(_run, replace(many, law=law), start, _PERIODS)
 
 
 def random_walls(rough: bool, count: int) -> list[ArrayWall]:

@@ -20,6 +20,7 @@ import numpy as np
 from haptic_wall.controller.experiments.maps import (
     lane_bodies,
     lane_drives,
+    lane_laws,
     lane_loop,
     lane_observers,
     lane_rest,
@@ -32,7 +33,7 @@ from haptic_wall.controller.theory.checks import FloatArray, IntArray
 Run = Callable[..., int]
 _MODULES = (
     *(lane_rows, lane_rest, lane_bodies, lane_two_masses),
-    *(lane_drives, lane_loop, lane_observers, lanes),
+    *(lane_drives, lane_laws, lane_loop, lane_observers, lanes),
 )
 """Modules whose functions are compiled"""
 _OFF = "NUMBA_DISABLE_JIT"

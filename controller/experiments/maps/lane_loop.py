@@ -11,7 +11,6 @@ from haptic_wall.controller.experiments.maps.lane_rows import (
     COUNTS,
     EARLIER,
     FOLLOWED,
-    IN_CONTACT,
     IS_LIMITED,
     LANES,
     LIMIT,
@@ -88,33 +87,8 @@ def delayed(
             w[ACTING * LANES + i] = w[ACTING * LANES + i] + hands[row, first + i]
 
 
-def follow_table(w: FloatArray, traits: IntArray, table: FloatArray, back: int) -> None:
-    """Compute the torques of a law, from a table of its elongation over position."""
-    last = table.shape[1] - 1
-    for i in range(LANES):
-        measured = w[MEASURED * LANES + i]
-        low, high = 0, last
-        while high - low > 1:
-            middle = (low + high) // 2
-            if table[0, middle] <= measured:
-                low = middle
-            else:
-                high = middle
-        x, first = table[0, low], table[1, low]
-        away = first + (table[1, high] - first) * (measured - x) / (table[0, high] - x)
-        away = table[1, 0] if measured <= table[0, 0] else away
-        away = table[1, last] if measured >= table[0, last] else away
-        torque = w[SOFTNESS * LANES + i] * away
-        if back:
-            estimate = (measured - w[EARLIER * LANES + i]) / w[OVER * LANES + i]
-            torque = torque - w[VIRTUAL * LANES + i] * estimate
-        if traits[IN_CONTACT] and (away == 0.0 or away * torque >= 0.0):
-            torque = 0.0
-        w[TORQUE * LANES + i] = torque
-
-
-def command(w: FloatArray, traits: IntArray, table: FloatArray, back: int) -> None:
-    """Compute the walls' torques, limited and rounded, from the measured positions."""
+def command(w: FloatArray, back: int) -> None:
+    """Compute the walls' torques from the measured positions."""
     if back:
         for i in range(LANES):
             measured = w[MEASURED * LANES + i]
@@ -124,8 +98,10 @@ def command(w: FloatArray, traits: IntArray, table: FloatArray, back: int) -> No
     else:
         for i in range(LANES):
             w[TORQUE * LANES + i] = w[SOFTNESS * LANES + i] * w[MEASURED * LANES + i]
-    if table.shape[0]:
-        follow_table(w, traits, table, back)
+
+
+def limit(w: FloatArray, traits: IntArray) -> None:
+    """Keep one-sided walls from pulling; limit and round all torques."""
     if traits[ONE_SIDED]:
         for i in range(LANES):
             torque = w[TORQUE * LANES + i]

@@ -109,6 +109,23 @@ PACE: Final = DRIVES + 1
 GOAL: Final = DRIVES + 2
 DRIVES_ROWS: Final = DRIVES + 3
 
+# Rows of ``kept``: the piece of a law's table in which each wall was last measured.
+FROM: Final = 0
+"""Measured positions of this piece begin here; -inf: of the first piece"""
+TO: Final = 1
+"""They end before this one; inf: of the last piece"""
+START: Final = 2
+"""Position of the piece's first row"""
+RUN: Final = 3
+"""Distance to the position of its second row"""
+FIRST: Final = 4
+"""Elongation of its first row"""
+RISE: Final = 5
+"""Difference to the elongation of its second row"""
+NUMBER: Final = 6
+"""Of its first row"""
+KEPT: Final = 7
+
 # Observers.
 NOBODY: Final = 0
 TURNINGS: Final = 1

@@ -22,7 +22,8 @@ from haptic_wall.controller.experiments.maps.lane_bodies import (
     slide_turning,
 )
 from haptic_wall.controller.experiments.maps.lane_drives import aim, drive
-from haptic_wall.controller.experiments.maps.lane_loop import command, delayed, sense
+from haptic_wall.controller.experiments.maps.lane_laws import follow_table
+from haptic_wall.controller.experiments.maps.lane_loop import command, delayed, limit, sense
 from haptic_wall.controller.experiments.maps.lane_observers import (
     gone,
     look,
@@ -38,7 +39,9 @@ from haptic_wall.controller.experiments.maps.lane_rows import (
     FOLLOWED,
     FRICTIONAL,
     HELD,
+    IN_CONTACT,
     IS_LIMITED,
+    KEPT,
     LAGS,
     LANES,
     LATE,
@@ -185,7 +188,7 @@ def among(delays: IntArray, first: int, last: int) -> tuple[int, int]:
     return least, most
 
 
-def run(
+def run(  # noqa: PLR0912 - its parts as functions make it some per cent slower
     k: int,
     periods: int,
     traits: IntArray,
@@ -233,6 +236,7 @@ def run(
     w, late, held = np.zeros(ROWS * LANES), np.zeros(4 * LANES), np.zeros(4 * LANES)
     loads = np.zeros(LOADS_ROWS * LANES if loads_fixed.shape[0] else 0)
     drives = np.zeros(DRIVES_ROWS * LANES if drives_fixed.shape[0] else 0)
+    kept = np.zeros(KEPT * LANES if table.shape[0] else 0)  # from 0 to 0: nobody is in it
     terms = np.zeros((5, TERMS))
     plain = loads.shape[0] + drives.shape[0] == 0
     walls = fixed.shape[1]
@@ -250,7 +254,11 @@ def run(
         for now in range(k, k + periods):
             ago = min(now, traits[SAMPLES])
             sense(w, traits, measured, first, lanes, now, ago, k)
-            command(w, traits, table, ago)
+            if table.shape[0]:
+                follow_table(w, table, kept, traits[IN_CONTACT] != 0, ago)
+            else:
+                command(w, ago)
+            limit(w, traits)
             row = now % torques.shape[0]
             for i in range(lanes):
                 torques[row, first + i] = w[TORQUE * LANES + i]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps import lane_rest, lanes, many_walls
+from haptic_wall.controller.experiments.maps import lane_laws, lane_rest, lanes, many_walls
 from haptic_wall.controller.experiments.maps.bounce import returned
 from haptic_wall.controller.experiments.maps.compiled import (
     Run,
@@ -224,6 +224,48 @@ def test_laws_from_a_table_move_as_each_alone_and_compiled(
     np.testing.assert_array_equal(found.bodies.position, expected.bodies.position)
     np.testing.assert_array_equal(found.torque, expected.torque)
     assert np.ptp(found.torque) > 0.0
+
+
+def drawn_law(seed: int) -> Table:
+    """A table of straight pieces, narrower than the walls' motion; every other one in contact."""
+    random = np.random.default_rng(seed)
+    rows = int(random.integers(2, 40))
+    positions = np.sort(random.normal(0.0, 0.1, rows))
+    slopes = random.uniform(-1.0, 1.0, rows - 1)
+    elongations = np.cumsum([random.normal(0.0, 0.1), *(slopes * np.diff(positions))])
+    if seed % 2:  # as stops: there is a range without torque
+        elongations[rows // 3 : rows // 2 + 1] = 0.0
+    return Table(positions, elongations, seed % 2 == 0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_laws_move_as_in_the_arrays(run: Run, arrays: pytest.MonkeyPatch, seed: int) -> None:
+    few = run is lanes.run
+    walls = replace(drawn(seed, SOME if few else 150), law=drawn_law(seed))
+    start, velocity = np.random.default_rng(seed).normal(0.0, [[0.1], [5.0]], (2, walls.size))
+    expected = Loops(walls, start, velocity)
+    arrays.setattr(many_walls, "compiled", lambda: run)
+    found = Loops(walls, start, velocity)
+    assert found.lanes is not None
+    for part in (1, 9 if few else 300, 3, 8):
+        expected.run(part)
+        found.run(part)
+        for one, other in zip(states(found), states(expected), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert np.ptp(found.torque) > 0.0
+
+
+@pytest.mark.parametrize("rows", [2, 3, 20])
+def test_the_piece_of_a_table_is_found_from_every_other(rows: int) -> None:
+    random = np.random.default_rng(rows)
+    table = np.sort(random.normal(0.0, 1.0, (2, rows)))
+    rising = table[0]
+    between = 0.5 * (rising[1:] + rising[:-1])
+    places = np.concatenate([rising, between, [-math.inf, -9.0, 9.0, math.inf]])
+    expected = np.clip(np.searchsorted(rising, places, side="right") - 1, 0, rows - 2)
+    for near in range(rows - 1):
+        assert [lane_laws.piece(table, near, x) for x in places] == expected.tolist()
+        assert lane_laws.piece(table, near, math.nan) in range(rows - 1)
 
 
 def test_changed_sources_have_another_key(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
