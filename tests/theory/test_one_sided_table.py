@@ -30,8 +30,11 @@ def random_settings(count: int, seed: int, n: int = 1) -> tuple[Array, ...]:
 
 
 @pytest.mark.parametrize("n", tables.SAMPLES)
-def test_looked_up_is_not_above_what_is_computed_and_hardly_below(n: int, thorough: bool) -> None:
-    delta, beta, late, samples, ceiling = random_settings(10_000 if thorough else 700, 31, n)
+def test_looked_up_is_not_above_what_is_computed_and_hardly_below(
+    n: int, thorough: bool, wholly: bool
+) -> None:
+    count = 10_000 if thorough else 700 if wholly else 200
+    delta, beta, late, samples, ceiling = random_settings(count, 31, n)
     share = tabulated_share(delta, beta, late, samples, ceiling)
     known = np.isfinite(share)
     # up to the share of the ceiling that the guard allows, nearly everything is in the table

@@ -92,6 +92,7 @@ def test_the_ceiling_is_found_without_knowing_of_a_vibration() -> None:
     assert result.exact == result.rigid > 1.0
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_ceiling_out_of_reach_leaves_a_lower_bound() -> None:
     search = searched(Bed(50.0))
     result = search.run()

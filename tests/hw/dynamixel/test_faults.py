@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Instruction, Parser, crc16, encode
@@ -501,7 +501,6 @@ STEADY = [
 ]
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.sampled_from(STEADY), max_size=6),
     st.sampled_from([None, (1, 62), (16, 510)]),

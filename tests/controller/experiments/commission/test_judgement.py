@@ -26,7 +26,7 @@ def question(name: str = "simulated", *sets: str) -> GuardQuestion:
         (),
         ("delay.steps=4",),
         ("servo.counts_per_rev=0", "delay.steps=2"),
-        ("wall.side=both", "wall.velocity_samples=4"),
+        pytest.param(("wall.side=both", "wall.velocity_samples=4"), marks=pytest.mark.whole),
         ("servo.damping=0", "servo.counts_per_rev=512"),
     ],
 )
