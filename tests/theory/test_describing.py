@@ -143,7 +143,7 @@ def both_ways(
     return loops * 2, cycles * 2, [below] * len(loops) + [above] * len(loops)
 
 
-@pytest.mark.parametrize("name", sampled(CASES, 3))
+@pytest.mark.parametrize("name", sampled(CASES, 6))
 def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
     effect, share, damper, amplitude, frequency = CASES[name]
     loops, cycles = [], []

@@ -29,7 +29,10 @@ def within(row: Comparison, truth: float, times: float = 3.0) -> None:
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rendering, dict[str, Comparison]]:
+def usual(
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Rendering, dict[str, Comparison]]:
     return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
 
 

@@ -309,7 +309,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
-@pytest.mark.parametrize("turns", [3, -3])
+@pytest.mark.parametrize("turns", sampled([-3, 3], 2))
 def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
     told: list[str] = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
