@@ -21,6 +21,7 @@ from haptic_wall.controller.theory import (
 )
 from haptic_wall.controller.theory.boundary import critical, highest, max_beta
 from haptic_wall.controller.theory.loop import HeldLoop
+from tests.cases import sampled
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
 
@@ -170,7 +171,9 @@ def test_the_first_branch_is_all_there_is_for_light_damping(thorough: bool) -> N
     assert np.all(np.diff(curve.q / (curve.c * curve.m), axis=1) > 0)
 
 
-@pytest.mark.parametrize(("delta", "delay"), [(0.0, 0.0), (1e-6, 60.0), (0.1, 2.5), (0.02, 1.0)])
+@pytest.mark.parametrize(
+    ("delta", "delay"), sampled([(0.02, 1.0), (0.0, 0.0), (1e-6, 60.0), (0.1, 2.5)], 2)
+)
 def test_a_whole_boundary_of_one_plant_is_the_same_as_its_points(
     delta: float, delay: float
 ) -> None:

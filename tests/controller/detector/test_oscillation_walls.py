@@ -182,7 +182,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
 
 
-@pytest.mark.parametrize("hand", sampled(HANDS, 3))
+@pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))

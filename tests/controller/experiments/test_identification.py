@@ -41,6 +41,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant import mechanism
 from haptic_wall.hw.plant.body import Pull, step
+from tests.cases import sampled
 from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
@@ -318,7 +319,7 @@ def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None
     assert any("the damping is the believed one" in warning for warning in known.warnings)
 
 
-@pytest.mark.parametrize("start", [1e12, 1e200], ids=["too large", "overflows"])
+@pytest.mark.parametrize("start", sampled([1e200, 1e12], 2), ids=["overflows", "too large"])
 def test_a_fit_that_diverges_is_left_out(
     usual: tuple[Config, Identified], start: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -351,6 +352,7 @@ def test_a_damping_that_is_known_exactly_hides_nothing_else(
     assert values == pytest.approx(truth(config), rel=0.03)
 
 
+@pytest.mark.usefixtures("whole")
 def test_backlash_is_not_taken_for_delay_beside_a_dead_band(
     usual: tuple[Config, Identified],
 ) -> None:

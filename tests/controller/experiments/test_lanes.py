@@ -103,7 +103,7 @@ def states(loops: Loops) -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize("seed", sampled(CASES, 3))
+@pytest.mark.parametrize("seed", sampled(CASES, 6))
 def test_random_walls_move_as_the_arrays_do(
     run: Run, arrays: pytest.MonkeyPatch, seed: int
 ) -> None:

@@ -133,6 +133,7 @@ def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     assert stderr < 5e-4
 
 
+@pytest.mark.usefixtures("whole")
 def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> None:
     """The driver means the stall ratio of the data sheet, 1.783 N·m/A; the servo has another."""
     config = config_of(

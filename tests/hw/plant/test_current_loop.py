@@ -120,7 +120,7 @@ def test_back_emf_friction_and_lag_together(bandwidth: float, droop: float) -> N
         assert torque == pytest.approx(wanted, abs=4e-3)
 
 
-@pytest.mark.parametrize("values", [{"current_bandwidth": 150.0}, {"back_emf": True}])
+@pytest.mark.parametrize("values", sampled([{"back_emf": True}, {"current_bandwidth": 150.0}], 2))
 def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, Any]) -> None:
     true = servo(
         damping=0.01,
