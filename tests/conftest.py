@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from typing import Any
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -50,8 +52,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Prepare what all tests share."""
     # A property has no stopwatch, and tries the same examples each time unless many are wanted.
+    thorough = config.getoption("thorough")
     hypothesis.settings.register_profile(
-        "suite", deadline=None, derandomize=not config.getoption("thorough")
+        "suite",
+        deadline=None,
+        derandomize=not thorough,
+        max_examples=100 if thorough or config.getoption("whole") else 20,
     )
     hypothesis.settings.load_profile("suite")
     # Thousands of tests are made and kept: looking for garbage among them takes a fifth of it.
@@ -77,6 +83,15 @@ def begin_to_watch() -> None:
     ).returncode = 0  # nobody waits for it
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the cases marked ``whole``, unless they are asked for."""
+    if config.getoption("whole") or config.getoption("thorough"):
+        return
+    left_out = [item for item in items if item.get_closest_marker("whole")]
+    items[:] = [item for item in items if not item.get_closest_marker("whole")]
+    config.hook.pytest_deselected(items=left_out)
+
+
 def pytest_collection_finish() -> None:
     """What is there now stays, and is not looked through again."""
     gc.freeze()
@@ -90,10 +105,31 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 @pytest.fixture(scope="session")
-def whole(pytestconfig: pytest.Config, thorough: bool) -> None:
+def wholly(pytestconfig: pytest.Config, thorough: bool) -> bool:
+    """Whether whole experiments are played to their end, and each random case is tried."""
+    return thorough or bool(pytestconfig.getoption("whole"))
+
+
+@pytest.fixture(scope="session")
+def whole(wholly: bool) -> None:
     """Leaves out what plays a whole experiment to its end, unless it is asked for."""
-    if not (thorough or pytestconfig.getoption("whole")):
+    if not wholly:
         pytest.skip("a whole experiment: run with --whole, as .ci/run does")
+
+
+@pytest.fixture(scope="module")
+def undrawn(wholly: bool) -> Iterator[None]:
+    """Makes a picture a dot, unless whole experiments are played: drawing takes half a second."""
+    from matplotlib.figure import Figure
+    from matplotlib.image import imsave
+
+    def dotted(_figure: Figure, path: Any, **how: Any) -> None:
+        imsave(path, [[0.0]], **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if not wholly:
+            patch.setattr(Figure, "savefig", dotted)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -62,9 +62,11 @@ def zeros(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> Flo
     known = np.isfinite(value[1:]) & np.isfinite(value[:-1])
     cell = np.flatnonzero(known & ((value[1:] > 0) != (value[:-1] > 0)))
     low, high, rising = grid[cell], grid[cell + 1], value[cell + 1] > 0
-    for _ in range(_TO_THE_LAST_BIT):
+    for _ in range(_TO_THE_LAST_BIT if cell.size else 0):
         middle = 0.5 * (low + high)
         beyond = (function(middle) > 0) == rising
+        if np.array_equal(middle, np.where(beyond, high, low)):
+            break  # no bracket becomes smaller
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     result: FloatArray = 0.5 * (low + high)
     return result

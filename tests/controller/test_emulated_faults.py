@@ -19,6 +19,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import UnfitServoError
 from haptic_wall.hw.settings import Link
+from tests.cases import sampled
 from tests.typed import not_none
 
 EMULATED = "emulated-ideal"
@@ -130,7 +131,7 @@ def test_a_gap_far_below_the_watchdog_s_time_costs_no_run(gap_s: float, ended: s
 
 
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
-@pytest.mark.parametrize("rate_hz", [50, 100, 200, 250, 1000, 2000])
+@pytest.mark.parametrize("rate_hz", sampled([1000, 50, 100, 200, 250, 2000], 3))
 def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
     rate_hz: int, schedule: str
 ) -> None:
@@ -151,6 +152,7 @@ def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
     assert rows["deadline_ns"][-1] - heard_ns <= 40_000_000
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.realtime
 def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path: Path) -> None:
     status, report, message = run(

@@ -1,5 +1,7 @@
 """Our own servos keep the contract that other people's backends are held to."""
 
+import pytest
+
 from haptic_wall.controller.pytest_plugin.servo_contract import Rig, ServoContract
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
@@ -47,6 +49,7 @@ class TestDynamixelInMemory(ServoContract):
         return Rig(open_servo(settings, clock), clock)
 
 
+@pytest.mark.whole
 class TestDynamixelWithALoad(ServoContract):
     def make_rig(self) -> Rig:
         clock = SimulatedClock(start_ns=7 * PERIOD_NS)

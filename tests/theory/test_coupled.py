@@ -26,10 +26,10 @@ def loop_with(
     return Loop(inertia + mass, damping + damper, *wall, PERIOD, delay, n, spring)
 
 
-def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool) -> None:
+def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool, wholly: bool) -> None:
     random = np.random.default_rng(1)
-    found = 0
-    for _ in range(3000 if thorough else 80):
+    count, found = 3000 if thorough else 80 if wholly else 30, 0
+    for _ in range(count):
         m = 10 ** random.uniform(-3, 0)
         b, delay = m * 10 ** random.uniform(-2, 1.5), random.uniform(0, 6) * PERIOD
         n = int(random.integers(1, 4))
@@ -48,7 +48,7 @@ def test_the_poles_cross_at_the_limit_and_not_before(thorough: bool) -> None:
         assert radius(loop._replace(stiffness=k * (1 + 1e-6))) > 1
         for share in (0.02, 0.3, 0.6, 0.9, 1 - 1e-6):
             assert radius(loop._replace(stiffness=k * share)) < 1
-    assert found > 40
+    assert found > min(40, count / 2)
 
 
 def test_without_a_hand_it_is_the_critical_stiffness() -> None:
@@ -83,6 +83,7 @@ def test_an_undamped_spring_destabilises_a_stable_wall() -> None:
     assert verdict.limit < k
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
     random = np.random.default_rng(2)
     for _ in range(40 if thorough else 3):
@@ -103,6 +104,7 @@ def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
         assert stable_hands(m, b, k, big_b, PERIOD, delay, everything).stable
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_verdict_holds_for_every_hand_of_the_range(thorough: bool) -> None:
     random = np.random.default_rng(7)
     verdicts = []

@@ -17,6 +17,7 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.chain import Chain, moved
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
+from tests.cases import sampled
 
 
 class Loop(NamedTuple):
@@ -108,7 +109,7 @@ def answers(loops: list[Loop], shares: FloatArray) -> tuple[FloatArray, FloatArr
     return ceiling, dampings, found.stiffness
 
 
-@pytest.mark.parametrize("lag", [False, True])
+@pytest.mark.parametrize("lag", sampled([True, False], 2))
 @pytest.mark.parametrize("encoder", ["output", "motor"])
 def test_poles_leave_the_circle_exactly_at_the_boundary(
     encoder: str, lag: bool, thorough: bool
@@ -128,7 +129,7 @@ def test_poles_leave_the_circle_exactly_at_the_boundary(
 
 
 @pytest.mark.parametrize("lag", [False, True])
-@pytest.mark.parametrize("encoder", ["output", "motor"])
+@pytest.mark.parametrize("encoder", sampled(["output", "motor"], 2))
 def test_hardly_damped_masses_of_very_unlike_size(encoder: str, lag: bool, thorough: bool) -> None:
     """Loads of 0.001 to 100 times the motor's, 1 to 1e5 N·m/rad, damping ratios from 1e-7 on."""
     random = np.random.default_rng(5 + lag)

@@ -73,8 +73,8 @@ def candidates(count: int, seed: int) -> list[tuple[PlantParameters, tuple[float
     ]
 
 
-def test_motion_dies_below_the_onset_and_grows_above_it(thorough: bool) -> None:
-    for plant, wall in candidates(50 if thorough else 12, 1):
+def test_motion_dies_below_the_onset_and_grows_above_it(thorough: bool, wholly: bool) -> None:
+    for plant, wall in candidates(50 if thorough else 12 if wholly else 4, 1):
         k, big_b, delay = wall
         onset = onset_amplitude(
             plant.inertia, plant.damping, plant.coulomb, k, big_b, PERIOD, delay
@@ -113,15 +113,15 @@ def test_nothing_grows_below_the_limit_and_everything_above_it_without_friction(
     assert np.all(with_friction.frequency > 0)
 
 
-def test_the_extra_damping_puts_the_wall_on_its_boundary() -> None:
-    random = np.random.default_rng(3)
-    b, delay = 10 ** random.uniform(-3, -1, 200), random.uniform(0, 10, 200) * 1e-3
+def test_the_extra_damping_puts_the_wall_on_its_boundary(wholly: bool) -> None:
+    random, count = np.random.default_rng(3), 200 if wholly else 40
+    b, delay = 10 ** random.uniform(-3, -1, count), random.uniform(0, 10, count) * 1e-3
     ceiling = max_virtual_damping(0.01, b, 1e-3, delay)
-    big_b = np.where(random.random(200) < 0.5, -b, ceiling) * random.uniform(0, 1.5, 200)
-    k = 10 ** random.uniform(-1, 5, 200)
+    big_b = np.where(random.random(count) < 0.5, -b, ceiling) * random.uniform(0, 1.5, count)
+    k = 10 ** random.uniform(-1, 5, count)
     onset = onset_amplitude(0.01, b, 0.05, k, big_b, 1e-3, delay)
     above = np.isfinite(onset.amplitude)
-    assert np.count_nonzero(above) > 100
+    assert np.count_nonzero(above) > count / 2
     np.testing.assert_array_equal(~above, k <= critical_stiffness(0.01, b, big_b, 1e-3, delay))
     w = 2 * np.pi * onset.frequency[above]
     extra = 4 * 0.05 / (np.pi * onset.amplitude[above] * w)

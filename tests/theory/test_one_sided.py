@@ -90,9 +90,9 @@ def test_the_limit_is_where_the_device_comes_back_as_fast() -> None:
 
 @pytest.mark.parametrize("limit", [one_sided_limit, one_sided_limit_tabulated])
 def test_at_the_limit_no_device_comes_back_faster_and_a_tenth_above_it_some_do(
-    limit: Callable[..., np.ndarray], thorough: bool
+    limit: Callable[..., np.ndarray], thorough: bool, wholly: bool
 ) -> None:
-    m, b, virtual, t, delay, n = random_walls(1000 if thorough else 250, seed=3)
+    m, b, virtual, t, delay, n = random_walls(1000 if thorough else 250 if wholly else 60, seed=3)
     stiffness = limit(m, b, virtual, t, delay, n)
     assert np.all(stiffness > 0)
 

@@ -11,6 +11,7 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory import one_sided_table as tables
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
 from scripts.one_sided_fill import computed_share
+from tests.cases import sampled
 
 Array = np.ndarray
 COMPUTED = "haptic_wall.controller.theory.one_sided_table.one_sided_limit"
@@ -30,8 +31,11 @@ def random_settings(count: int, seed: int, n: int = 1) -> tuple[Array, ...]:
 
 
 @pytest.mark.parametrize("n", tables.SAMPLES)
-def test_looked_up_is_not_above_what_is_computed_and_hardly_below(n: int, thorough: bool) -> None:
-    delta, beta, late, samples, ceiling = random_settings(10_000 if thorough else 700, 31, n)
+def test_looked_up_is_not_above_what_is_computed_and_hardly_below(
+    n: int, thorough: bool, wholly: bool
+) -> None:
+    count = 10_000 if thorough else 700 if wholly else 200
+    delta, beta, late, samples, ceiling = random_settings(count, 31, n)
     share = tabulated_share(delta, beta, late, samples, ceiling)
     known = np.isfinite(share)
     # up to the share of the ceiling that the guard allows, nearly everything is in the table
@@ -161,7 +165,7 @@ def test_coordinates_lead_back_to_the_settings(name: str) -> None:
     np.testing.assert_allclose((found + where)[:, used], (cell + place)[:, used], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", tables.GRIDS)
+@pytest.mark.parametrize("name", sampled(tables.GRIDS, 3))
 def test_what_is_stored_was_computed_and_lowered(name: str) -> None:
     # the script that makes the table would make this one
     grid = tables.GRIDS[name]

@@ -14,6 +14,7 @@ from haptic_wall.controller.theory.rebound import (
     never_faster,
 )
 from haptic_wall.controller.theory.rounded_contact import RoundedContacts, returned_speed
+from tests.cases import sampled
 
 T, M, STEP = 1e-3, 0.01, 2 * np.pi / 4096
 UNIT = STEP / T
@@ -75,7 +76,7 @@ def test_fast_contacts_are_those_of_the_ideal_wall() -> None:
         np.testing.assert_allclose(fast, ideal, atol=1e-5)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize("friction", sampled([0.2, 0.0, 0.6], 3))
 @pytest.mark.parametrize(("share", "delay"), [(0.02, 1.0), (0.1, 0.0), (0.1, 2.5), (0.7, 1.0)])
 def test_above_the_lowest_speed_none_comes_back_faster_and_below_some_do(
     share: float, delay: float, friction: float
@@ -121,6 +122,7 @@ def test_without_counts_there_is_no_lowest_speed() -> None:
     assert lowest_speed(wall(servos, position_step=0.0), servos, 0.0) is None
 
 
+@pytest.mark.usefixtures("whole")
 def test_up_to_the_highest_speed_the_torque_stays_within_its_limit() -> None:
     """A limit there changes no contact: with it and without it they return the same."""
     random = np.random.default_rng(1)

@@ -75,10 +75,10 @@ def test_the_response_is_that_of_the_taps(kind: FilterKind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["lowpass", "notch"])
-def test_limits_agree_with_dense_eigenvalues(kind: FilterKind) -> None:
+def test_limits_agree_with_dense_eigenvalues(kind: FilterKind, wholly: bool) -> None:
     random = np.random.default_rng(4)
-    found = 0
-    for _ in range(60):
+    count, found = 60 if wholly else 20, 0
+    for _ in range(count):
         whole = float(np.exp(random.uniform(math.log(1e-3), math.log(0.03))))
         load = whole * float(random.uniform(0.05, 0.8))
         hz, ratio = float(np.exp(random.uniform(2.3, 5.0))), float(random.uniform(0.003, 0.1))
@@ -108,7 +108,7 @@ def test_limits_agree_with_dense_eigenvalues(kind: FilterKind) -> None:
             tiny = 1e-6 * whole / PERIOD**2
             assert radius(tiny, 1.001 * ceiling) > 1.0
             assert float(scan.ceilings()[0]) == pytest.approx(ceiling, rel=0.05)
-    assert found > 30
+    assert found > count / 2
 
 
 def test_one_count_is_never_felt_more_than_the_filters_peak() -> None:

@@ -18,6 +18,7 @@ from scripts.trials.judges import own_oscillation
 from scripts.trials.operators import NOBODY, Operator, draw_operator, operator_of
 from scripts.trials.run import Trial, WallAsked, run_trial
 from scripts.trials.truth import Truth
+from tests.cases import sampled
 from tests.scripts.trial_help import called_quiet
 
 BENCH = bench_of("xm430-w350")
@@ -67,7 +68,7 @@ def ended_or_died(trial: Trial) -> bool:
     )
 
 
-@pytest.mark.parametrize("kick", [0.05, 0.2])
+@pytest.mark.parametrize("kick", sampled([0.05, 0.2], 2))
 def test_a_load_that_oscillates_on_its_transmission_is_found(kick: float) -> None:
     assert ended_or_died(run(VALUE.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
 
@@ -85,14 +86,7 @@ def test_a_ripple_on_a_large_oscillation_does_not_hide_it() -> None:
     assert trial.trip or np.abs(trial.output[1500:]).max() < 0.02
 
 
-@pytest.mark.parametrize(
-    "delay",
-    [
-        0.001,
-        0.002,
-        0.004,
-    ],
-)
+@pytest.mark.parametrize("delay", sampled([0.002, 0.001, 0.004], 3))
 def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay: float) -> None:
     truth = Truth(0.011951, 0.011692, 0.0453, delay=delay, backlash=math.radians(0.25))
     trial = run(truth, 0.2, duration_s=8.0)
@@ -105,7 +99,7 @@ def rhythm(hertz: float = 2.0, seconds: float = 8.0) -> Operator:
     return operator_of(30.0, 0.5, 0.25 * np.sin(math.tau * hertz * time))
 
 
-@pytest.mark.parametrize("limit", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("limit", sampled([0.5, 0.3, 1.0], 3))
 def test_a_hand_that_saturates_a_soft_wall_gets_it_back_at_the_surface(limit: float) -> None:
     truth = Truth(0.011951, 0.011692, 0.09039, delay=0.001, torque_limit=limit)
     trial = run(truth, 0.04, f"servo.torque_limit={limit}", operator=rhythm(), stiffness=10.0)
@@ -543,7 +537,7 @@ def rests(trial: Trial, load: float) -> None:
     assert trial.output[-1] == pytest.approx(load / trial.stiffness[0], rel=0.4)
 
 
-@pytest.mark.parametrize("mass", [0.03, 0.054])
+@pytest.mark.parametrize("mass", sampled([0.03, 0.054], 2))
 def test_a_weight_that_swings_at_its_wall_is_held_and_comes_to_rest(mass: float) -> None:
     """It is heavier than the believed servo, and the wall holds it with a third of its torque."""
     truth = Truth(0.017927, 0.011692, 0.045195, delay=0.0067)
@@ -601,7 +595,7 @@ def test_a_leaning_person_is_not_let_down_by_a_probe() -> None:
     assert trial.trip is None
 
 
-@pytest.mark.parametrize("side", ["both", "above"])
+@pytest.mark.parametrize("side", sampled(["above", "both"], 2))
 def test_whoever_lets_go_in_a_probe_is_not_pushed(side: Side) -> None:
     """What holds the load ends near the surface, and the whole wall comes back there."""
 
@@ -626,7 +620,7 @@ def test_whoever_lets_go_in_a_probe_is_not_pushed(side: Side) -> None:
 
 
 @pytest.mark.parametrize("side", ["both", "above"])
-@pytest.mark.parametrize("then", [0.45, 0.6])
+@pytest.mark.parametrize("then", sampled([0.6, 0.45], 2))
 def test_a_push_that_comes_in_a_probe_does_not_go_through(side: Side, then: float) -> None:
     """The probed wall and its hold are weaker than the push, which comes without turning points."""
 
@@ -909,7 +903,7 @@ def test_whoever_lets_go_on_a_wall_that_an_alarm_has_reduced_is_not_thrown() -> 
     assert let_go.min() > -3.0 * let_go[0], "a softer spring stops it later"
 
 
-@pytest.mark.parametrize("mean", [1.3, 1.85])
+@pytest.mark.parametrize("mean", sampled([1.3, 1.85], 2))
 def test_a_law_that_holds_no_load_is_not_probed_under_one(mean: float) -> None:
     """Probed, its limit was below the person's push: 37 and 78 degrees, and for good by turns."""
     stops = "wall.law=stops", "wall.low=-0.5", "wall.high=0.0"

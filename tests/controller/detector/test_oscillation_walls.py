@@ -21,6 +21,7 @@ from scripts.trials.detector_trials import kick_trials
 from scripts.trials.hands import HANDS, draw_hands, goes_on, handled
 from scripts.trials.listening import COUNT, listen
 from scripts.trials.watched import Trace, kicked, steady_oscillation
+from tests.cases import sampled
 from tests.typed import not_none
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3
@@ -84,6 +85,7 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
 
 
+@pytest.mark.usefixtures("whole")
 def test_whether_motion_goes_on_without_the_hand() -> None:
     # A hand's own motion ends with it; what the wall feeds stays.
     damping = 0.2
@@ -94,6 +96,7 @@ def test_whether_motion_goes_on_without_the_hand() -> None:
         assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> None:
     """What docs/detector.md says of limit cycles of a count."""
     damping = 0.3
@@ -141,7 +144,7 @@ def wrong_beliefs(count: int) -> FloatArray:
     return np.random.default_rng(5).choice([0.8, 1.2], (count, 4))
 
 
-@pytest.mark.parametrize("share", [1.2, 1.5, 2.5])
+@pytest.mark.parametrize("share", sampled([1.2, 1.5, 2.5], 3))
 def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share: float) -> None:
     walls = some_walls(share)
     kick = np.full(walls.size, 30 * COUNT)
@@ -155,7 +158,7 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share: fl
     assert max(reached) < 2.1
 
 
-@pytest.mark.parametrize("share", [1.3, 2.2])
+@pytest.mark.parametrize("share", sampled([1.3, 2.2], 2))
 def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share: float) -> None:
     """B = 0; the file tells positions and torques, the servo is believed a fifth wrong."""
     walls = some_walls(share)
@@ -179,7 +182,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
 
 
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
     hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
@@ -187,7 +190,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
-@pytest.mark.parametrize("hand", ["rhythm", "tap"])
+@pytest.mark.parametrize("hand", sampled(["rhythm", "tap"], 2))
 def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
     walls = some_walls(0.6)
     walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
@@ -196,7 +199,7 @@ def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: s
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
-@pytest.mark.parametrize("size", [5.0, 40.0])
+@pytest.mark.parametrize("size", sampled([5.0, 40.0], 2))
 def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) -> None:
     walls = some_walls(1.5)
     walls = replace(walls, torque_limit=walls.stiffness * size * COUNT)
@@ -245,13 +248,16 @@ UNIT = 0.0048
 
 @pytest.mark.parametrize(
     ("counts", "unit", "friction", "stiffness", "wall_damping", "kick"),
-    [
-        (0, UNIT, 0.0117, 1e6, 0.02, 0.001),  # as much as the guard allows
-        (0, 4.0 * UNIT, B_SERVO, 1e6, 0.02, 0.001),
-        (0, 4.0 * UNIT, B_SERVO, 1e6, 0.0, 0.001),
-        (0, UNIT, 0.002, 1.0, 0.002, 0.7 * UNIT),
-        (4096, UNIT, 0.0, 0.1, 0.002, 7.0 * UNIT),  # softer than one unit for each count
-    ],
+    sampled(
+        [
+            (0, UNIT, 0.0117, 1e6, 0.02, 0.001),  # as much as the guard allows
+            (0, 4.0 * UNIT, B_SERVO, 1e6, 0.02, 0.001),
+            (0, 4.0 * UNIT, B_SERVO, 1e6, 0.0, 0.001),
+            (0, UNIT, 0.002, 1.0, 0.002, 0.7 * UNIT),
+            (4096, UNIT, 0.0, 0.1, 0.002, 7.0 * UNIT),  # softer than one unit for each count
+        ],
+        4,
+    ),
 )
 def test_what_the_rounding_of_torques_keeps_up_is_no_alarm(
     counts: int, unit: float, friction: float, stiffness: float, wall_damping: float, kick: float

@@ -24,6 +24,7 @@ from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, peak
 from haptic_wall.controller.theory.checks import FloatArray
+from tests.cases import sampled
 from tests.typed import not_none
 
 BASE = (
@@ -181,7 +182,7 @@ def five_cycles(stiffness: float, rows: NDArray[np.void]) -> FloatArray:
     return amplitudes
 
 
-@pytest.mark.parametrize("share", [0.02, 0.2, 0.7])
+@pytest.mark.parametrize("share", sampled([0.2, 0.02, 0.7], 3))
 def test_passivity_control_holds_what_some_damping_could(tmp_path: Path, share: float) -> None:
     limit = float(critical_stiffness(0.011951, 0.011692, 0.0, 1e-3, 2e-3))
     highest = float(peak(0.011951, 0.011692, 1e-3, 2e-3).stiffness)
@@ -273,7 +274,7 @@ def test_a_report_ends_no_run_for_energy() -> None:
     assert not contact_with(0.2, 2.0, answer="report").failed
 
 
-@pytest.mark.parametrize("kick", [0.05, 0.3])
+@pytest.mark.parametrize("kick", sampled([0.05, 0.3], 2))
 @pytest.mark.parametrize("damping", [0.0, 0.02])
 def test_a_wall_within_its_limit_that_dies_slowly_is_left_alone(
     tmp_path: Path, damping: float, kick: float

@@ -29,12 +29,18 @@ def within(row: Comparison, truth: float, times: float = 3.0) -> None:
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rendering, dict[str, Comparison]]:
+def usual(
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Rendering, dict[str, Comparison]]:
     return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
 
 
 @pytest.fixture(scope="module")
-def other(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rendering, dict[str, Comparison]]:
+def other(
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Rendering, dict[str, Comparison]]:
     """Believed a third heavier than it is; with play, a wall on the other side, delay inserted."""
     return measured(
         tmp_path_factory.mktemp("other"),
@@ -124,6 +130,7 @@ def test_contacts_happen_on_the_other_side_too(
     assert all(contact.penetration > 0.0 for contact in found.contacts)
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_spring_too_soft_for_friction_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 
@@ -24,6 +25,7 @@ from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.many_two_masses import ManyTwoMasses, Transmissions
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
+from tests.cases import sampled
 
 PERIOD, PERIOD_NS = 1e-3, 1_000_000
 STATED = 1e-7
@@ -138,7 +140,7 @@ def alone(servo: TrueServo, stiffness: float, damping: float, periods: int) -> l
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["linear", "friction"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", sampled(range(8), 3))
 def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough: bool) -> None:
     periods = 600 if thorough else 150
     given = drawn(seed, 20 if thorough else 4, rough=rough)
@@ -159,7 +161,7 @@ def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough:
 
 
 @pytest.mark.parametrize("drive", [False, True], ids=["", "current-loop"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", sampled(range(8), 3))
 def test_compiled_walls_move_as_the_arrays_do(seed: int, drive: bool, thorough: bool) -> None:
     pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
     given = drawn(seed, 200 if thorough else 20, rough=bool(seed % 3))
@@ -183,6 +185,7 @@ def test_compiled_walls_move_as_the_arrays_do(seed: int, drive: bool, thorough: 
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=COMPILED)
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.parametrize("one_sided", [False, True])
 def test_growths_and_returned_speeds_are_those_of_the_arrays(
     monkeypatch: pytest.MonkeyPatch, one_sided: bool, thorough: bool
@@ -213,7 +216,8 @@ def test_the_simulated_limit_without_friction_is_the_exact_one() -> None:
     sets = ("servo.coulomb=0", "servo.counts_per_rev=0", "wall.side=both", *LOADED)
     for side in ("output", "motor"):
         config = load_config("simulated", (*sets, f"servo.encoder={side}")).config
-        found = critical_map(MapSettings.of(config), [0.0, 0.05], [1], [0.03], workers=1)
+        with ThreadPoolExecutor(1) as here:
+            found = critical_map(MapSettings.of(config), [0.0, 0.05], [1], [0.03], executor=here)
         np.testing.assert_allclose(found.stiffness[0, :, 0], found.exact[0], rtol=1e-4)
 
 

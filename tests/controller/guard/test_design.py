@@ -31,6 +31,7 @@ from haptic_wall.controller.theory import (
     one_sided_limit,
 )
 from haptic_wall.hw.dynamixel.wire import cycle_s
+from tests.cases import sampled
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
 COUNT = math.tau / 4096
@@ -122,20 +123,23 @@ def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
     assert "encoder" not in found
 
 
-def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top() -> None:
+@pytest.mark.parametrize(("step", "delay"), sampled([(COUNT, 2e-3), (0.0, 2e-3), (COUNT, 0.0)], 3))
+def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top(
+    step: float, delay: float
+) -> None:
     """With an encoder the top is a corner, where the limits cross; without it is smooth."""
-    for step, delay in ((0.0, 2e-3), (COUNT, 2e-3), (COUNT, 0.0)):
-        where = situation(step)
-        _, found = bought(where, {"delay": delay}, 0.05, changes=("virtual_damping",))
-        ceiling = float(max_virtual_damping(M, B_VISCOUS, T, delay))
-        tried = np.geomspace(1e-3, 0.999, 400) * ceiling
-        request = Request(0.0, 0.0, "above")
-        plants = Plants.at_corner(where, np.full(tried.size, delay))
-        best = np.max(evaluate(request, EVERY, where, plants, asked=tried).smallest())
-        assert found["virtual_damping"].stiffness >= 0.995 * best
-        assert found["virtual_damping"].stiffness <= 1.02 * best
+    where = situation(step)
+    _, found = bought(where, {"delay": delay}, 0.05, changes=("virtual_damping",))
+    ceiling = float(max_virtual_damping(M, B_VISCOUS, T, delay))
+    tried = np.geomspace(1e-3, 0.999, 400) * ceiling
+    request = Request(0.0, 0.0, "above")
+    plants = Plants.at_corner(where, np.full(tried.size, delay))
+    best = np.max(evaluate(request, EVERY, where, plants, asked=tried).smallest())
+    assert found["virtual_damping"].stiffness >= 0.995 * best
+    assert found["virtual_damping"].stiffness <= 1.02 * best
 
 
+@pytest.mark.usefixtures("whole")
 def test_the_quick_choice_of_a_virtual_damping_is_not_far_from_the_best() -> None:
     """The guard's: what it claims is allowed there, and is most of what could be had."""
     for side in ("above", "both"):

@@ -16,7 +16,9 @@ from tests.theory.oracles import Loop, radius
 
 
 @pytest.fixture(scope="module")
-def fig10() -> FigureData:
+def fig10(
+    whole: None,  # noqa: ARG001 - leaves it out
+) -> FigureData:
     return linear_error.figure_10()
 
 

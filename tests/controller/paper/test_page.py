@@ -26,7 +26,10 @@ def simulated(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Made]]:
+def made(
+    undrawn: None,  # noqa: ARG001 - what it draws
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, list[Made]]:
     folder = tmp_path_factory.mktemp("paper")
     return folder, [make(item.name, folder, simulated) for item in ITEMS]
 
@@ -89,6 +92,7 @@ def test_the_items_are_those_of_the_paper() -> None:
     assert [item.name for item in ITEMS] == names
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.parametrize("name", [item.name for item in ITEMS])
 def test_pictures_are_large_enough_to_print_and_not_blank(
     made: tuple[Path, list[Made]], name: str

@@ -12,6 +12,7 @@ import pytest
 
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.system.signals import on_signals
+from tests.cases import sampled
 
 
 @pytest.mark.parametrize("path", ["", "{}", "/nowhere:{}:{}/more"])
@@ -69,7 +70,7 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
 
 
 @pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
-@pytest.mark.parametrize("told", ["", '{"par'])
+@pytest.mark.parametrize("told", sampled(['{"par', ""], 2))
 def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
     module: str, told: str
 ) -> None:

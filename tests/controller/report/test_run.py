@@ -24,6 +24,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import not_none
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

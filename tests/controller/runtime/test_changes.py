@@ -38,6 +38,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Facts
 from scripts.changed_walls import ChangedRun
 from scripts.studies.changes_check import Bench, tried
+from tests.cases import sampled
 
 
 def wall(*sets: str) -> Config:
@@ -336,7 +337,7 @@ def test_the_speed_is_not_taken_over_a_probe() -> None:
     assert found == [Obstacle.READING] * 8 + [Obstacle.ENERGY] * 2
 
 
-@pytest.mark.parametrize("side", ["both", "above"])
+@pytest.mark.parametrize("side", sampled(["above", "both"], 2))
 def test_a_law_that_is_changed_every_third_of_a_second_is_found_to_oscillate(side: str) -> None:
     """The evidence of the backstop stays: else such a wall swung by 4 rad, and nobody told."""
     sets = (

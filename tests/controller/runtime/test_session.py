@@ -32,6 +32,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.servo import Check, Reading, Servo
+from tests.cases import sampled
 from tests.typed import not_none, status_of
 
 Rows = NDArray[np.void]
@@ -77,7 +78,7 @@ def call(arguments: list[str]) -> int:
         gc.enable()  # a run switches it off
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-xm430"])
+@pytest.mark.parametrize("preset", sampled(["simulated", "emulated-xm430"], 2))
 def test_the_same_run_gives_the_same_log_to_the_byte(
     preset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,8 +147,8 @@ def test_a_servo_with_the_effects_of_a_real_one_holds_its_wall_in_quiet() -> Non
     assert deep["torque"].max() < -0.3
 
 
-@pytest.mark.parametrize("steps", [0, 3])
-@pytest.mark.parametrize("lag", [0.0, 0.0004])
+@pytest.mark.parametrize("steps", sampled([3, 0], 2))
+@pytest.mark.parametrize("lag", sampled([0.0004, 0.0], 2))
 def test_motion_decays_below_the_exact_limit_and_grows_above(steps: int, lag: float) -> None:
     inertia, damping, virtual = 0.011951, 0.011692, 0.03
     limit = float(critical_stiffness(inertia, damping, virtual, 1e-3, steps * 1e-3 + lag))
@@ -202,7 +203,7 @@ def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
     assert bus["torque"].min() == pytest.approx(plain["torque"].min(), rel=0.05)
 
 
-@pytest.mark.parametrize("rate", [250, 500, 1000])
+@pytest.mark.parametrize("rate", sampled([500, 250, 1000], 3))
 @pytest.mark.parametrize("schedule", ["immediate", "pipelined"])
 def test_rates_and_schedules_on_a_bus_in_memory(rate: int, schedule: str) -> None:
     result, rows = session(
@@ -250,7 +251,7 @@ def test_an_end_in_the_warm_up_counts_no_ticks() -> None:
     assert telemetry.words[Word.TICKS] == 0
 
 
-@pytest.mark.parametrize("stalled", [499, 500, 700, 999])
+@pytest.mark.parametrize("stalled", sampled([500, 499, 999, 700], 2))
 def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever a stall falls: in the warm-up's last tick, the first or the last of the run."""
     plain = Tick._follow_guard
@@ -308,7 +309,7 @@ def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
 
 
 @pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
-@pytest.mark.parametrize("turns", [3, -3])
+@pytest.mark.parametrize("turns", sampled([-3, 3], 2))
 def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: int) -> None:
     told: list[str] = []
     sets = ["loop.clock=simulated", "wall.side=both", f"servo.kick={turns * math.tau}"]
@@ -325,7 +326,7 @@ def test_a_two_sided_wall_does_not_come_on_three_turns_away(preset: str, turns: 
     assert f"({turns:.2f} turns)" in told[-2] and f"({turns:.2f} turns)" in told[-1]
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
+@pytest.mark.parametrize("preset", sampled(["emulated-ideal", "simulated"], 2))
 def test_a_wall_from_the_start_is_on_the_turn_where_the_shaft_stands(preset: str) -> None:
     told: list[str] = []
     sets = ["loop.clock=simulated", "wall.reference=start", "wall.position=0.3", "servo.kick=18.8"]
@@ -404,7 +405,7 @@ def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> N
     assert "ticks late" not in why
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
+@pytest.mark.parametrize("preset", sampled(["simulated", "emulated-ideal"], 2))
 def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
     sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
     result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
@@ -425,7 +426,7 @@ def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_
     assert abs(rows["torque"][0]) <= 0.2 + 0.02 * 5.0, "the spring's part, and the damper's"
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.09])
+@pytest.mark.parametrize("friction", sampled([0.09, 0.0], 2))
 def test_a_stiff_wall_comes_on_around_an_emulated_servo_that_the_start_up_has_moved(
     friction: float,
 ) -> None:
@@ -486,8 +487,18 @@ def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
     assert "turned to within" in result.waited_for
 
 
-@pytest.mark.parametrize("preset", ["simulated", "emulated-ideal"])
-@pytest.mark.parametrize("more", [(), ("wall.passivity_control=true", "delay.steps=3")])
+@pytest.mark.parametrize(
+    ("preset", "more"),
+    sampled(
+        [
+            ("emulated-ideal", ("wall.passivity_control=true", "delay.steps=3")),
+            ("emulated-ideal", ()),
+            ("simulated", ()),
+            ("simulated", ("wall.passivity_control=true", "delay.steps=3")),
+        ],
+        2,
+    ),
+)
 def test_a_dead_man_let_go_inside_the_wall(
     preset: str, more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -526,7 +537,9 @@ def test_a_dead_man_let_go_inside_the_wall(
 
 @pytest.mark.parametrize(
     ("side", "kick", "where"),
-    [("both", 18.8, "away from"), ("above", 18.8, "inside"), ("below", -18.8, "inside")],
+    sampled(
+        [("both", 18.8, "away from"), ("below", -18.8, "inside"), ("above", 18.8, "inside")], 3
+    ),
 )
 def test_a_wall_that_never_came_on_is_the_first_line_of_the_report(
     side: str,

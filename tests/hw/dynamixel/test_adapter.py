@@ -45,7 +45,7 @@ def account(
     return handed
 
 
-@settings(max_examples=200)
+@settings(max_examples=2 * settings().max_examples)
 @given(
     st.lists(
         st.tuples(st.integers(0, 3 * MS), st.integers(1, 150), st.sampled_from([57_600, BAUD])),

@@ -19,6 +19,7 @@ from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Outcome, Reading
+from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
 from tests.hw.dynamixel.lines import tapped
 
@@ -63,18 +64,25 @@ def fresh(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "kinds", "failed"),
-    [
-        ("drop:p=0.1,way=reply", {"lost"}, 0.1),
-        ("drop:p=0.1,way=request", {"lost"}, 0.1),
-        ("corrupt:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # a flipped length leaves no frame
-        ("corrupt:p=0.1,way=request", {"corrupt", "lost"}, 0.1),  # the servo says: CRC error
-        ("truncate:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # nothing may be left
-        ("duplicate:p=0.1,way=reply", {"late"}, 0.0),
-        ("late:ms=1.5,p=0.1,way=reply", {"lost", "late"}, 0.1),
-        ("late:ms=3,p=0.1,way=reply", {"lost", "late"}, 0.3),  # it keeps the wire meanwhile
-        ("wrong-id:p=0.1,way=reply", {"lost"}, 0.1),
-        ("noise:p=0.1,way=reply", set(), 0.0),
-    ],
+    sampled(
+        [
+            ("drop:p=0.1,way=reply", {"lost"}, 0.1),
+            ("drop:p=0.1,way=request", {"lost"}, 0.1),
+            (
+                "corrupt:p=0.1,way=reply",
+                {"corrupt", "lost"},
+                0.1,
+            ),  # a flipped length
+            ("corrupt:p=0.1,way=request", {"corrupt", "lost"}, 0.1),  # the servo says: CRC error
+            ("truncate:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # nothing may be left
+            ("duplicate:p=0.1,way=reply", {"late"}, 0.0),
+            ("late:ms=1.5,p=0.1,way=reply", {"lost", "late"}, 0.1),
+            ("late:ms=3,p=0.1,way=reply", {"lost", "late"}, 0.3),  # it keeps the wire meanwhile
+            ("wrong-id:p=0.1,way=reply", {"lost"}, 0.1),
+            ("noise:p=0.1,way=reply", set(), 0.0),
+        ],
+        3,
+    ),
 )
 def test_a_struck_reply_costs_no_more_than_the_periods_it_misses_and_is_counted_as_what_it_was(
     fault: str, kinds: set[str], failed: float
@@ -305,7 +313,7 @@ class LineOf:
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.1])
-@pytest.mark.parametrize("seconds", [0.3, 5.0, 100.0])
+@pytest.mark.parametrize("seconds", sampled([5.0, 0.3, 100.0], 3))
 def test_a_suspended_computer_is_no_weak_supply(seconds: float, torque: float) -> None:
     """The servo's clock went on, and its Bus Watchdog dropped the torque."""
     bench = Bench(probe_torque=0.0)

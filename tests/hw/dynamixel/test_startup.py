@@ -17,6 +17,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.plant.body import PlantParameters
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
+from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
 
 COUNT = 2 * 3.141592653589793 / 4096
@@ -339,8 +340,8 @@ FRICTIONS = [(0.0, 0.0), (0.0, 0.012), (0.005, 0.0), (0.02, 0.012), (0.09, 0.012
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
-@pytest.mark.parametrize("inertia", [0.001, 0.012, 0.1])
-@pytest.mark.parametrize(("coulomb", "damping"), FRICTIONS)
+@pytest.mark.parametrize("inertia", sampled([0.001, 0.012, 0.1], 2))
+@pytest.mark.parametrize(("coulomb", "damping"), sampled(FRICTIONS, 3))
 def test_the_probe_moves_a_little_and_leaves_the_shaft_nearly_at_rest(
     inertia: float, coulomb: float, damping: float, direction: int
 ) -> None:
@@ -357,7 +358,7 @@ def test_the_probe_moves_a_little_and_leaves_the_shaft_nearly_at_rest(
     assert abs(bench.state.position - begun) < 6 * COUNT
 
 
-@pytest.mark.parametrize("kinetic", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("kinetic", sampled([0.05, 0.1, 0.2], 3))
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_a_shaft_that_sticks_more_than_it_rubs_is_not_driven_back(
     kinetic: float, direction: int
@@ -454,7 +455,7 @@ def test_the_probe_can_be_skipped() -> None:
     assert bench.truth.memory["torque_enable"] == 1
 
 
-@pytest.mark.parametrize("start_s", [0.0, 0.3, 0.7, 1.0, 1.4, 2.0, 2.6, 3.2, 3.9, 4.5])
+@pytest.mark.parametrize("start_s", sampled([0.0, 0.3, 0.7, 1.0, 1.4, 2.0, 2.6, 3.2, 3.9, 4.5], 3))
 def test_a_hand_that_comes_and_goes_does_not_falsify_the_probe(start_s: float) -> None:
     """The push moves at 0.6 rad/s half of the time."""
     bench = Bench(replace(TRUE, hand="push", position=-0.5))
@@ -516,7 +517,9 @@ def test_a_servo_that_stops_answering_in_the_probe_is_missing() -> None:
         bench.servo.start()
 
 
-@pytest.mark.parametrize("name", [n for n, model in MODELS.items() if model.current_mode])
+@pytest.mark.parametrize(
+    "name", sampled((n for n, model in MODELS.items() if model.current_mode), 4)
+)
 def test_every_model_that_can_make_torque_starts(name: str) -> None:
     constant = 0.0 if MODELS[name].torque_constant else 2.0
     bench = Bench(replace(TRUE, torque_constant=constant), model=name)

@@ -15,6 +15,7 @@ from haptic_wall.hw.dynamixel.sdk import LinePort
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.settings import TrueServo
+from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
 from tests.typed import not_none
 
@@ -191,7 +192,7 @@ def test_velocity_mode_ramps_with_its_profile_acceleration() -> None:
     assert servo["velocity_trajectory"] == 100
 
 
-@pytest.mark.parametrize("name", [n for n, m in MODELS.items() if m.no_load_rpm])
+@pytest.mark.parametrize("name", sampled((n for n, m in MODELS.items() if m.no_load_rpm), 4))
 @pytest.mark.parametrize("duty", [885, -300])
 def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, duty: int) -> None:
     true = TrueServo(inertia=0.0005, torque_limit=20.0)

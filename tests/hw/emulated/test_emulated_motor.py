@@ -13,6 +13,7 @@ from haptic_wall.hw.dynamixel.tables.models import Model
 from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.settings import TrueServo
+from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
 from tests.typed import not_none
 
@@ -192,7 +193,9 @@ def test_it_warms_as_a_first_order_system_does() -> None:
     assert client.read(1, TEMPERATURE, 1) == 32
 
 
-@pytest.mark.parametrize(("model", "mode"), [("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)])
+@pytest.mark.parametrize(
+    ("model", "mode"), sampled([("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)], 3)
+)
 def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str, mode: int) -> None:
     client = Client((model, 1), true=HELD, recorded=False)
     client.write(1, MODE, mode, 1)

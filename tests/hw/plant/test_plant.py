@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
+from tests.cases import sampled
 from tests.hw.oracles import Body, Stretch, integrate
 
 PERIOD = 1e-3
@@ -60,15 +61,18 @@ def test_a_second_with_a_moving_hand_and_friction_agrees_with_an_integrator() ->
 
 @pytest.mark.parametrize(
     ("damping", "hand_stiffness", "hand_damping", "slope"),
-    [
-        (0.0, 40.0, 0.0, 0.3),  # undamped: stick and slip for ever
-        (0.01, 40.0, 0.05, 0.3),  # underdamped
-        (0.0, 40.0, 2.0 * math.sqrt(40.0 * 0.01), 0.3),  # critically damped
-        (0.5, 4.0, 0.7, -2.0),  # overdamped
-        (0.01, 40.0, 0.0, 0.0),  # a spring at rest: swings until it sticks
-        (0.3, 0.0, 0.0, 0.0),  # no hand
-        (0.0, 0.0, 0.0, 0.0),  # no hand, no damping
-    ],
+    sampled(
+        [
+            (0.0, 40.0, 0.0, 0.3),  # undamped: stick and slip for ever
+            (0.01, 40.0, 0.05, 0.3),  # underdamped
+            (0.0, 40.0, 2.0 * math.sqrt(40.0 * 0.01), 0.3),  # critically damped
+            (0.5, 4.0, 0.7, -2.0),  # overdamped
+            (0.01, 40.0, 0.0, 0.0),  # a spring at rest: swings until it sticks
+            (0.3, 0.0, 0.0, 0.0),  # no hand
+            (0.0, 0.0, 0.0, 0.0),  # no hand, no damping
+        ],
+        3,
+    ),
 )
 def test_many_events_in_one_long_step_agree_with_an_integrator(
     damping: float, hand_stiffness: float, hand_damping: float, slope: float

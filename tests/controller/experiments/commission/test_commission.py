@@ -70,7 +70,10 @@ def commission(folder: Path, *sets: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def commissioned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def commissioned(
+    whole: None,  # noqa: ARG001 - leaves it out
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
     """The folder of a whole commissioning of the simulated servo."""
     folder = tmp_path_factory.mktemp("commission") / "made"
     commission(folder)
@@ -129,14 +132,15 @@ def test_a_rerun_measures_nothing_again_and_says_the_same(
 
 
 def test_a_run_commands_what_the_verdict_says(
-    commissioned: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, report = report_of(commissioned, capsys)
+    steps_taken(monkeypatch, {"nothing": None})
+    _, report = report_of(tmp_path, capsys)
     for case in ("plain", "best"):
         promised = report["verdict"][case]["commanded"]
-        words = ["run", commissioned / "config.yaml", "--duration=0.05", "--json"]
+        words = ["run", tmp_path / "config.yaml", "--duration=0.05", "--json", "--no-plot"]
         words += ["--set=wall.stiffness=1e6", f"--set=wall.damping={promised['damping']}"]
-        words += ["--log", tmp_path / "run.hwlog", "--plot", tmp_path / "run.png"]
+        words += ["--log", tmp_path / "run.hwlog"]
         assert call(*words) == 0
         guard = json.loads(capsys.readouterr().out)["guard"]
         assert guard["commanded"] == pytest.approx(promised, rel=1e-6)
@@ -207,13 +211,15 @@ def test_the_page_is_one_file_with_its_pictures_in_it(
 
 
 def test_other_settings_are_refused_in_a_sentence(
-    commissioned: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    steps_taken(monkeypatch, {"nothing": None})
+    report_of(tmp_path, capsys)
     words = [*SIMULATED, "--set=servo.inertia=0.02"]
-    assert call("commission", *words, "--out", commissioned) == 2
+    assert call("commission", *words, "--out", tmp_path) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "other settings" in line and "--fresh" in line
-    assert (commissioned / "identify.json").exists()
+    assert (tmp_path / "identify.json").exists()
 
 
 # With steps that move nothing

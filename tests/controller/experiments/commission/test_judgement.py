@@ -24,9 +24,9 @@ def question(name: str = "simulated", *sets: str) -> GuardQuestion:
     "sets",
     [
         (),
-        ("delay.steps=4",),
-        ("servo.counts_per_rev=0", "delay.steps=2"),
-        ("wall.side=both", "wall.velocity_samples=4"),
+        pytest.param(("delay.steps=4",), marks=pytest.mark.whole),
+        pytest.param(("servo.counts_per_rev=0", "delay.steps=2"), marks=pytest.mark.whole),
+        pytest.param(("wall.side=both", "wall.velocity_samples=4"), marks=pytest.mark.whole),
         ("servo.damping=0", "servo.counts_per_rev=512"),
     ],
 )

@@ -27,6 +27,7 @@ from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.errors import TorqueLostError
+from tests.cases import sampled
 from tests.typed import not_none
 
 PERIOD = 1_000_000
@@ -244,7 +245,7 @@ class Stall:
         monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
 
 
-@pytest.mark.parametrize("error", [None, TorqueLostError("the watchdog came first")])
+@pytest.mark.parametrize("error", sampled([TorqueLostError("the watchdog came first"), None], 2))
 def test_a_run_tells_when_and_how_long(
     error: TorqueLostError | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
