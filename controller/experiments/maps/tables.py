@@ -23,8 +23,15 @@ class Table:
 
     @classmethod
     def of(cls, shape: Shape, positions: FloatArray) -> Table:
-        """Tabulate a shape without a memory at these positions [rad]."""
+        """Tabulate a shape at these positions [rad].
+
+        Raises:
+            ValueError: It depends on more than the position, as friction and texture do.
+        """
         elongations = [shape.elongation(position, 0.0, 1.0) for position in positions.tolist()]
+        again = [shape.elongation(position, 1e9, 2.0) for position in positions[::-1].tolist()]
+        if again[::-1] != elongations:
+            raise ValueError("the shape depends on more than the position")
         return cls(positions, np.array(elongations), shape.damped_everywhere)
 
     def take(self, index: IntArray | slice) -> Table:  # noqa: ARG002 - as all parts of walls

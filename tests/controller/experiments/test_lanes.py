@@ -25,10 +25,12 @@ from haptic_wall.controller.experiments.maps.onset import simulated_critical_sti
 from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.experiments.maps.turning import growth
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
+from haptic_wall.controller.laws.friction import Friction
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.stops import Stops
+from haptic_wall.controller.laws.texture import Texture
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.many_two_masses import Transmissions
@@ -159,6 +161,12 @@ LAWS: dict[str, Shape] = {
     "profile": Profile([-0.2, -0.05, 0.1, 0.3], [0.4, 0.1, 0.0, -2.0]),
     "stops": Stops(-0.05, 0.08),
 }
+
+
+@pytest.mark.parametrize("shape", [Friction(0.1), Texture(0.02, PERIOD)])
+def test_a_law_that_depends_on_more_than_the_position_has_no_table(shape: Shape) -> None:
+    with pytest.raises(ValueError, match="more than the position"):
+        Table.of(shape, np.linspace(-0.1, 0.1, 5))
 
 
 @pytest.mark.parametrize("name", LAWS)
