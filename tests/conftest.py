@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from typing import Any
 
 # Before NumPy is imported: pole searches over small matrices are slower on many threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -90,10 +92,31 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 @pytest.fixture(scope="session")
-def whole(pytestconfig: pytest.Config, thorough: bool) -> None:
+def wholly(pytestconfig: pytest.Config, thorough: bool) -> bool:
+    """Whether whole experiments are played to their end, and each random case is tried."""
+    return thorough or bool(pytestconfig.getoption("whole"))
+
+
+@pytest.fixture(scope="session")
+def whole(wholly: bool) -> None:
     """Leaves out what plays a whole experiment to its end, unless it is asked for."""
-    if not (thorough or pytestconfig.getoption("whole")):
+    if not wholly:
         pytest.skip("a whole experiment: run with --whole, as .ci/run does")
+
+
+@pytest.fixture(scope="module")
+def undrawn(wholly: bool) -> Iterator[None]:
+    """Makes a picture a dot, unless whole experiments are played: drawing takes half a second."""
+    from matplotlib.figure import Figure
+    from matplotlib.image import imsave
+
+    def dotted(_figure: Figure, path: object, **how: Any) -> None:
+        imsave(path, [[0.0]], **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if not wholly:
+            patch.setattr(Figure, "savefig", dotted)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -31,6 +31,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
 EMULATED = ("emulated-ideal", "--set=loop.clock=simulated")
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3))

@@ -26,6 +26,8 @@ from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 LOOP = ["--inertia", "0.012", "--damping", "0.0117", "--period", "0.001", "--delay", "0.002"]
 POINT = {"virtual_damping", "linear", "exact", "one_sided", "passive", "frequency_hz"}
 

@@ -17,6 +17,8 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.errors import Problem
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
 

@@ -19,6 +19,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import may_be_replaced
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = [
     "--set=loop.clock=simulated",
     "--set=servo.inertia=0.0018142",

@@ -15,6 +15,8 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 REAL = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
 PENDULUM = ("--pendulum-mass", "0.49", "--pendulum-length", "0.1")
 

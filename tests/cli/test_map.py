@@ -31,6 +31,8 @@ from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -18,6 +18,8 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from tests.typed import not_none, status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
          "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip

@@ -19,6 +19,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIMULATED = ("simulated", "--set", "loop.clock=simulated")
 PLAIN = (*SIMULATED, "--set", "servo.coulomb=0", "--set", "servo.counts_per_rev=0")
 ONE = "--velocity-samples=1"

@@ -31,6 +31,8 @@ from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
 from tests.typed import not_none, status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
@@ -283,6 +285,7 @@ def second_terminal() -> list[str]:
     return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.realtime
 def test_two_terminals(
     bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path

@@ -16,6 +16,8 @@ from scripts.study import PART
 from tests.controller.experiments.commission.test_commission import SIMULATED, call, steps_taken
 from tests.docs.pages import ROOT, text_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
 SEED = 0
 
@@ -91,6 +93,7 @@ def test_the_page_is_of_this_script() -> None:
     assert re.search(r"^Seed 1\. The slowest took", part, re.M)
 
 
+@pytest.mark.usefixtures("whole")
 def test_files_are_tried_in_processes_of_their_own(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- computed: mutations -->\n<!-- end -->\n")
