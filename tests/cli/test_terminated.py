@@ -49,10 +49,22 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
 }
 
+SOME = ("boundary", "map, theory", "paper", "identify")
+
 
 @pytest.mark.parametrize(
     ("middle", "number"),
-    [*((middle, "SIGTERM") for middle in MIDDLES), ("map, theory", "SIGINT"), ("paper", "SIGINT")],
+    [
+        *((middle, "SIGTERM") for middle in SOME),
+        ("map, theory", "SIGINT"),
+        *(
+            pytest.param(middle, number, marks=pytest.mark.usefixtures("whole"))
+            for middle, number in [
+                *((middle, "SIGTERM") for middle in MIDDLES if middle not in SOME),
+                ("paper", "SIGINT"),
+            ]
+        ),
+    ],
 )
 def test_it_answers_once_and_leaves_no_empty_folder(
     middle: str, number: str, tmp_path: Path

@@ -179,6 +179,7 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.usefixtures("whole")
 def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) -> None:
     """A script that does not try again, and lets go of nothing, fails two of them."""
     script = (EXAMPLES / "move_servo.py").read_text()

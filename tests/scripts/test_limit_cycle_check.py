@@ -22,6 +22,7 @@ def test_the_tables_are_what_is_computed(thorough: bool) -> None:
         assert stale(STUDY, ["spread"]) == [], "run scripts/study limit_cycle_check"
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_table_has_a_row_for_each_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limit_cycle_check, "MOST", 200)
     worth, missed, _ = STUDY.parts
