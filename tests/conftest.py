@@ -52,8 +52,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Prepare what all tests share."""
     # A property has no stopwatch, and tries the same examples each time unless many are wanted.
+    thorough = config.getoption("thorough")
     hypothesis.settings.register_profile(
-        "suite", deadline=None, derandomize=not config.getoption("thorough")
+        "suite",
+        deadline=None,
+        derandomize=not thorough,
+        max_examples=100 if thorough or config.getoption("whole") else 20,
     )
     hypothesis.settings.load_profile("suite")
     # Thousands of tests are made and kept: looking for garbage among them takes a fifth of it.
@@ -77,6 +81,15 @@ def begin_to_watch() -> None:
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     ).returncode = 0  # nobody waits for it
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the cases marked ``whole``, unless they are asked for."""
+    if config.getoption("whole") or config.getoption("thorough"):
+        return
+    left_out = [item for item in items if item.get_closest_marker("whole")]
+    items[:] = [item for item in items if not item.get_closest_marker("whole")]
+    config.hook.pytest_deselected(items=left_out)
 
 
 def pytest_collection_finish() -> None:

@@ -328,7 +328,7 @@ def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
             "emulated-ideal",
             ["servo.torque_constant=1.5", "model.torque_gain=1"],
             1.5 / 1.7826,  # over the data sheet's
-            marks=pytest.mark.usefixtures("whole"),
+            marks=pytest.mark.whole,
         ),
     ],
 )

@@ -16,7 +16,6 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
 
-WHOLE = pytest.mark.usefixtures("whole")
 PYTHON = shlex.quote(sys.executable)
 
 
@@ -185,16 +184,16 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     [
         (["run", "nosuch"], 2),
         (["run", "--set=loop.clock=simulated", "--duration=0.1", "--no-plot"], 0),
-        pytest.param(["run", "--nosuch"], 2, marks=WHOLE),
+        pytest.param(["run", "--nosuch"], 2, marks=pytest.mark.whole),
         pytest.param(
             ["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"],
             0,
-            marks=WHOLE,
+            marks=pytest.mark.whole,
         ),
         pytest.param(
             ["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"],
             0,
-            marks=WHOLE,
+            marks=pytest.mark.whole,
         ),
     ],
 )
@@ -214,7 +213,8 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 
 
 @pytest.mark.parametrize(
-    "encoding", ["ascii", *(pytest.param(each, marks=WHOLE) for each in ("koi8-r", "utf-8"))]
+    "encoding",
+    ["ascii", *(pytest.param(each, marks=pytest.mark.whole) for each in ("koi8-r", "utf-8"))],
 )
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
@@ -270,7 +270,7 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     ("closed", "clock", "picture"),
     [
         ("<&- >&- 2>&-", "monotonic", "--no-plot"),
-        pytest.param("<&-", "simulated", "--plot run.png", marks=WHOLE),
+        pytest.param("<&-", "simulated", "--plot run.png", marks=pytest.mark.whole),
         (">&-", "simulated", "--no-plot"),
     ],
 )

@@ -58,7 +58,7 @@ SOME = ("boundary", "map, theory", "paper", "identify")
         *((middle, "SIGTERM") for middle in SOME),
         ("map, theory", "SIGINT"),
         *(
-            pytest.param(middle, number, marks=pytest.mark.usefixtures("whole"))
+            pytest.param(middle, number, marks=pytest.mark.whole)
             for middle, number in [
                 *((middle, "SIGTERM") for middle in MIDDLES if middle not in SOME),
                 ("paper", "SIGINT"),

@@ -12,11 +12,7 @@ from tests.docs.pages import text_of
     "preset",
     [
         first := next(iter(CANDIDATES)),
-        *(
-            pytest.param(each, marks=pytest.mark.usefixtures("whole"))
-            for each in CANDIDATES
-            if each != first
-        ),
+        *(pytest.param(each, marks=pytest.mark.whole) for each in CANDIDATES if each != first),
     ],
 )
 def test_the_presets_wall_is_chosen_from_the_table(preset: str) -> None:
