@@ -348,6 +348,7 @@ def test_half_a_load_is_refused(
     assert message in err
 
 
+@pytest.mark.usefixtures("whole")
 def test_the_picture_of_a_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "load.png"
     assert call(capsys, *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0

@@ -271,7 +271,7 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     [
         ("<&- >&- 2>&-", "monotonic", "--no-plot"),
         pytest.param("<&-", "simulated", "--plot run.png", marks=pytest.mark.whole),
-        (">&-", "simulated", "--no-plot"),
+        pytest.param(">&-", "simulated", "--no-plot", marks=pytest.mark.whole),
     ],
 )
 def test_closed_standard_streams_do_not_disturb_a_run(

@@ -260,7 +260,7 @@ def test_a_kick_given_twice_is_drawn_as_one(
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("impatient", [False, True])
+@pytest.mark.parametrize("impatient", [pytest.param(False, marks=pytest.mark.whole), True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
     tmp_path: Path, impatient: bool
 ) -> None:

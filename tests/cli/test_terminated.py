@@ -49,7 +49,7 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
 }
 
-SOME = ("boundary", "map, theory", "paper", "identify")
+SOME = ("boundary", "map, theory", "paper")
 
 
 @pytest.mark.parametrize(

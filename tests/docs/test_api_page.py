@@ -24,9 +24,9 @@ for path in sys.argv[1:]:
 
 
 @pytest.mark.realtime
-def test_the_examples_run(tmp_path: Path) -> None:
+def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
     paths = []
-    for number, example in enumerate(EXAMPLES):
+    for number, example in enumerate(EXAMPLES if wholly else EXAMPLES[1:]):
         name = re.match(r"# (\w+\.py)\n", example)
         patient = re.sub(r'"servo.(hand|port)"', r'"realtime.profile": "off", \g<0>', example)
         paths.append(tmp_path / (name[1] if name else f"example{number}.py"))
@@ -38,10 +38,12 @@ def test_the_examples_run(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     told = [text.split() for text in done.stdout.split(END)[:-1]]
-    assert told[0][0] == "interrupted"
-    assert 0.0 < float(told[0][1]) <= 4.0  # a machine that runs tests has late ticks, which cost K
-    assert 20.0 < float(told[1][0]) < 100.0  # of 1e6
-    assert float(told[2][-1]) == 1e6
+    if wholly:
+        ended, stiffness = told.pop(0)
+        assert ended == "interrupted"
+        assert 0.0 < float(stiffness) <= 4.0  # a machine that runs tests has late ticks: less K
+    assert 20.0 < float(told[0][0]) < 100.0  # of 1e6
+    assert float(told[1][-1]) == 1e6
     assert float(told[-2][0]) > 0.0
     assert told[-1][0] == "duration"
 

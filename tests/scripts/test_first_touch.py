@@ -8,13 +8,8 @@ from scripts.study import table
 from tests.docs.pages import text_of
 
 
-@pytest.mark.parametrize(
-    "preset",
-    [
-        first := next(iter(CANDIDATES)),
-        *(pytest.param(each, marks=pytest.mark.whole) for each in CANDIDATES if each != first),
-    ],
-)
+@pytest.mark.usefixtures("whole")
+@pytest.mark.parametrize("preset", CANDIDATES)
 def test_the_presets_wall_is_chosen_from_the_table(preset: str) -> None:
     wall = load_config(preset).config.wall
     cells = row((preset, wall.stiffness, wall.damping))
