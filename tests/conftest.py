@@ -123,7 +123,7 @@ def undrawn(wholly: bool) -> Iterator[None]:
     from matplotlib.figure import Figure
     from matplotlib.image import imsave
 
-    def dotted(_figure: Figure, path: object, **how: Any) -> None:
+    def dotted(_figure: Figure, path: Any, **how: Any) -> None:
         imsave(path, [[0.0]], **how)
 
     with pytest.MonkeyPatch.context() as patch:

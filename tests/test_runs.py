@@ -164,8 +164,8 @@ def assert_torque_off(rows: list[dict[str, str]]) -> None:
 def test_ctrl_c_twice_ends_the_run_with_torque_off_and_a_report(
     tmp_path: Path, wholly: bool
 ) -> None:
-    arguments = run_arguments("--duration", "60", "--witness", "witness.csv")
-    arguments += ["--plot", "run.png"] if wholly else []
+    picture = ("--plot", "run.png") if wholly else ()
+    arguments = run_arguments("--duration", "60", "--witness", "witness.csv", *picture)
     with ticking(*arguments, cwd=tmp_path) as (process, _):
         process.send_signal(signal.SIGINT)
         time.sleep(0.01)

@@ -50,6 +50,7 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }
 
 SOME = ("boundary", "map, theory", "paper")
+"""Those that are ended without --whole, too"""
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from _pytest.mark.structures import ParameterSet
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments import cluster
@@ -80,9 +79,11 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.recorded.estimate.identify_record", Nobody().submit
     )
-    monkeypatch.setattr(
-        "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
-    )
+    # Its own module comes last: one that imported it meanwhile would keep what takes its place.
+    for module in ("commission.steps", "zwidth.measured", "sweep.sweep"):
+        monkeypatch.setattr(
+            f"haptic_wall.controller.experiments.{module}.sweep", lambda *_, **__: False
+        )
     monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
     for name in ("measure_points", "impedance_of"):
         monkeypatch.setattr(
@@ -196,7 +197,7 @@ SLOW = {"acceptance", "boundary"}
 
 def each_first(
     commands_shown: Iterable[tuple[str, tuple[str, ...]]],
-) -> Iterator[tuple[str, tuple[str, ...]] | ParameterSet]:
+) -> Iterator[object]:
     """All commands; of those that are slow, the first of each is not left to --whole."""
     met: set[str] = set()
     for page, words in commands_shown:
