@@ -31,6 +31,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIMULATED = ("simulated", "--set=loop.clock=simulated")
 EMULATED = ("emulated-ideal", "--set=loop.clock=simulated")
 SWEPT = (PlanePoint(0.0, 3), PlanePoint(0.09, 3))
@@ -318,13 +320,26 @@ def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
     assert not (tmp_path / "out" / "emulated").exists()
 
 
-def test_a_weight_tells_the_torque_gain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("preset", "sets", "gain"),
+    [
+        ("simulated", [], 1.0),
+        pytest.param(
+            "emulated-ideal",
+            ["servo.torque_constant=1.5", "model.torque_gain=1"],
+            1.5 / 1.7826,  # over the data sheet's
+            marks=pytest.mark.whole,
+        ),
+    ],
+)
+def test_a_weight_tells_the_torque_gain(
+    preset: str, sets: list[str], gain: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(load, "_CYCLES", 2)
-    sets = ["loop.clock=simulated", "servo.torque_constant=1.5", "model.torque_gain=1"]
-    config = load_config("emulated-ideal", sets).config
+    config = load_config(preset, ["loop.clock=simulated", *sets]).config
     told: list[str] = []
     found = measure_load(config, Weight(0.08, 0.05), tmp_path, lambda _text: None, told.append)
-    assert found.gain.value == pytest.approx(1.5 / 1.7826, rel=0.03)  # over the data sheet's
+    assert found.gain.value == pytest.approx(gain, rel=0.03)
     assert len(told) == 2 and "0.08 kg at 0.05 m" in told[1]
 
 

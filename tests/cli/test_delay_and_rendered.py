@@ -8,6 +8,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.experiments.rendered import (
+    contact_transient,
+    drag,
+    rendering,
+    static_stiffness,
+)
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
     ExperimentTrippedError,
@@ -16,6 +22,8 @@ from haptic_wall.controller.experiments.testbed import (
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.errors import Problem
 from tests.typed import status_of
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
@@ -28,6 +36,16 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | int | Path) -> tup
         status = status_of(ended)
     captured = capsys.readouterr()
     return status, captured.out, captured.err
+
+
+@pytest.fixture
+def fewer(monkeypatch: pytest.MonkeyPatch, wholly: bool) -> None:
+    """Has each motion of ``rendered`` made fewer times, unless whole experiments are played."""
+    if not wholly:
+        monkeypatch.setattr(rendering, "BURSTS", 3)
+        monkeypatch.setattr(drag, "_REPEATS", (1.0,))
+        monkeypatch.setattr(static_stiffness, "_CYCLES", 1)
+        monkeypatch.setattr(contact_transient, "_REPEATS", 1)
 
 
 @pytest.fixture
@@ -83,6 +101,7 @@ def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: 
     assert "2.000 ± 0.000 ms" in said
 
 
+@pytest.mark.usefixtures("fewer")
 def test_rendered_reports_the_comparison(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, figures: list[Figure]
 ) -> None:

@@ -81,7 +81,7 @@ def demonstration(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("wait_s", [0.8, 1.5])
+@pytest.mark.parametrize("wait_s", [pytest.param(0.8, marks=pytest.mark.whole), 1.5])
 def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) -> None:
     with demonstration(tmp_path) as child:
         time.sleep(wait_s)
@@ -92,6 +92,7 @@ def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) ->
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.realtime
 def test_a_killed_run_comes_back_and_ctrl_c_ends_all_of_it(tmp_path: Path) -> None:
     with demonstration(tmp_path) as child:

@@ -12,6 +12,8 @@ from click.testing import CliRunner
 from haptic_wall.controller.cli.detect import command
 from haptic_wall.controller.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 STEP = math.tau / 4096
 DECEIVED = (
     "loop.clock=simulated",

@@ -55,6 +55,7 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
         raise click.Abort
 
     monkeypatch.setattr(experiment, "ask_to_move", stop)
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
     monkeypatch.chdir(tmp_path)
     options = ["--virtual-damping=0.02", "--delay-steps=0"] if module is sweep else []
     result = CliRunner().invoke(module.command, ["xm430-w350", *options])

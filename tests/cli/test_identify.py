@@ -19,6 +19,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import may_be_replaced
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = [
     "--set=loop.clock=simulated",
     "--set=servo.inertia=0.0018142",
@@ -51,11 +53,12 @@ class Done(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+def done(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> Done:
     """The command with all of its files, taken once."""
     folder = tmp_path_factory.mktemp("identified")
     words = ["identify", "simulated", *QUICK, "--set=servo.delay=0.0012"]
     words += ["--out", "mine.yaml", "--plot", "fit.png", "--logs", "logs", "--json"]
+    words += [] if wholly else ["--set=loop.rate_hz=500"]  # half of the rows
     out, err, found = io.StringIO(), io.StringIO(), list[Identified]()
 
     def moved(*asked: Any) -> Identified:

@@ -15,6 +15,8 @@ import pytest
 from haptic_wall.controller.cli.main import main
 from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 REAL = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
 PENDULUM = ("--pendulum-mass", "0.49", "--pendulum-length", "0.1")
 
@@ -96,6 +98,7 @@ def test_a_known_torque_tells_delay_and_gain(
     holds(answer, torque_constant_nm_per_a=0.5 * truth.gain, coulomb=truth.coulomb)
 
 
+@pytest.mark.usefixtures("whole")
 def test_a_real_drop(capsys: pytest.CaptureFixture[str]) -> None:
     answer = told(capsys, "--record", REAL / "kp100_lift_and_drop.csv", *PENDULUM)
     # a published fit of this model has 0.0017 to 0.0021 kg·m² and 0.0156 to 0.0206 N·m

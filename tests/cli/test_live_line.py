@@ -46,7 +46,14 @@ def test_the_bar_points_to_where_the_torque_pushes(torque: float, bar: str) -> N
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("key", [b" ", b"q", b"\x03", b"\x1a"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        b" ",
+        b"\x1a",
+        *(pytest.param(key, marks=pytest.mark.whole) for key in (b"q", b"\x03")),
+    ],
+)
 def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: bytes) -> None:
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)

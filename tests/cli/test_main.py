@@ -183,9 +183,18 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     ("words", "status"),
     [
         (["run", "nosuch"], 2),
-        (["run", "--nosuch"], 2),
-        (["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"], 0),
-        (["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"], 0),
+        (["run", "--set=loop.clock=simulated", "--duration=0.1", "--no-plot"], 0),
+        pytest.param(["run", "--nosuch"], 2, marks=pytest.mark.whole),
+        pytest.param(
+            ["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"],
+            0,
+            marks=pytest.mark.whole,
+        ),
+        pytest.param(
+            ["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"],
+            0,
+            marks=pytest.mark.whole,
+        ),
     ],
 )
 def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
@@ -203,7 +212,10 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
     assert bool(done.stdout) == (status == 0)
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "koi8-r", "utf-8"])
+@pytest.mark.parametrize(
+    "encoding",
+    ["ascii", *(pytest.param(each, marks=pytest.mark.whole) for each in ("koi8-r", "utf-8"))],
+)
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
     brief.append("--no-plot")
@@ -258,8 +270,8 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     ("closed", "clock", "picture"),
     [
         ("<&- >&- 2>&-", "monotonic", "--no-plot"),
-        ("<&-", "simulated", "--plot run.png"),
-        (">&-", "simulated", "--no-plot"),
+        pytest.param("<&-", "simulated", "--plot run.png", marks=pytest.mark.whole),
+        pytest.param(">&-", "simulated", "--no-plot", marks=pytest.mark.whole),
     ],
 )
 def test_closed_standard_streams_do_not_disturb_a_run(

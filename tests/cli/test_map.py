@@ -31,6 +31,8 @@ from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.typed import status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -258,7 +260,7 @@ def test_a_kick_given_twice_is_drawn_as_one(
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("impatient", [False, True])
+@pytest.mark.parametrize("impatient", [pytest.param(False, marks=pytest.mark.whole), True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
     tmp_path: Path, impatient: bool
 ) -> None:

@@ -16,6 +16,8 @@ from haptic_wall.controller.system.file_kinds import PICTURE, RECORD, may_be_rep
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.emulated import witness
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SIMULATED = ["simulated", "--set=loop.clock=simulated"]
 SWEEP = ["sweep", *SIMULATED, "--virtual-damping=0.1", "--delay-steps=0"]
 BOUNDARY = ["boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002"]

@@ -28,6 +28,8 @@ from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from tests.typed import not_none, status_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 BRIEF = ("--set=loop.clock=simulated", "--duration=0.1", "--json")
 
 

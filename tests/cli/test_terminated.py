@@ -49,10 +49,23 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
 }
 
+SOME = ("boundary", "map, theory", "paper")
+"""Those that are ended without --whole, too"""
+
 
 @pytest.mark.parametrize(
     ("middle", "number"),
-    [*((middle, "SIGTERM") for middle in MIDDLES), ("map, theory", "SIGINT"), ("paper", "SIGINT")],
+    [
+        *((middle, "SIGTERM") for middle in SOME),
+        ("map, theory", "SIGINT"),
+        *(
+            pytest.param(middle, number, marks=pytest.mark.whole)
+            for middle, number in [
+                *((middle, "SIGTERM") for middle in MIDDLES if middle not in SOME),
+                ("paper", "SIGINT"),
+            ]
+        ),
+    ],
 )
 def test_it_answers_once_and_leaves_no_empty_folder(
     middle: str, number: str, tmp_path: Path

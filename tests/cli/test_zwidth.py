@@ -14,10 +14,13 @@ from haptic_wall.controller.experiments.testbed import (
     ExperimentTrippedError,
     Testbed,
 )
+from haptic_wall.controller.experiments.zwidth import plane
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from tests.typed import status_of
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 SIMULATED = ("simulated", "--set", "loop.clock=simulated")
 PLAIN = (*SIMULATED, "--set", "servo.coulomb=0", "--set", "servo.counts_per_rev=0")
@@ -38,6 +41,13 @@ def answered(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str
     assert call(*words, "--json") == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
+
+
+@pytest.fixture(autouse=True)
+def fewer(monkeypatch: pytest.MonkeyPatch, wholly: bool) -> None:
+    """A curve has fewer points, unless whole experiments are played."""
+    if not wholly:
+        monkeypatch.setattr(plane, "_POINTS", 4)
 
 
 @pytest.fixture(scope="module")

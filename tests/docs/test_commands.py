@@ -11,7 +11,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from importlib.util import find_spec
@@ -30,6 +30,8 @@ from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.docs.pages import ROOT, commands, text_of
 from tests.typed import not_none, status_of
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
@@ -77,9 +79,12 @@ def cut_short(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.recorded.estimate.identify_record", Nobody().submit
     )
-    monkeypatch.setattr(
-        "haptic_wall.controller.experiments.sweep.sweep.sweep", lambda *_, **__: False
-    )
+    # Its own module comes last: one that imported it meanwhile would keep what takes its place.
+    for module in ("commission.steps", "zwidth.measured", "sweep.sweep"):
+        monkeypatch.setattr(
+            f"haptic_wall.controller.experiments.{module}.sweep", lambda *_, **__: False
+        )
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
     for name in ("measure_points", "impedance_of"):
         monkeypatch.setattr(
             f"haptic_wall.controller.experiments.zwidth.measured.{name}", interrupted
@@ -133,7 +138,7 @@ def run_quickly(
     capsys.readouterr()
     if wrong:
         return call(words), 2
-    extra = ["--duration=0.2"]
+    extra = ["--duration=0.1"]
     if load_config(config, sets).config.servo.kind == "hardware":
         # Another port than the one named: where the tests run, a servo may be at that one.
         nowhere = folder / "ttyUSB0"
@@ -186,8 +191,23 @@ async def served_nobody(*_: object) -> None:
     """Serves until Ctrl-C, which comes at once."""
 
 
+SLOW = {"acceptance", "boundary"}
+"""Commands that take half a second, of which --whole runs all that the pages show"""
+
+
+def each_first(
+    commands_shown: Iterable[tuple[str, tuple[str, ...]]],
+) -> Iterator[object]:
+    """All commands; of those that are slow, the first of each is not left to --whole."""
+    met: set[str] = set()
+    for page, words in commands_shown:
+        name, found = " ".join(words[1:2]), (page, words)
+        yield pytest.param(found, marks=pytest.mark.whole) if name in SLOW & met else found
+        met.add(name)
+
+
 @pytest.mark.usefixtures("cut_short", "running_wall")
-@pytest.mark.parametrize("found", [f for f in RUNS if f[1] not in BUSES], ids=shown)
+@pytest.mark.parametrize("found", [*each_first(f for f in RUNS if f[1] not in BUSES)], ids=shown)
 def test_commands_of_the_program(
     found: tuple[str, tuple[str, ...]],
     folder: Path,
@@ -217,7 +237,7 @@ def test_commands_of_the_program(
         monkeypatch.setattr(f"{where}.serve", lambda *_: None)
     if words[0] in ("log", "live"):
         seconds = float(value_of(words, "--from") or -0.9) + 1.0
-        quick = [f"--duration={seconds}", "--set=loop.clock=simulated"]
+        quick = [f"--duration={seconds}", "--set=loop.clock=simulated", "--set=loop.rate_hz=250"]
         assert call(["run", "--log", words[1], *quick]) == 0
     if words[0] == "zwidth" and (log := value_of(words, "--log")) is not None:
         assert call(["run", "--log", log, "--duration=0.1", "--set=loop.clock=simulated"]) == 0
@@ -283,6 +303,7 @@ def second_terminal() -> list[str]:
     return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
 
 
+@pytest.mark.usefixtures("whole")
 @pytest.mark.realtime
 def test_two_terminals(
     bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path

@@ -95,6 +95,7 @@ def test_a_function_may_return_before_its_last_statements() -> None:
     assert '"""Add."""\n        return\n' in text
 
 
+@pytest.mark.usefixtures("whole")
 def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> None:
     for role in ROLES:
         for path in modules_of(ROOT, role):
@@ -107,16 +108,20 @@ def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> Non
                 assert text.strip() != plain, one.id
 
 
-def test_names_are_unique_and_last_where_a_module_moves() -> None:
-    found = all_mutants(ROOT)
+@pytest.fixture(scope="module")
+def found() -> list[Mutant]:
+    """All mutants of the program."""
+    return all_mutants(ROOT)
+
+
+def test_names_are_unique_and_last_where_a_module_moves(found: list[Mutant]) -> None:
     assert len({one.id for one in found}) == len(found) > 5000
     moved = by_name(f"{SOURCE}\n\ndef more():\n    return 1 + 2\n", "somewhere/else.py")
     assert set(by_name()) < set(moved)
     assert {one.role for one in found} == set(ROLES)
 
 
-def test_a_smaller_sample_is_the_beginning_of_a_larger_one() -> None:
-    found = all_mutants(ROOT)
+def test_a_smaller_sample_is_the_beginning_of_a_larger_one(found: list[Mutant]) -> None:
     few, many = sample(found, 12, 1), sample(found, 60, 1)
     assert few == many[:12] != sample(found, 12, 2)
     assert {one.role for one in few} == set(ROLES)

@@ -16,7 +16,9 @@ from scripts.study import PART
 from tests.controller.experiments.commission.test_commission import SIMULATED, call, steps_taken
 from tests.docs.pages import ROOT, text_of
 
-SOME = {"logs": 30, "crafted": 20, "configurations": 20, "csvs": 20}
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+SOME = {"logs": 8, "crafted": 5, "configurations": 5, "csvs": 5}
 SEED = 0
 
 
@@ -33,19 +35,20 @@ def faults(kind: str, folder: Path, count: int, base: Path = Path(), least: int 
 
 @pytest.mark.parametrize("kind", SOME)
 def test_no_file_is_read_wrongly_or_ends_in_a_traceback(
-    kind: str, tmp_path: Path, thorough: bool
+    kind: str, tmp_path: Path, thorough: bool, wholly: bool
 ) -> None:
-    assert faults(kind, tmp_path, 10 * SOME[kind] if thorough else SOME[kind]) == []
+    many = 40 if thorough else 4 if wholly else 1
+    assert faults(kind, tmp_path, many * SOME[kind]) == []
 
 
 def test_no_folder_of_a_commissioning_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thorough: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thorough: bool, wholly: bool
 ) -> None:
     base, folder = tmp_path / "base", tmp_path / "tried"
     folder.mkdir()
     steps_taken(monkeypatch, {"nothing": None})
     assert call("commission", *SIMULATED, "--out", base) == 0
-    assert faults("folders", folder, 200 if thorough else 40, base) == []
+    assert faults("folders", folder, 200 if thorough else 40 if wholly else 10, base) == []
 
 
 def half_parted(whole: Any, period: float, notes: Any) -> list[Any]:
@@ -91,6 +94,7 @@ def test_the_page_is_of_this_script() -> None:
     assert re.search(r"^Seed 1\. The slowest took", part, re.M)
 
 
+@pytest.mark.usefixtures("whole")
 def test_files_are_tried_in_processes_of_their_own(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- computed: mutations -->\n<!-- end -->\n")
