@@ -84,11 +84,16 @@ def begin_to_watch() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out the cases marked ``whole``, unless they are asked for."""
+    """Leave out what is marked ``whole`` or needs the fixture, unless it is asked for."""
     if config.getoption("whole") or config.getoption("thorough"):
         return
-    left_out = [item for item in items if item.get_closest_marker("whole")]
-    items[:] = [item for item in items if not item.get_closest_marker("whole")]
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        fixtures = getattr(item, "fixturenames", ())
+        plays = "whole" in fixtures or item.get_closest_marker("whole")
+        (left_out if plays else kept).append(item)
+    items[:] = kept
     config.hook.pytest_deselected(items=left_out)
 
 
@@ -111,10 +116,8 @@ def wholly(pytestconfig: pytest.Config, thorough: bool) -> bool:
 
 
 @pytest.fixture(scope="session")
-def whole(wholly: bool) -> None:
-    """Leaves out what plays a whole experiment to its end, unless it is asked for."""
-    if not wholly:
-        pytest.skip("a whole experiment: run with --whole, as .ci/run does")
+def whole() -> None:
+    """Marks a fixture that plays a whole experiment: its tests run with ``--whole`` only."""
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ def test_every_definition_is_used_by_a_command_a_plugin_a_page_or_a_script() -> 
     assert unused(outside(), entry_points(), template_words()) == []
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_what_only_one_entry_point_uses_is_found_without_it() -> None:
     without = [node for node in entry_points() if node[0] != "haptic_wall.controller.cli.log"]
     found = unused(outside(), without, template_words())

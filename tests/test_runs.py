@@ -387,7 +387,7 @@ def test_strict_refuses_without_rights_and_names_the_command(tmp_path: Path) -> 
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path: Path) -> None:
     done = without_rights(tmp_path, "--duration", "0.2", "--no-plot", "--json")
     assert done.returncode == 0, done.stderr

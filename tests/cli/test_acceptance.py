@@ -79,7 +79,7 @@ def accepted(
     return folder
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_an_emulated_servo_is_accepted_to_the_end(tmp_path: Path) -> None:
     """Down to the bytes: each step through the driver, on a bus in memory."""
     with pytest.MonkeyPatch.context() as patch:

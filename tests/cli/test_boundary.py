@@ -207,7 +207,7 @@ def test_a_picture_that_cannot_be_written_is_told(
     assert "Traceback" not in err
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
 def test_the_picture_is_drawn(
     capsys: pytest.CaptureFixture[str],
@@ -348,7 +348,7 @@ def test_half_a_load_is_refused(
     assert message in err
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_picture_of_a_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "load.png"
     assert call(capsys, *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
@@ -465,7 +465,7 @@ def test_a_configuration_and_numbers_exclude_each_other(
     assert message in err
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_picture_of_a_believed_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "believed.png"
     assert call(capsys, *BELIEVED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0

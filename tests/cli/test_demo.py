@@ -92,7 +92,7 @@ def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) ->
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_killed_run_comes_back_and_ctrl_c_ends_all_of_it(tmp_path: Path) -> None:
     with demonstration(tmp_path) as child:

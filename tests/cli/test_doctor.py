@@ -137,7 +137,7 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(
         assert checks["return delay"]["found"] == "250 (500 µs), now 0 (0 µs)"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
     capsys: pytest.CaptureFixture[str],
@@ -157,7 +157,7 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
         assert "reply time" in checks
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_another_id_and_another_model_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     with emulate("--servo", "XL430-W250:5") as (_, port):
@@ -227,7 +227,7 @@ def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
     assert "wake-up lateness" in found["not_examined"]
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -261,7 +261,7 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
     assert "a second servo with this id" in checks["servo answers"]["fix"]
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(
     capsys: pytest.CaptureFixture[str],

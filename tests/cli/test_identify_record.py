@@ -98,7 +98,7 @@ def test_a_known_torque_tells_delay_and_gain(
     holds(answer, torque_constant_nm_per_a=0.5 * truth.gain, coulomb=truth.coulomb)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_real_drop(capsys: pytest.CaptureFixture[str]) -> None:
     answer = told(capsys, "--record", REAL / "kp100_lift_and_drop.csv", *PENDULUM)
     # a published fit of this model has 0.0017 to 0.0021 kg·m² and 0.0156 to 0.0206 N·m

@@ -48,7 +48,7 @@ def test_one_item_is_a_table_and_a_picture(
     assert call("fig4", "--out", tmp_path / "new" / "folder")[0] == 0, "they are of this program"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_everything_has_a_page_and_is_the_default(
     call: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -152,7 +152,7 @@ def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
     assert rows["deadline_ns"][-1] - heard_ns <= 40_000_000
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path: Path) -> None:
     status, report, message = run(

@@ -303,7 +303,7 @@ def second_terminal() -> list[str]:
     return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_two_terminals(
     bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path

@@ -29,7 +29,7 @@ from tests.typed import not_none
 PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "identify-check.md"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_a_seed_is_found_as_well_as_the_page_says(kind: Kind, thorough: bool) -> None:
     if kind is not KINDS[0] and not thorough:

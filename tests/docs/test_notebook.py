@@ -25,7 +25,7 @@ def test_it_is_small_and_names_no_machine() -> None:
         assert path not in text
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.filterwarnings("default")  # those of the kernel are not ours
 def test_its_cells_say_what_it_shows() -> None:
     pytest.importorskip("nbclient")

@@ -6,6 +6,6 @@ from scripts.studies.uncertainty import STUDY
 from tests.scripts.computed import stale
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_tables_are_what_is_computed(thorough: bool) -> None:
     assert stale(STUDY, None if thorough else ["costs"]) == [], "run scripts/study uncertainty"

@@ -60,7 +60,7 @@ def test_a_page_is_rendered_as_github_does(tmp_path: Path) -> None:
     assert [each["name"] for each in headings[0]["children"]] == ["K and B"]
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.filterwarnings("default")  # those of MkDocs are not ours
 def test_every_link_of_the_built_website_leads_somewhere(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs")

@@ -89,7 +89,7 @@ def test_a_backend_of_another_distribution_keeps_the_contract(line_servo: dict[s
     assert " passed" in done.stdout, "skipped as a whole where it is not installed"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_wall_on_it_runs_end_to_end(
     line_servo: dict[str, str], board: str, tmp_path: Path

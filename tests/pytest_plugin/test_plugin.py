@@ -162,7 +162,7 @@ def test_our_own_suite_has_it_once(pytestconfig: pytest.Config) -> None:
     assert plugins == ["haptic_wall"]
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     for name in ("move_servo.py", "test_move_servo.py", "test_held_pose.py"):
         (tmp_path / name).write_text((EXAMPLES / name).read_text())
@@ -180,7 +180,7 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) -> None:
     """A script that does not try again, and lets go of nothing, fails two of them."""
     script = (EXAMPLES / "move_servo.py").read_text()
@@ -198,7 +198,7 @@ def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) ->
     assert "3 failed, 2 passed" in done.stdout, done.stdout
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_page_s_programs_run(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "testing-your-code.md").read_text()
     blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]

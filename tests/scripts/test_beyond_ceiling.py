@@ -85,7 +85,7 @@ def _wall(share: float) -> Case:
     return Case(PRESETS[0], LINKED, wall, position=0.229, struck=1.2)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_wall_at_twice_the_ceiling_is_told_from_one_below() -> None:
     found = vibration(_wall(2.0))
     assert found.lasts and found.alarm_s < 2.0
@@ -95,7 +95,7 @@ def test_a_wall_at_twice_the_ceiling_is_told_from_one_below() -> None:
     assert below.reduced is None
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_passivity_control_with_a_known_link_adds_nothing_near_its_ceiling() -> None:
     case = _wall(0.9)
     found = controlled(replace(case, law=link_believed(case.truth)))

@@ -8,7 +8,7 @@ from scripts.study import table
 from tests.docs.pages import text_of
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("preset", CANDIDATES)
 def test_the_presets_wall_is_chosen_from_the_table(preset: str) -> None:
     wall = load_config(preset).config.wall

@@ -93,7 +93,7 @@ def test_a_number_is_scaled_as_its_kind_allows(
         assert scaled_value == pytest.approx(other)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("name", [CASE, "kicks 2 0", "recordings 2 0"])
 def test_watched_numbers_change_no_run_and_what_they_allow_changes_none(
     name: str, thorough: bool

@@ -22,7 +22,7 @@ def test_the_tables_are_what_is_computed(thorough: bool) -> None:
         assert stale(STUDY, ["spread"]) == [], "run scripts/study limit_cycle_check"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_table_has_a_row_for_each_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limit_cycle_check, "MOST", 200)
     worth, missed, _ = STUDY.parts
@@ -39,7 +39,7 @@ def little_time(monkeypatch: pytest.MonkeyPatch, thorough: bool) -> None:
         monkeypatch.setattr(limit_cycle_check, "MOST", 25_000)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_with_damping_a_saturated_wall_has_several_cycles() -> None:
     setting, effect = Setting(0.002, 0.0, 0.2, 1.5), Saturation(1.0)
     (cycle,) = limit_cycles(*wall(setting), effect)

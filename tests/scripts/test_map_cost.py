@@ -29,7 +29,7 @@ def test_maps_have_about_the_points_asked_for() -> None:
     assert len(dampings(1)) == 1
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.filterwarnings("default")
 def test_writing_is_measured() -> None:
     took = writing(50)

@@ -95,7 +95,7 @@ def test_a_function_may_return_before_its_last_statements() -> None:
     assert '"""Add."""\n        return\n' in text
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> None:
     for role in ROLES:
         for path in modules_of(ROOT, role):

@@ -94,7 +94,7 @@ def test_the_page_is_of_this_script() -> None:
     assert re.search(r"^Seed 1\. The slowest took", part, re.M)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_files_are_tried_in_processes_of_their_own(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- computed: mutations -->\n<!-- end -->\n")

@@ -33,7 +33,7 @@ def _shortened(study: Study) -> Study:
     ("study", "name"),
     [(detector_table.STUDY, "detector_table"), (reaction_table.STUDY, "reaction_table")],
 )
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_sections_of_a_page_are_made(tmp_path: Path, study: Study, name: str) -> None:
     page, examples = tmp_path / "page.md", tmp_path / "examples"
     page.write_text((ROOT / "docs" / study.page).read_text())

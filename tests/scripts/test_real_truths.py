@@ -5,7 +5,6 @@ import pytest
 
 from scripts.studies.real_truths import (
     BELIEVED,
-    COUNT,
     COUNTS,
     TRUE,
     asked,
@@ -13,6 +12,7 @@ from scripts.studies.real_truths import (
     goes_on,
     truths,
 )
+from scripts.trials.truth import COUNT
 
 WINDOWS = np.arange(10)
 MIDDLE = np.full(len(BELIEVED), 0.5)

@@ -23,7 +23,7 @@ def test_the_small_swing_is_predicted_by_the_large_one() -> None:
     assert 0.005 < error_of(pieces, predicted(pieces, shot.names, shot.values)) < 0.020
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", KINDS[:2])
 def test_the_bounds_hold_the_truth(kind: str, thorough: bool) -> None:
     """Of few draws, none lies further out than three standard errors; the page has more."""

@@ -83,7 +83,7 @@ def test_an_undamped_spring_destabilises_a_stable_wall() -> None:
     assert verdict.limit < k
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
     random = np.random.default_rng(2)
     for _ in range(40 if thorough else 3):
@@ -104,7 +104,7 @@ def test_a_passive_wall_is_stable_with_every_hand(thorough: bool) -> None:
         assert stable_hands(m, b, k, big_b, PERIOD, delay, everything).stable
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_verdict_holds_for_every_hand_of_the_range(thorough: bool) -> None:
     random = np.random.default_rng(7)
     verdicts = []

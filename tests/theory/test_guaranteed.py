@@ -187,7 +187,7 @@ def test_what_each_unknown_costs(virtual: float) -> None:
         assert each.lost == pytest.approx(1 - costs.limit.stiffness / each.limit.stiffness)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_without_virtual_damping_what_the_linear_condition_says_each_unknown_costs() -> None:
     # K = b/(T/2 + t_d)/g: each unknown takes the ratio of its worst to its likely value
     costs = cost_of_each_unknown(MX_64, NOMINAL, 0.0, PERIOD)

@@ -122,7 +122,7 @@ def test_without_counts_there_is_no_lowest_speed() -> None:
     assert lowest_speed(wall(servos, position_step=0.0), servos, 0.0) is None
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_up_to_the_highest_speed_the_torque_stays_within_its_limit() -> None:
     """A limit there changes no contact: with it and without it they return the same."""
     random = np.random.default_rng(1)

@@ -207,7 +207,7 @@ class TestStages:
         )
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_both_loops_run_on_one_bus_and_the_bus_ends_whatever_comes(
     monkeypatch: pytest.MonkeyPatch,

@@ -113,7 +113,7 @@ def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(
     assert any("Probably missing capabilities" in note for note in section.notes)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_the_real_loops_tell_every_wake_up_and_the_process_gets_its_cores_back(
     monkeypatch: pytest.MonkeyPatch,

@@ -85,7 +85,7 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_whether_motion_goes_on_without_the_hand() -> None:
     # A hand's own motion ends with it; what the wall feeds stays.
     damping = 0.2
@@ -96,7 +96,7 @@ def test_whether_motion_goes_on_without_the_hand() -> None:
         assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> None:
     """What docs/detector.md says of limit cycles of a count."""
     damping = 0.3

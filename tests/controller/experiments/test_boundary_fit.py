@@ -73,7 +73,7 @@ def test_friction_counts_as_the_damping_that_it_is() -> None:
     assert fit_boundary(measured, loop(0.0)).damping.value > 1.3 * B
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_standard_errors_are_those_of_the_noise(thorough: bool) -> None:
     off = []
     for seed in range(200 if thorough else 20):

@@ -84,7 +84,7 @@ def searched(bed: Bed) -> CeilingSearch:
     return CeilingSearch(cast("Testbed", bed), 0)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_ceiling_is_found_without_knowing_of_a_vibration() -> None:
     result = searched(Bed(0.13)).run()
     assert result.measured == pytest.approx(0.13, rel=0.02)
@@ -93,7 +93,7 @@ def test_the_ceiling_is_found_without_knowing_of_a_vibration() -> None:
     assert result.exact == result.rigid > 1.0
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_ceiling_out_of_reach_leaves_a_lower_bound() -> None:
     search = searched(Bed(50.0))
     result = search.run()

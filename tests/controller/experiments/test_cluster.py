@@ -46,7 +46,7 @@ def address() -> Iterator[str]:
         yield address
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_map_is_the_same_although_a_worker_is_killed(address: str) -> None:
     setting = MapSettings.of(load_config("simulated", ()).config)
     asked = (setting, [0.0, 0.1], [0, 1, 2], [0.1])

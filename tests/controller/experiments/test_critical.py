@@ -71,7 +71,7 @@ def test_a_linear_servo_has_the_exact_boundary(
     assert found.reason is None
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_it_measures_the_servo_and_not_the_belief(tmp_path: Path) -> None:
     believed = ("model.damping=0.03", "model.inertia=0.008", "model.delay=0")
     found = search(tmp_path, 0.02, 2, *LINEAR, "servo.delay=0.0005", *believed)
@@ -103,7 +103,7 @@ def test_with_backlash_and_noise_it_is_what_sustains_the_kick(tmp_path: Path) ->
     assert not_none(found.measured) < found.exact
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_cycle_that_backlash_sustains_is_told_from_growth(tmp_path: Path) -> None:
     sets = ("servo.coulomb=0", "servo.torque_step=0", "servo.backlash=0.00436")
     found = search(tmp_path, 0.02, 2, *sets, "model.backlash=0.00436", kick=0.03, tolerance=0.02)
@@ -112,7 +112,7 @@ def test_a_cycle_that_backlash_sustains_is_told_from_growth(tmp_path: Path) -> N
     assert not_none(found.measured) < 0.5 * found.exact
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) -> None:
     """A shaft at rest in its wall moves by a count or two, which says nothing of the wall."""
     sets = ("servo.coulomb=0.0615", "servo.static_friction=0.0854", "servo.dead_band=0.1")
@@ -143,7 +143,7 @@ def test_a_point_out_of_reach_says_why(
         assert word in not_none(found.reason)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_trip_ends_a_trial_and_softer_ones_follow(tmp_path: Path) -> None:
     # Believed so heavy that far stiffer trials seem slow enough.
     heavy = ("model.inertia=0.1", "model.damping=0.06", "model.coulomb=0")
@@ -166,7 +166,7 @@ def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(
         search(tmp_path, 0.02, 2, *LINEAR, *heavy, "safety.max_speed=1.2", kick=0.1)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,7 +186,7 @@ def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
     assert found.measured == pytest.approx(true, rel=0.005)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_trial_of_lost_readings_is_made_again_and_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,7 +232,7 @@ def test_few_losses_that_spoil_every_second_half_cycle_spoil_a_trial(
     assert search(tmp_path, 0.02, 2, *LINEAR, kick=0.1).disturbed == 1
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("trip", [Trip.LOSS_RATE, Trip.LOOP_HUNG])
 def test_a_run_that_lost_all_is_made_again(
     trip: Trip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -411,7 +411,7 @@ def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
         Device.of(effective)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("damping", [0.08, 0.5])
 def test_a_link_with_a_notch_has_its_own_boundary(tmp_path: Path, damping: float) -> None:
     link = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",

@@ -129,7 +129,8 @@ def test_what_a_stall_has_left_unrecorded_spoils_nothing(usual: tuple[Config, Id
         assert abs(getattr(fit, name) - true) < 3.5 * error + 1e-12
 
 
-@pytest.mark.usefixtures("whole", "rigid")
+@pytest.mark.whole
+@pytest.mark.usefixtures("rigid")
 @pytest.mark.parametrize("play", [0.0005, 0.01])
 def test_play_is_seen_and_measured(tmp_path: Path, play: float, thorough: bool) -> None:
     """A third of a count, and more; taken for delay it would be 0.2 ms and more."""
@@ -143,7 +144,8 @@ def test_play_is_seen_and_measured(tmp_path: Path, play: float, thorough: bool) 
     assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
 
 
-@pytest.mark.usefixtures("whole", "rigid", "few_rounds")
+@pytest.mark.whole
+@pytest.mark.usefixtures("rigid", "few_rounds")
 def test_without_viscous_friction_and_without_an_encoder(tmp_path: Path) -> None:
     config = config_of("servo.damping=0", "servo.counts_per_rev=0")
     found = identify(config, tmp_path)
@@ -151,7 +153,8 @@ def test_without_viscous_friction_and_without_an_encoder(tmp_path: Path) -> None
     assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.01)
 
 
-@pytest.mark.usefixtures("whole", "rigid")
+@pytest.mark.whole
+@pytest.mark.usefixtures("rigid")
 def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     sets = ("loop.clock=simulated", "servo.delay=0.001")
     config = load_config("emulated-ideal", sets).config
@@ -205,7 +208,8 @@ def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         identify(config_of(), tmp_path)
 
 
-@pytest.mark.usefixtures("whole", "few_rounds")
+@pytest.mark.whole
+@pytest.mark.usefixtures("few_rounds")
 def test_a_strong_spring_on_the_shaft_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,7 +241,7 @@ def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
         identify(weight.on(config_of()), tmp_path)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("effects", "said"),
     [
@@ -311,7 +315,8 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
     assert model["load_inertia"]["high"] == pytest.approx(1.2 * load, rel=1e-5)
 
 
-@pytest.mark.usefixtures("whole", "rigid")
+@pytest.mark.whole
+@pytest.mark.usefixtures("rigid")
 def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None:
     """Friction that fades with the speed hides the damping; a belief without bounds is repeated."""
     fading = Effects(stiction=1.8, stribeck=1.5)
@@ -333,7 +338,7 @@ def test_a_fit_that_diverges_is_left_out(
     assert fit_one_way(motion, step).inertia == pytest.approx(wanted.inertia, rel=1e-3)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_one_direction_alone_tells_the_same(usual: tuple[Config, Identified]) -> None:
     config, found = usual
     fit = fit_one_way(motion_of(found.played.rows), config.servo.position_step)
@@ -352,7 +357,7 @@ def test_a_damping_that_is_known_exactly_hides_nothing_else(
     assert values == pytest.approx(truth(config), rel=0.03)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_backlash_is_not_taken_for_delay_beside_a_dead_band(
     usual: tuple[Config, Identified],
 ) -> None:
@@ -376,7 +381,8 @@ def test_backlash_is_not_taken_for_delay_beside_a_dead_band(
     assert fit.delay == pytest.approx(0.0037, abs=1e-4)
 
 
-@pytest.mark.usefixtures("whole", "rigid")
+@pytest.mark.whole
+@pytest.mark.usefixtures("rigid")
 def test_a_motion_that_is_not_explained_is_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -424,7 +430,7 @@ def test_the_configuration_holds_the_truth_and_little_else(
     assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_weight_that_drives_the_shaft_away_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

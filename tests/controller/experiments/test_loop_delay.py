@@ -98,7 +98,7 @@ def test_without_friction_and_encoder_it_is_exact(tmp_path: Path) -> None:
     assert fit.decay == pytest.approx(0.1, rel=1e-3)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("servo", [(), SMALL], ids=["xm430", "xl330"])
 def test_the_standard_error_is_honest(
     servo: tuple[str, ...], tmp_path: Path, thorough: bool
@@ -133,7 +133,7 @@ def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     assert stderr < 5e-4
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> None:
     """The driver means the stall ratio of the data sheet, 1.783 N·m/A; the servo has another."""
     config = config_of(

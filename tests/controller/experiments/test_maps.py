@@ -54,7 +54,7 @@ def found(setting: MapSettings) -> CriticalMap:
     return critical_map(setting, DAMPINGS, STEPS, KICKS, executor=AtOnce(), tolerance=0.01)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_result_does_not_depend_on_the_executor(setting: MapSettings) -> None:
     seen: list[tuple[int, int]] = []
     found = critical_map(

@@ -163,7 +163,7 @@ def both_sides(
     )
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_play_that_keeps_up_a_larger_motion_than_the_kick_counts_as_growth() -> None:
     """At 5.9 N·m/rad the motion goes from 0.02 to 0.0265 rad, and stays."""
     loop, play, kick = (0.001483, 0.002747, 0.0508, 1e-3, 6.2e-3), 0.004, np.array([0.01, 0.02])

@@ -130,7 +130,7 @@ def test_contacts_happen_on_the_other_side_too(
     assert all(contact.penetration > 0.0 for contact in found.contacts)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_a_spring_too_soft_for_friction_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

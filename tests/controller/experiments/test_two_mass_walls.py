@@ -185,7 +185,7 @@ def test_compiled_walls_move_as_the_arrays_do(seed: int, drive: bool, thorough: 
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=COMPILED)
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("one_sided", [False, True])
 def test_growths_and_returned_speeds_are_those_of_the_arrays(
     monkeypatch: pytest.MonkeyPatch, one_sided: bool, thorough: bool

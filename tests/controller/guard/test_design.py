@@ -139,7 +139,7 @@ def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top(
     assert found["virtual_damping"].stiffness <= 1.02 * best
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 def test_the_quick_choice_of_a_virtual_damping_is_not_far_from_the_best() -> None:
     """The guard's: what it claims is allowed there, and is most of what could be had."""
     for side in ("above", "both"):

@@ -92,7 +92,7 @@ def test_the_items_are_those_of_the_paper() -> None:
     assert [item.name for item in ITEMS] == names
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.parametrize("name", [item.name for item in ITEMS])
 def test_pictures_are_large_enough_to_print_and_not_blank(
     made: tuple[Path, list[Made]], name: str

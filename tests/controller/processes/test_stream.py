@@ -183,7 +183,7 @@ def test_what_run_refuses(
     assert list(tmp_path.iterdir()) == [], "nothing is made, and no earlier log replaced"
 
 
-@pytest.mark.usefixtures("whole")
+@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_run_is_watched_live(listener: socket.socket, tmp_path: Path) -> None:
     words = ["run", "simulated", "--duration", "0.5", "--json", "--log", "a.hwlog"]
