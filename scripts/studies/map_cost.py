@@ -203,7 +203,7 @@ def growth_lines(found: Found[Case, Cost]) -> list[str]:
             continue
         each, start = fitted(points, used)
         power = math.log(used[-1] / used[-2]) / math.log(points[-1] / points[-2])
-        per_mb, first_mb = fitted(points, memory)
+        per_mb = (memory[-1] - memory[-2]) / (points[-1] - points[-2])  # buffers are full there
         per_disk, first_disk = fitted(points, disk)
         total = start + each * PROJECTED
         lines += [
@@ -211,7 +211,7 @@ def growth_lines(found: Found[Case, Cost]) -> list[str]:
             " processor time; between the two largest maps it grows with the points to the power"
             f" {power:.2f}. {PROJECTED:,} points: {length(total)} of processor time,"
             f" {length(total / workers)} on {workers} free core{'s' if workers > 1 else ''},"
-            f" {first_mb + per_mb * PROJECTED:,.0f} MB in the largest process,"
+            f" {memory[-1] + per_mb * (PROJECTED - points[-1]):,.0f} MB in the largest process,"
             f" {first_disk + per_disk * PROJECTED:,.0f} MB of files."
         ]
     return lines
