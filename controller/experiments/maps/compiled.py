@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, Final, TextIO
 
 import numpy as np
 
@@ -31,6 +32,8 @@ from haptic_wall.controller.experiments.maps import (
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 
 Run = Callable[..., int]
+PATIENCE_S: Final = 120.0
+"""Longest wait for another process that compiles, which takes 15 s on an idle machine [s]"""
 _MODULES = (
     *(lane_rows, lane_rest, lane_bodies, lane_two_masses),
     *(lane_drives, lane_laws, lane_loop, lane_observers, lanes),
@@ -87,7 +90,7 @@ def _keyed(sources: int) -> Run:
 def compiled_once(run: Run) -> Run:
     """Return the same function, which only one process compiles.
 
-    Others that call it meanwhile wait, and read what that process has kept.
+    Others that call it meanwhile wait, at most ``PATIENCE_S``, and read what that process has kept.
     """
     ready = False
 
@@ -97,14 +100,24 @@ def compiled_once(run: Run) -> Run:
             return run(*given)
         with Path(str(lanes.__file__)).open() as sources:
             with suppress(ImportError, OSError):  # Windows, or a file system without locks
-                import fcntl
-
-                fcntl.flock(sources, fcntl.LOCK_EX)
+                _lock(sources)
             found = run(*given)
         ready = True
         return found
 
     return once
+
+
+def _lock(file: TextIO) -> None:
+    """Lock a file until it is closed, or give up: the process that holds it may be stopped."""
+    import fcntl
+
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
+        try:
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(0.05)
 
 
 def _typed(run: Run) -> Run:

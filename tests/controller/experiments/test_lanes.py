@@ -298,6 +298,16 @@ def test_one_process_compiles_and_the_others_wait_for_it() -> None:
     assert [run(), run()] == [1, 0], "while it compiles, and afterwards"
 
 
+def test_a_process_that_was_stopped_while_it_compiled_is_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    name = "haptic_wall.controller.experiments.maps.compiled.PATIENCE_S"
+    monkeypatch.setattr(name, 0.1)
+    with Path(str(lanes.__file__)).open() as sources:
+        fcntl.flock(sources, fcntl.LOCK_EX)
+        assert compiled_once(lambda: 7)() == 7
+
+
 def test_the_draws_have_every_trait_and_its_absence() -> None:
     every = [drawn(seed, SOME) for seed in CASES]
     for trait in ("lag", "coulomb", "counts_per_radian", "backlash", "torque_step", "one_sided"):
