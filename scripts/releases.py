@@ -176,7 +176,7 @@ def main() -> None:
     """Make the page, and before that an entry where it is wanted."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--measure", action="store_true", help="add an entry for this commit")
-    parser.add_argument("--tests", action="store_true", help="with --measure: time all tests")
+    parser.add_argument("--tests", action="store_true", help="with --measure: time scripts/test")
     parser.add_argument("--entries", type=Path, default=FOLDER, metavar="FOLDER", help="entries")
     parser.add_argument("--out", type=Path, default=PAGE, metavar="FILE", help="the page")
     wanted = parser.parse_args()

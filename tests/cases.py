@@ -20,3 +20,10 @@ def sampled(cases: Iterable[Any], every: int) -> list[Any]:
         )
         for number, case in enumerate(cases)
     ]
+
+
+def is_left_to_whole(item: pytest.Item) -> bool:
+    """Whether a test is marked ``whole`` or needs the fixture; a parameter may have that name."""
+    given = item.callspec.params if hasattr(item, "callspec") else {}
+    needed = "whole" in getattr(item, "fixturenames", ()) and "whole" not in given
+    return needed or item.get_closest_marker("whole") is not None

@@ -15,6 +15,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import pytest
 
+from tests.cases import is_left_to_whole
+
 # What is said is as wide on every terminal.
 os.environ["COLUMNS"] = "98"
 
@@ -90,9 +92,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept: list[pytest.Item] = []
     left_out: list[pytest.Item] = []
     for item in items:
-        fixtures = getattr(item, "fixturenames", ())
-        plays = "whole" in fixtures or item.get_closest_marker("whole")
-        (left_out if plays else kept).append(item)
+        (left_out if is_left_to_whole(item) else kept).append(item)
     items[:] = kept
     config.hook.pytest_deselected(items=left_out)
 

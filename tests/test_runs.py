@@ -23,6 +23,7 @@ import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.typed import not_none, status_of
 
@@ -99,12 +100,22 @@ def wait_for(condition: Callable[[], T | None], what: str, timeout_s: float = 60
     raise AssertionError(f"waited {timeout_s} s for {what}")
 
 
+STALLED = {
+    Trip.LOSSES_IN_ROW,
+    Trip.LOSS_RATE,
+    Trip.MISSED_PERIODS,
+    Trip.LOOP_HUNG,
+    Trip.TORQUE_LOST,
+}
+"""Trips of a loop that gets no processor time"""
+
+
 @contextlib.contextmanager
 def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A run whose log holds more rows than the warm-up has, the wall is on; and its family.
 
     A run that a stalled machine has spoiled is tried again, whether the servo's start-up was late
-    (4) or the loop lost too many samples (3); one that ends otherwise fails at once.
+    (4) or a trip was of those in STALLED; one that ends otherwise fails at once.
     """
     path = cwd / "run.hwlog"
     enough = 300 * ROW.itemsize
@@ -119,8 +130,9 @@ def ticking(*arguments: str, cwd: Path) -> Iterator[tuple[subprocess.Popen[str],
             if process.poll() is None:
                 yield process, children(process.pid)
                 return
-            said = not_none(process.stderr).read()
-        assert process.returncode in {3, 4} and attempt < 4, f"{process.returncode}: {said}"
+            output, said = process.communicate()
+        spoiled = process.returncode == 4 or json.loads(output)["stop_reason"] in STALLED
+        assert spoiled and attempt < 4, f"{process.returncode}: {said}"
 
 
 def shared_words(pid: int) -> memoryview:
@@ -255,8 +267,7 @@ def test_a_hung_start_ends_with_ctrl_c_and_torque_off(tmp_path: Path) -> None:
 
 def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> None:
     with emulator(tmp_path) as (bus, port):
-        arguments = ["run", "xm430-w350", "--log", "run.hwlog", "--no-plot", *PATIENT, *BELIEF]
-        arguments += ["--set", f"servo.port={port}"]
+        arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
         with ticking(*arguments, cwd=tmp_path) as (process, family):
             assert set(family) == {"dial", "loop_process", "recorder"}
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan

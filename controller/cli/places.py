@@ -19,13 +19,12 @@ from haptic_wall.controller.cli.options import Command, refuse_no_folder, refuse
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.claim import ClaimedError, claimed
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, Kind, may_be_replaced
+from haptic_wall.controller.system.new_folders import make_and_keep, remove_empty
 from haptic_wall.controller.system.whole_file import remove_leftovers
 
 _RUNS = Path("runs")
 _TAKEN = ("", ".hwlog", ".png")
 """Suffixes that may follow a new name in an existing file"""
-_made: list[Path] = []
-"""Folders that the command has made, the outer ones first"""
 
 
 def force_option(command: Command) -> Command:
@@ -94,7 +93,7 @@ def take_folder(
     """
     refuse_no_folder(option, folder)
     with writing(option, folder):
-        _make_new(folder)
+        _make_and_keep(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UserError(
             "found a folder without write permission",
@@ -114,7 +113,6 @@ def take_folder(
         _refuse_foreign(option, folder / name, kind, force=force, has_force=has_force)
     with writing(option, folder):
         _claim(option, folder)
-        _until_the_end(_remove_empty)
         for name in kinds:
             remove_leftovers(folder / name)
 
@@ -170,8 +168,7 @@ def new_folder(option: str, what: str) -> Path:
     """
     folder = new_stem(option, what)
     with writing(option, folder):
-        _make_new(folder)
-    _until_the_end(_remove_empty)
+        _make_and_keep(folder)
     return folder
 
 
@@ -190,14 +187,18 @@ def _is_new(stem: Path) -> bool:
 
 def _make(option: str, folder: Path) -> None:
     try:
-        _make_new(folder)
+        _make_and_keep(folder)
     except OSError as error:
         raise UserError(
             f"the folder {folder} cannot be made ({error.strerror})",
             field=option,
             advice="name another place",
         ) from error
-    _until_the_end(_remove_empty)
+
+
+def _make_and_keep(folder: Path) -> None:
+    _until_the_end(remove_empty)
+    make_and_keep(folder)
 
 
 def _refuse_foreign(
@@ -230,18 +231,4 @@ def _until_the_end(close: Callable[[], None]) -> None:
     click.get_current_context().call_on_close(close)
 
 
-def _make_new(folder: Path) -> None:
-    """Make a folder, with those above it, for ``_remove_empty`` to remove."""
-    _made.extend(reversed([each for each in (folder, *folder.parents) if not each.exists()]))
-    folder.mkdir(parents=True, exist_ok=True)
-
-
-def _remove_empty() -> None:
-    """Remove the folders that the command has made, where no file is in them."""
-    while _made:
-        for folder, _, _ in os.walk(_made.pop(), topdown=False):
-            with suppress(OSError):
-                Path(folder).rmdir()
-
-
-interrupt.do_first(_remove_empty)
+interrupt.do_first(remove_empty)

@@ -25,6 +25,7 @@ from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
+from haptic_wall.controller.system.new_folders import make
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.errors import ExplainedError, Problem, ServoLostError, ServoMissingError
 
@@ -150,7 +151,7 @@ class Testbed:
         self._start_told = ""
         self._witness = witness
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make(folder)
         except OSError as error:
             raise UserError(
                 f"the folder cannot be made ({error.strerror})",

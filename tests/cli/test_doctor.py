@@ -137,7 +137,6 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(
         assert checks["return delay"]["found"] == "250 (500 µs), now 0 (0 µs)"
 
 
-@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
     capsys: pytest.CaptureFixture[str],
@@ -227,7 +226,6 @@ def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
     assert "wake-up lateness" in found["not_examined"]
 
 
-@pytest.mark.whole
 @pytest.mark.realtime
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -6,9 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
 import pytest
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.system import file_kinds
 from haptic_wall.controller.system.claim import claimed
@@ -153,6 +155,60 @@ def test_a_link_that_somebody_put_where_a_file_is_written_is_not_followed(folder
         part.write_text("picture")
     assert (folder / "b.png").read_text() == "picture"
     assert (folder / "mine").read_text() == "mine"
+
+
+def command() -> click.Context:
+    return click.Context(click.Command("one"))
+
+
+def test_only_the_folders_that_the_command_has_made_are_removed(folder: Path) -> None:
+    (folder / "given").mkdir()
+    with command():
+        for name in ("given", "new/out", "new/full"):
+            take_folder("--out", Path(name), {}, force=False)
+        (folder / "new" / "full" / "mine").mkdir()
+    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == [
+        *("given", "new", "new/full", "new/full/mine")
+    ]
+
+
+def test_what_has_taken_the_place_of_a_folder_stays(folder: Path) -> None:
+    (folder / "mine" / "empty").mkdir(parents=True)
+    with command():
+        for name in ("link", "out"):
+            take_folder("--out", Path(name), {}, force=False)
+            (folder / name).rename(folder / f"was {name}")
+        (folder / "link").symlink_to("mine")
+        (folder / "out").mkdir()
+    assert (folder / "mine" / "empty").is_dir()
+    assert (folder / "out").is_dir()
+
+
+@pytest.mark.parametrize("place", ["new_stem", "new_folder"])
+def test_a_folder_in_which_another_command_is_about_to_write_stays(place: str) -> None:
+    program = f"""
+import sys
+import click
+from haptic_wall.controller.cli.places import {place}
+with click.Context(click.Command("other")):
+    path = {place}("--out", "other")
+    print("has it", flush=True)
+    sys.stdin.read()
+    path.with_suffix(".hwlog").touch()
+    if "{place}" == "new_folder":
+        (path / "result").touch()
+"""
+    with command():
+        new_stem("--out", "one")
+        other = subprocess.Popen(
+            [sys.executable, "-c", program],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert other.stdout is not None and other.stdout.readline() == "has it\n"
+    other.communicate("", timeout=60)
+    assert other.returncode == 0
 
 
 def test_a_picture_without_a_mark_may_be_an_early_one(

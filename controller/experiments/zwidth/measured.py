@@ -31,6 +31,7 @@ from haptic_wall.controller.runtime.safety import End
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG as LOG_KIND
 from haptic_wall.controller.system.file_kinds import may_be_replaced
+from haptic_wall.controller.system.new_folders import make
 
 LOG = "impedance.hwlog"
 _TAPPED_S = 10.0
@@ -162,7 +163,7 @@ def _tapped(config: Config, log: Path, tell: Tell) -> Path:
         "name": "zwidth",
         "config": tapped.model_dump(mode="json"),
     }
-    log.parent.mkdir(parents=True, exist_ok=True)
+    make(log.parent)
     if not may_be_replaced(log, LOG_KIND):
         raise UserError(
             f"{log}: found a file that is not {LOG_KIND.name}, and would be lost",

@@ -26,8 +26,9 @@ from haptic_wall.controller.experiments.maps.tables import Table
 from haptic_wall.controller.experiments.maps.turning import growth
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.laws.friction import Friction
+from haptic_wall.controller.laws.own import Instants
 from haptic_wall.controller.laws.profile import Profile
-from haptic_wall.controller.laws.shape import Shape
+from haptic_wall.controller.laws.shape import Memoryless, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.stops import Stops
 from haptic_wall.controller.laws.texture import Texture
@@ -163,10 +164,39 @@ LAWS: dict[str, Shape] = {
 }
 
 
-@pytest.mark.parametrize("shape", [Friction(0.1), Texture(0.02, PERIOD)])
+class OneWay(Memoryless):
+    """Acts on a shaft that turns down."""
+
+    stiffness: float | None = None
+    highest_slope, lowest_slope = 1.0, -1.0
+
+    def elongation(self, away: float, speed: float, stiffness: float) -> float:  # noqa: ARG002
+        return min(0.1 * away, 0.0) if speed < 0.0 else 0.0
+
+    def potential(self, away: float) -> float:  # noqa: ARG002
+        return 0.0
+
+
+RAMPS = [Profile([-0.1, 0.1], [most, -most]) for most in (1.0, 2.0)]
+MORE = [Friction(0.1), Friction(10.0), Texture(0.02, PERIOD), OneWay(), Instants(RAMPS)]
+
+
+@pytest.mark.parametrize("shape", MORE)
 def test_a_law_that_depends_on_more_than_the_position_has_no_table(shape: Shape) -> None:
     with pytest.raises(ValueError, match="more than the position"):
         Table.of(shape, np.linspace(-0.1, 0.1, 5))
+
+
+@pytest.mark.parametrize(
+    ("positions", "elongations"),
+    [([], []), ([0.0], [0.1]), ([0.0, 0.0], [0.1, 0.2]), ([0.0, math.nan], [0.0, 1.0]),
+     ([0.1, 0.0], [0.0, 1.0]), ([0.0, 0.1], [0.0])],
+)  # fmt: skip
+def test_a_table_that_cannot_be_searched_is_refused(
+    positions: list[float], elongations: list[float]
+) -> None:
+    with pytest.raises(ValueError, match="two or more rising positions"):
+        Table(np.array(positions), np.array(elongations))
 
 
 @pytest.mark.parametrize("name", LAWS)
