@@ -57,12 +57,11 @@ def test_every_page_of_evidence_is_in_its_list() -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_what_is_shown_is_what_the_program_says(wholly: bool) -> None:
-    slow = () if wholly else ("one-sided.md", "tutorial.md")
+def test_what_is_shown_is_what_the_program_says() -> None:
     stale = [
         page.name
         for page in readme_output.pages()
-        if page.name not in slow and readme_output.renewed(page, False) != page.read_text()
+        if readme_output.renewed(page, False) != page.read_text()
     ]
     assert not stale, "run scripts/study readme_output"
 
