@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,6 +68,8 @@ class Cost:
     frames_p50: float
     """Deviation of the interval of two torques from the period"""
     frames_p99: float
+    ended: int = 0
+    """Number of runs before it that a trip or the loss of the servo ended"""
 
 
 FIGURES = {
@@ -90,9 +92,9 @@ def turns(given: Given, servo: str) -> list[Case]:
 
 def cost(case: Case) -> Cost:
     """Run a wall in a mode, and return its figures; a run that the machine ended is repeated."""
-    for _ in range(TRIES):
+    for ended in range(TRIES):
         try:
-            return _cost(case)
+            return replace(_cost(case), ended=ended)
         except EndedError as error:
             sys.stderr.write(f"{error}\n")
     raise RuntimeError(f"{case}: all of {TRIES} runs ended early")
@@ -194,13 +196,19 @@ def cost_lines(found: Found[Case, Cost]) -> list[str]:
     first = found[0][0]
     count = max(case.turn for case, _ in found) + 1
     over = beyond(found)
+    ended = {mode: sum(row.ended for case, row in found if case.mode == mode) for mode in MODES}
+    again = "; ".join(f"{mode}, {number}" for mode, number in ended.items() if number)
     return [
         *table([f"`{first.servo}`", *FIGURES.values()], *rows),
         "",
         f"{count} rounds of {first.seconds:g} s, load of the machine {os.getloadavg()[0]:.1f}."
         " Ratios to `no page` of the same round: median, and its bounds of 95 %."
         f" Wanted: every median at most {MOST_RATIO:g}. "
-        + (f"It is more for: {'; '.join(over)}." if over else "It holds."),
+        + (f"It is more for: {'; '.join(over)}." if over else "It holds.")
+        + (
+            f" Runs that a trip or a lost servo ended, and that were repeated: {again}."
+            * bool(again)
+        ),
     ]
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scripts import page_and_loop
 from scripts.live_clients import client
 from scripts.page_and_loop import (
     AGAIN,
@@ -18,8 +19,10 @@ from scripts.page_and_loop import (
     MODES,
     Case,
     Cost,
+    EndedError,
     beyond,
     cheap,
+    cost,
     cost_lines,
     middle,
     turns,
@@ -47,6 +50,22 @@ def test_a_page_that_costs_too_much_is_named() -> None:
     assert beyond(costly) == [f"20 clients, {words}" for words in FIGURES.values()]
     assert "1.20 (1.20 to 1.20)" in "\n".join(cost_lines(costly))
     assert "20 clients, lateness, p50" in cost_lines(costly)[-1]
+
+
+def test_a_run_that_ended_early_is_repeated_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, row = rounds({})[0]
+    tried: list[Case] = []
+
+    def unlucky(case: Case) -> Cost:
+        tried.append(case)
+        if len(tried) < 3:
+            raise EndedError("a trip")
+        return row
+
+    monkeypatch.setattr(page_and_loop, "_cost", unlucky)
+    found = rounds({})
+    assert "repeated" not in cost_lines(found)[-1]
+    assert cost_lines([(case, cost(case)), *found[1:]])[-1].endswith("repeated: no page, 2.")
 
 
 def test_a_ratio_that_the_rounds_do_not_decide_is_named_with_its_doubt() -> None:
