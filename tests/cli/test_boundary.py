@@ -470,3 +470,21 @@ def test_the_picture_of_a_believed_load(tmp_path: Path, capsys: pytest.CaptureFi
     path = tmp_path / "believed.png"
     assert call(capsys, *BELIEVED, "--virtual-damping=0.1", "--plot", str(path))[0] == 0
     assert path.stat().st_size > 10_000
+
+
+def test_a_faster_bus_is_offered_with_its_time_on_the_wire(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, out, _ = call(capsys, *LOOP, "--virtual-damping=0.02", "--baud=1000000")
+    assert status == 0
+    assert "4 Mbit/s, 0.145 ms on the wire instead of 0.58 ms" in out
+
+
+def test_what_each_unknown_costs_is_told_where_values_have_ranges(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ranges = ["--inertia=.01:.02", "--damping=.01:.03", "--rate=1000", "--delay=0:.001"]
+    found = asked(capsys, *ranges, "--virtual-damping=0.02")["unknown"]
+    assert found["guaranteed"] < 0.6 * found["known"]
+    lost = {each["name"]: each["lost"] for each in found["costs"]}
+    assert lost["delay"] > lost["damping"] > 0.1 > lost["inertia"]
