@@ -369,6 +369,19 @@ def test_another_run_finds_the_port_busy_and_a_program_that_opens_it_ends_the_ru
     assert_torque_off(witness(tmp_path))
 
 
+@pytest.mark.whole
+def test_a_run_on_hardware_that_loses_its_terminal_ends_with_torque_off(tmp_path: Path) -> None:
+    with emulator(tmp_path) as (bus, port):
+        arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
+        with ticking(*arguments, cwd=tmp_path) as (process, _):
+            process.send_signal(signal.SIGHUP)
+            process.communicate(timeout=60)
+            assert process.returncode == 130
+        bus.send_signal(signal.SIGTERM)
+        bus.wait(timeout=30)
+    assert_torque_off(witness(tmp_path))
+
+
 WITHOUT_RIGHTS = """
 import ctypes, os, resource, sys
 libc = ctypes.CDLL(None)

@@ -31,13 +31,15 @@ def test_the_examples_run(tmp_path: Path, wholly: bool) -> None:
         patient = re.sub(r'"servo.(hand|port)"', r'"realtime.profile": "off", \g<0>', example)
         paths.append(tmp_path / (name[1] if name else f"example{number}.py"))
         paths[-1].write_text(patient)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", EACH, *paths],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": ""}, capture_output=True, text=True,
-        check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    told = [text.split() for text in done.stdout.split(END)[:-1]]
+    told: list[list[str]] = []
+    for some in [[path] for path in paths] if wholly else [paths]:  # alone, or in one process
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", EACH, *some],
+            cwd=tmp_path, env=os.environ | {"PYTHONPATH": ""}, capture_output=True, text=True,
+            check=False, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        told += [text.split() for text in done.stdout.split(END)[:-1]]
     if wholly:
         ended, stiffness = told.pop(0)
         assert ended == "interrupted"
