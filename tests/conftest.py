@@ -116,13 +116,13 @@ def wholly(pytestconfig: pytest.Config, thorough: bool) -> bool:
 
 
 @pytest.fixture(scope="session")
-def whole() -> None:
+def whole_experiment() -> None:
     """Marks a fixture that plays a whole experiment: its tests run with ``--whole`` only."""
 
 
 @pytest.fixture(scope="module")
 def undrawn(wholly: bool) -> Iterator[None]:
-    """Makes a picture a dot, unless whole experiments are played: drawing takes half a second."""
+    """Draws a dot as every picture, unless --whole is given: drawing takes half a second."""
     from matplotlib.figure import Figure
     from matplotlib.image import imsave
 

@@ -19,7 +19,7 @@ def test_what_is_marked_or_needs_the_fixture_is_left_out_and_a_parameter_of_that
     None
 ):
     params = SimpleNamespace(params={"whole": True})
-    assert is_left_to_whole(item("whole"))
+    assert is_left_to_whole(item("whole_experiment"))
     assert is_left_to_whole(item(marks=("whole",)))
     assert is_left_to_whole(item("whole", marks=("whole",), callspec=params))
     assert not is_left_to_whole(item("wholly", "undrawn", marks=("realtime",)))

@@ -29,6 +29,7 @@ from haptic_wall.controller.report.acceptance import picture
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
+from tests.cases import whole_only
 from tests.typed import status_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -65,7 +66,7 @@ def quicker(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def accepted(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """The folder of a whole acceptance of the simulated servo, in the home of somebody."""
@@ -324,11 +325,10 @@ def test_a_servo_that_cannot_be_reached_ends_it_before_anything_is_emulated(
     ("preset", "sets", "gain"),
     [
         ("simulated", [], 1.0),
-        pytest.param(
+        whole_only(
             "emulated-ideal",
             ["servo.torque_constant=1.5", "model.torque_gain=1"],
             1.5 / 1.7826,  # over the data sheet's
-            marks=pytest.mark.whole,
         ),
     ],
 )

@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 
 from haptic_wall.controller.cli import demo
 from haptic_wall.controller.errors import HapticWallError
+from tests.cases import whole_only
 
 COMMAND = [sys.executable, "-m", "haptic_wall.controller.cli.main", "demo"]
 
@@ -81,7 +82,7 @@ def demonstration(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("wait_s", [pytest.param(0.8, marks=pytest.mark.whole), 1.5])
+@pytest.mark.parametrize("wait_s", [whole_only(0.8), 1.5])
 def test_ctrl_c_while_it_starts_ends_all_of_it(tmp_path: Path, wait_s: float) -> None:
     with demonstration(tmp_path) as child:
         time.sleep(wait_s)

@@ -6,10 +6,11 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
+
+from tests.cases import whole_only
 
 INTERRUPTING = """
 import os, signal, sys
@@ -26,9 +27,6 @@ sys.exit(main())
 """
 
 
-more = partial(pytest.param, marks=pytest.mark.whole)
-
-
 def interrupted(module: str) -> subprocess.CompletedProcess[str]:
     program = INTERRUPTING.format(module=module)
     return subprocess.run(
@@ -38,14 +36,18 @@ def interrupted(module: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     "module",
-    ["haptic_wall.controller.cli.main", more("click"), more("haptic_wall.controller.cli.config")],
+    [
+        "haptic_wall.controller.cli.main",
+        whole_only("click"),
+        whole_only("haptic_wall.controller.cli.config"),
+    ],
 )
 def test_a_ctrl_c_while_it_loads_is_quiet(module: str) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-@pytest.mark.parametrize("module", ["pydantic", more("yaml")])
+@pytest.mark.parametrize("module", ["pydantic", whole_only("yaml")])
 def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module: str) -> None:
     done = interrupted(module)
     assert (done.returncode, done.stderr.strip()) == (130, "")
@@ -56,8 +58,8 @@ def test_a_ctrl_c_while_the_command_loads_what_it_needs_is_quiet(module: str) ->
     [
         ("haptic_wall.controller.cli.main", "SIGINT"),
         ("yaml", "SIGTERM"),
-        more("haptic_wall.controller.cli.main", "SIGTERM"),
-        more("yaml", "SIGINT"),
+        whole_only("haptic_wall.controller.cli.main", "SIGTERM"),
+        whole_only("yaml", "SIGINT"),
     ],
 )
 def test_with_json_a_signal_is_one_object(module: str, number: str) -> None:
@@ -115,7 +117,8 @@ def test_an_ignored_ctrl_c_stays_ignored() -> None:
 
 
 @pytest.mark.parametrize(
-    "module", [more("scipy.optimize"), "haptic_wall.controller.experiments.identify.excitation"]
+    "module",
+    [whole_only("scipy.optimize"), "haptic_wall.controller.experiments.identify.excitation"],
 )
 def test_a_ctrl_c_while_a_command_loads_its_libraries_is_quiet(module: str, tmp_path: Path) -> None:
     """Raised in them it would be an ImportError now and then, or be forgotten."""

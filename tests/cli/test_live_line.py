@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.cli.live_line import Shown, bar_of, line_of
+from tests.cases import whole_only
 
 CALM = Shown("contact", 0, 0.1, 0.02, -0.5, 1.0, 8.0, 3, 0.42)
 
@@ -51,7 +52,7 @@ def test_the_bar_points_to_where_the_torque_pushes(torque: float, bar: str) -> N
     [
         b" ",
         b"\x1a",
-        *(pytest.param(key, marks=pytest.mark.whole) for key in (b"q", b"\x03")),
+        *(whole_only(key) for key in (b"q", b"\x03")),
     ],
 )
 def test_a_key_ends_the_run_and_the_terminal_is_as_before(tmp_path: Path, key: bytes) -> None:

@@ -15,6 +15,7 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
+from tests.cases import whole_only
 
 PYTHON = shlex.quote(sys.executable)
 
@@ -184,16 +185,12 @@ def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
     [
         (["run", "nosuch"], 2),
         (["run", "--set=loop.clock=simulated", "--duration=0.1", "--no-plot"], 0),
-        pytest.param(["run", "--nosuch"], 2, marks=pytest.mark.whole),
-        pytest.param(
-            ["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"],
-            0,
-            marks=pytest.mark.whole,
+        whole_only(["run", "--nosuch"], 2),
+        whole_only(
+            ["delay", "simulated", "--set=loop.clock=simulated", "--bursts=1", "--out=there"], 0
         ),
-        pytest.param(
-            ["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"],
-            0,
-            marks=pytest.mark.whole,
+        whole_only(
+            ["map", "paper-table2", "--virtual-damping=0", "--delay-steps=0", "--workers=1"], 0
         ),
     ],
 )
@@ -214,7 +211,7 @@ def test_the_exit_status_is_the_commands_own_when_nobody_reads_its_messages(
 
 @pytest.mark.parametrize(
     "encoding",
-    ["ascii", *(pytest.param(each, marks=pytest.mark.whole) for each in ("koi8-r", "utf-8"))],
+    ["ascii", *(whole_only(each) for each in ("koi8-r", "utf-8"))],
 )
 def test_a_terminal_that_lacks_a_character_costs_no_answer(encoding: str, tmp_path: Path) -> None:
     brief = ["--set=loop.clock=simulated", "--set=wall.stiffness=1e6", "--duration=0.1"]
@@ -270,8 +267,8 @@ def test_a_limit_of_the_system_is_told_in_a_sentence(
     ("closed", "clock", "picture"),
     [
         ("<&- >&- 2>&-", "monotonic", "--no-plot"),
-        pytest.param("<&-", "simulated", "--plot run.png", marks=pytest.mark.whole),
-        pytest.param(">&-", "simulated", "--no-plot", marks=pytest.mark.whole),
+        whole_only("<&-", "simulated", "--plot run.png"),
+        whole_only(">&-", "simulated", "--no-plot"),
     ],
 )
 def test_closed_standard_streams_do_not_disturb_a_run(

@@ -29,6 +29,7 @@ from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
+from tests.cases import whole_only
 from tests.typed import status_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -260,7 +261,7 @@ def test_a_kick_given_twice_is_drawn_as_one(
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("impatient", [pytest.param(False, marks=pytest.mark.whole), True])
+@pytest.mark.parametrize("impatient", [whole_only(False), True])
 def test_ctrl_c_ends_it_without_a_traceback_and_says_what_is_kept(
     tmp_path: Path, impatient: bool
 ) -> None:

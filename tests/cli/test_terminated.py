@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import whole_only
+
 PENDULUM = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
 PROGRAM = """
 import os, signal, sys, time
@@ -59,7 +61,7 @@ SOME = ("boundary", "map, theory", "paper")
         *((middle, "SIGTERM") for middle in SOME),
         ("map, theory", "SIGINT"),
         *(
-            pytest.param(middle, number, marks=pytest.mark.whole)
+            whole_only(middle, number)
             for middle, number in [
                 *((middle, "SIGTERM") for middle in MIDDLES if middle not in SOME),
                 ("paper", "SIGINT"),

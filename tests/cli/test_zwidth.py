@@ -52,7 +52,7 @@ def fewer(monkeypatch: pytest.MonkeyPatch, wholly: bool) -> None:
 
 @pytest.fixture(scope="module")
 def frictionless(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Path, dict[str, Any]]:
     """The measured Z-width of a servo without friction, so that theory is exact."""

@@ -28,6 +28,7 @@ from haptic_wall.controller.paper import items
 from haptic_wall.controller.processes.run_socket import AliveRun, socket_of
 from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
+from tests.cases import whole_only
 from tests.docs.pages import ROOT, commands, text_of
 from tests.typed import not_none, status_of
 
@@ -202,7 +203,7 @@ def each_first(
     met: set[str] = set()
     for page, words in commands_shown:
         name, found = " ".join(words[1:2]), (page, words)
-        yield pytest.param(found, marks=pytest.mark.whole) if name in SLOW & met else found
+        yield whole_only(found) if name in SLOW & met else found
         met.add(name)
 
 

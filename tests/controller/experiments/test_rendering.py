@@ -30,7 +30,7 @@ def within(row: Comparison, truth: float, times: float = 3.0) -> None:
 
 @pytest.fixture(scope="module")
 def usual(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Rendering, dict[str, Comparison]]:
     return measured(tmp_path_factory.mktemp("usual"), "servo.delay=0.001")
@@ -38,7 +38,7 @@ def usual(
 
 @pytest.fixture(scope="module")
 def other(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Rendering, dict[str, Comparison]]:
     """Believed a third heavier than it is; with play, a wall on the other side, delay inserted."""

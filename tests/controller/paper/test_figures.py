@@ -17,7 +17,7 @@ from tests.theory.oracles import Loop, radius
 
 @pytest.fixture(scope="module")
 def fig10(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
 ) -> FigureData:
     return linear_error.figure_10()
 

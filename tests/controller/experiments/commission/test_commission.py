@@ -71,7 +71,7 @@ def commission(folder: Path, *sets: str) -> None:
 
 @pytest.fixture(scope="module")
 def commissioned(
-    whole: None,  # noqa: ARG001 - leaves it out
+    whole_experiment: None,  # noqa: ARG001 - leaves it out
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """The folder of a whole commissioning of the simulated servo."""

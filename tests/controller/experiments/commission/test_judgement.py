@@ -14,6 +14,7 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
+from tests.cases import whole_only
 
 
 def question(name: str = "simulated", *sets: str) -> GuardQuestion:
@@ -24,9 +25,9 @@ def question(name: str = "simulated", *sets: str) -> GuardQuestion:
     "sets",
     [
         (),
-        pytest.param(("delay.steps=4",), marks=pytest.mark.whole),
-        pytest.param(("servo.counts_per_rev=0", "delay.steps=2"), marks=pytest.mark.whole),
-        pytest.param(("wall.side=both", "wall.velocity_samples=4"), marks=pytest.mark.whole),
+        whole_only(("delay.steps=4",)),
+        whole_only(("servo.counts_per_rev=0", "delay.steps=2")),
+        whole_only(("wall.side=both", "wall.velocity_samples=4")),
         ("servo.damping=0", "servo.counts_per_rev=512"),
     ],
 )
