@@ -1,4 +1,4 @@
-"""Compiles the modules of a tick with mypyc, in a copy of the package.
+"""Compiles the modules of a tick, and of a simulated servo, with mypyc, in a copy of the package.
 
 The sources are not changed. Four modules with code of a tick are left out. mypyc refuses
 ``controller.laws.wall``, whose class assigns several names at once, and
@@ -60,6 +60,17 @@ DETECTOR = tuple(
 )
 MODULES = (*DRIVER, *TICK, *DETECTOR)
 """Modules with code that a tick on the emulated bus executes"""
+PLANT = (
+    "hw.plant.current_loop",
+    "hw.plant.encoder",
+    "hw.plant.gear_load",
+    "hw.plant.masses",
+    "hw.plant.mechanism",
+    "hw.plant.response",
+    "hw.plant.substeps",
+)
+SIMULATED = (*MODULES, *PLANT)
+"""These, and those that move a simulated servo"""
 _CONFIG = "[mypy]\nplugins = pydantic.mypy\nignore_missing_imports = True\n"
 
 

@@ -24,7 +24,7 @@ from unittest.mock import patch
 from haptic_wall.controller.bench.loops import emulated_bus, told_by
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.hw.errors import ServoError
-from scripts.compiled_package import DRIVER, MODULES, compiled
+from scripts.compiled_package import DRIVER, MODULES, SIMULATED, compiled
 from scripts.loop_rounds import (
     Arm,
     Round,
@@ -114,8 +114,9 @@ class Wall(NamedTuple):
 
 def both_walls(name: str) -> Wall:
     """Run a wall of ``scripts/study same_rows`` on both sides."""
-    same = Side().tell("rows", name) == compiled_side().tell("rows", name)
-    return Wall(same, len(compiled_side().tell("about", *MODULES)["compiled"]))
+    fast = compiled_side(SIMULATED)
+    same = Side().tell("rows", name) == fast.tell("rows", name)
+    return Wall(same, len(fast.tell("about", *SIMULATED)["compiled"]))
 
 
 def wall_lines(found: Found[str, Wall]) -> list[str]:
@@ -123,7 +124,7 @@ def wall_lines(found: Found[str, Wall]) -> list[str]:
     other = [name for name, row in found if not row.same]
     count = min(row.compiled for _, row in found)
     return [
-        f"{count} of {len(MODULES)} modules compiled. {len(found) - len(other)} of"
+        f"{count} of {len(SIMULATED)} modules compiled. {len(found) - len(other)} of"
         f" {len(found)} simulated walls of `scripts/study same_rows` give the same rows and report"
         f" to the last bit{': others are ' + ', '.join(other) if other else ''}.",
     ]

@@ -193,4 +193,5 @@ STUDY = Study(
         RECORDINGS,
     ),
     (Option("seed", SEED, "seed of all draws"), WALLS_TRIED, HOURS_TRIED),
+    compilable=True,
 )

@@ -346,4 +346,5 @@ STUDY = Study(
         WALLS_TRIED,
         GENERATIONS,
     ),
+    compilable=True,
 )

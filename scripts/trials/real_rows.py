@@ -18,8 +18,8 @@ from scripts.trials.verdicts import answered, goes_on_by_itself
 _A_JOB = 5
 _HAND_S = 60.0
 """Longest trial with an operator [s]"""
-_LESS = 1.0 / 30.0
-"""Hours of an operator, relative to those of the other servos: these cost ten times as much"""
+_LESS = 0.2
+"""Hours of an operator, relative to those of the other servos: these cost five times as much"""
 _ONE_SIDED = 0.4
 """Probability of a wall that never pulls"""
 Result = Cell | list[HandTrial]

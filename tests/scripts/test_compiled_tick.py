@@ -9,7 +9,7 @@ import pytest
 
 from haptic_wall.controller.errors import PlatformError
 from scripts.bus_calls import Calls
-from scripts.compiled_package import MODULES, compiled
+from scripts.compiled_package import SIMULATED, compiled
 from scripts.loop_rounds import Round, Turn, rate_lines, turn_lines
 from scripts.studies.compiled_tick import (
     STUDY,
@@ -98,7 +98,7 @@ def test_the_time_of_timing_is_subtracted(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_wall_with_other_rows_is_named_and_not_wanted() -> None:
-    count = len(MODULES)
+    count = len(SIMULATED)
     found = [("push", Wall(True, count)), ("tap", Wall(False, count - 1))]
     (told,) = wall_lines(found)
     assert told.startswith(f"{count - 1} of {count} modules compiled. 1 of 2 simulated walls")

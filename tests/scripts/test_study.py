@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,6 +200,32 @@ def test_every_script_that_a_page_names_is_there() -> None:
             wrong += [] if known else [f"{page.name}: scripts/{place} {name}"]
     assert wrong == []
     assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
+
+
+def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
+    page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[tuple[list[str], str]] = []
+    monkeypatch.setattr("scripts.study.compiled", lambda folder, _modules: folder / "package")
+
+    def call(words: list[str], env: dict[str, str]) -> int:
+        called.append((words, env["PYTHONPATH"]))
+        return 3
+
+    monkeypatch.setattr("scripts.study.subprocess.call", call)
+    study = Study("squares.md", (PART,), STUDY.options, compilable=True)
+    arguments = ["--out", str(page), "--compiled"]
+    assert run(study, "squares", "Squares.", arguments) == 3
+    assert not asked
+    ((words, path),) = called
+    assert words[1:] == ["-m", "scripts.study", "squares", *arguments]
+    first, root = path.split(os.pathsep)
+    assert first.endswith("/package") and root == str(ROOT)
+    monkeypatch.setattr("scripts.study.is_compiled", lambda: True)
+    run(study, "squares", "Squares.", arguments)
+    assert "By `scripts/study squares --compiled`" in page.read_text()
+    with pytest.raises(SystemExit, match="2"):
+        run(STUDY, "squares", "Squares.", arguments)
 
 
 def test_a_page_is_made_of_the_known_rows_alone(page: Path, tmp_path: Path) -> None:
