@@ -43,6 +43,8 @@ class Lossy:
     """Speed at which it has fallen to a third, > 0 [rad/s]"""
     gear: float = 0.0
     """Fraction of the torque that adds to the friction"""
+    gear_rest: float = 0.0
+    """Further fraction in slow motion, which fades as the excess does"""
     drag: float = 0.0
     """Friction with the square of the speed [N·m·s²/rad²]"""
     dead_band: float = 0.0
@@ -124,8 +126,10 @@ def _balance(
     spring_of_damper = virtual_damping / period * bare.difference(rates)
     sine, cosine = np.sin(_TURN), np.cos(_TURN)
     speed = shaft * w[:, None] * cosine
-    friction = servo.coulomb + servo.excess * np.exp(-np.abs(speed) / servo.fading)
-    coupled = servo.gear != 0.0 or servo.dead_band > 0.0
+    faded = np.exp(-np.abs(speed) / servo.fading)
+    friction = servo.coulomb + servo.excess * faded
+    gear = servo.gear + servo.gear_rest * faded
+    coupled = bool(np.any(gear)) or servo.dead_band > 0.0
     turned = gain * shaft * np.exp(-1j * rates * (delay / period + 0.5))
     stiffness = servo.inertia * w**2
     answer: ComplexArray = ones.astype(np.complex128)
@@ -140,7 +144,7 @@ def _balance(
             passed = 1.0 - 2.0 / np.pi * (np.arcsin(share) + share * np.sqrt(1.0 - share**2))
             passed = np.maximum(passed, _LEAST)
             torque = torque - np.clip(torque, -servo.dead_band, servo.dead_band)
-        against = (friction + servo.gear * np.abs(torque)) * np.sign(cosine)
+        against = (friction + gear * np.abs(torque)) * np.sign(cosine)
         against = against + servo.drag * speed * np.abs(speed)
         lossy = servo.damping + 2.0 * np.mean(against * cosine, axis=1) / (shaft * w)
         heavy = servo.inertia - 2.0 * np.mean(against * sine, axis=1) / (shaft * w**2)

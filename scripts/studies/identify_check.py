@@ -26,7 +26,7 @@ from haptic_wall.controller.experiments.identify.identification import Identifie
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from scripts.real_servos import ALL, EFFECTS, IDEAL, drawn_servo
+from scripts.real_servos import ALL, EFFECTS, IDEAL, SHAPES, WHOLE, drawn_servo
 from scripts.real_servos import KINDS as REAL_KINDS
 from scripts.real_servos import Kind as RealKind
 from scripts.study import Found, Option, Part, Study, table
@@ -35,7 +35,7 @@ from scripts.trials.rates import lower_bound
 SEEDS = 50
 FIRST = 7000
 """Seed of the first servo with an effect"""
-DRAWN = (IDEAL, *EFFECTS, ALL)
+DRAWN = (IDEAL, *EFFECTS, *SHAPES, ALL, WHOLE)
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")

@@ -219,7 +219,14 @@ class Bench:
                 return plain
             fit = fit_loaded(motion, step, start, self._priors, hints)
             return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
-        return fit_loaded(motion, step, start, self._priors)
+        fit = fit_loaded(motion, step, start, self._priors)
+        unexplained = fit.residual > _LOADED * rounding_of(self._bounds)
+        if unexplained and "gear_rest" in start.effects.fitted:
+            # It may stand for what the model lacks, and be far from any minimum.
+            start = fit_one_way(motion, step, self._priors, gear_fades=False)
+            other = fit_loaded(motion, step, start, self._priors)
+            return min(fit, other, key=lambda each: each.residual)
+        return fit
 
     def corrected(self, fit: Fit) -> Guess:
         """Return the parameters for scaling the next motions."""

@@ -12,7 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptic_wall.controller.experiments.identify.effects import ALWAYS, COGGING, FADING
+from haptic_wall.controller.experiments.identify.effects import (
+    ALWAYS,
+    COGGING,
+    FADING,
+    GEAR_FADING,
+)
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
@@ -106,7 +111,8 @@ def _without_doubtful_fading(fit: Fit, priors: Mapping[str, Prior] | None) -> Fi
         return replace(fit, least=_least(fit))
     if effects.excess > _DOUBTFUL[1] * effects.error("excess"):
         return fit
-    kept = tuple(name for name in effects.fitted if name not in FADING)
+    gone = {"excess"} if "gear_rest" in effects.fitted else set(FADING)
+    kept = tuple(name for name in effects.fitted if name not in gone)
     without = fitted(_only(fit, kept), priors, thorough=False)
     if without.residual > _NEEDED * fit.residual:
         return fit
@@ -157,20 +163,22 @@ def _only(fit: Fit, names: tuple[str, ...]) -> Fit:
 def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     """Return the names of the effects that the motion needs.
 
-    Friction that fades and the drag beside it are always kept. They cancel each other over the
-    speed, so that neither seems to be needed where both are.
+    Friction that fades and the drag beside it are always kept, and so are the gear's two shares of
+    the load. They cancel each other over the speed, so that neither seems to be needed where both
+    are.
     """
     effects = fit.effects
     kept: list[str] = []
-    for group in (*ALWAYS, COGGING, FADING):
+    for group in (*ALWAYS, COGGING, FADING, GEAR_FADING):
         sized = [name for name in group if name not in ("periods", "fading")]
         if group[0] not in effects.fitted:
             continue
         fades = "excess" in effects.fitted and group in (FADING, ("drag",))
+        fades |= "gear_rest" in effects.fitted and group in (GEAR_FADING, ("gear",))
         size = math.hypot(*(getattr(effects, name) for name in sized))
         if fades or size > least * effects.error(*sized):
             kept += group
-    return tuple(kept)
+    return tuple(dict.fromkeys(kept))
 
 
 def _with_stiction(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,52 @@ def taken(pieces: Pieces, kept: NDArray[np.bool_]) -> Pieces:
     return Pieces(pieces.motion, pieces.sampled[kept], pieces.position[kept], pieces.held[kept])
 
 
+class _Friction(NamedTuple):
+    """Friction of every variant of every piece, arrays of shape (v, s)."""
+
+    coulomb: FloatArray
+    """In quick motion [N·m]"""
+    slow: FloatArray
+    """In slow motion [N·m]"""
+    static: FloatArray
+    """At rest [N·m]"""
+    gear: FloatArray
+    """Fraction of the gear's load that adds to all three"""
+    gear_rest: FloatArray
+    """Further fraction in slow motion and at rest"""
+    fading: FloatArray | None
+    """Speed over which that of slow motion fades [rad/s]; None: there is none"""
+
+    def moving(self, speed: FloatArray, load: FloatArray | float) -> FloatArray:
+        """Return the friction at a speed under the gear's load [N·m]."""
+        found, more = self.coulomb, self.gear * load
+        if self.fading is not None:
+            faded = np.exp(-np.abs(speed) / self.fading)
+            found = found + (self.slow - found) * faded
+            more = more + self.gear_rest * load * faded
+        return found + more
+
+    def loaded(self, friction: FloatArray, load: FloatArray | float) -> FloatArray:
+        """Return a friction of slow motion or rest under the gear's load [N·m]."""
+        return friction + (self.gear * load + self.gear_rest * load)
+
+
+def _friction(used: Values, shape: tuple[int, ...]) -> _Friction:
+    none = np.zeros((shape[0], 1))
+    coulomb = used.get("coulomb", none)
+    slow = coulomb + used.get("excess", none)
+    fades = "excess" in used or "gear_rest" in used
+    fading = np.maximum(used.get("fading", none), _NO_SPEED) if fades else None
+    return _Friction(
+        coulomb=np.broadcast_to(coulomb, shape),
+        slow=np.broadcast_to(slow, shape),
+        static=np.broadcast_to(np.maximum(used.get("static", none), slow), shape),
+        gear=np.broadcast_to(used.get("gear", none), shape),
+        gear_rest=np.broadcast_to(used.get("gear_rest", none), shape),
+        fading=None if fading is None else np.broadcast_to(fading, shape),
+    )
+
+
 def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
     """Simulate every piece with every variant; return the encoder's unrounded positions [rad].
 
@@ -115,24 +162,18 @@ def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
     """
     used = {name: value for name, value in values.items() if np.any(value)}
     none = np.zeros((speeds.shape[0], 1))
-    lengths, torques, gears = _torques(pieces, used, used.get("delay", none))
-    inertia, coulomb = values["inertia"], used.get("coulomb", none)
-    slow = coulomb + used.get("excess", none)
-    static = np.broadcast_to(np.maximum(used.get("static", none), slow), speeds.shape)
-    fading = None
-    if "excess" in used:
-        fading = np.broadcast_to(np.maximum(values["fading"], _NO_SPEED), speeds.shape)
-    decay = used.get("damping", none) / inertia
+    lengths, torques, loads = _torques(pieces, used, used.get("delay", none))
+    friction = _friction(used, speeds.shape)
+    decay = used.get("damping", none) / values["inertia"]
     response = held_response(decay[:, :, None, None], lengths)
     # Time first: a step reads whole rows of memory.
     phi, psi, kept, held, lengths = (
         np.ascontiguousarray(np.moveaxis(each, (2, 3), (0, 1)))
         for each in (*response, torques, lengths)
     )
-    decay, inertia, coulomb = (np.broadcast_to(a, speeds.shape) for a in (decay, inertia, coulomb))
+    decay, inertia = (np.broadcast_to(each, speeds.shape) for each in (decay, values["inertia"]))
     half = np.broadcast_to(0.5 * used.get("backlash", none), speeds.shape)
     loose = "backlash" in used
-    drag, first = coulomb, np.broadcast_to(slow, speeds.shape)
     x, v = np.zeros(speeds.shape), speeds.copy()
     shown = x - np.sign(v) * half
     out = np.empty((pieces.sampled.shape[1], *speeds.shape))
@@ -140,15 +181,13 @@ def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
     for k in range(held.shape[0]):
         for j in range(held.shape[1]):
             u, by_speed = held[k, j], phi[k, j]
+            load = 0.0 if loads is None else loads[k, j]
             sign = np.sign(v)
             moving = bool(sign.all())
-            more = 0.0 if gears is None else gears[k, j]
             if not moving:
-                free = np.abs(u) > static + more
+                free = np.abs(u) > friction.loaded(friction.static, load)
                 sign = np.where(sign == 0.0, np.where(free, np.sign(u), 0.0), sign)
-            if fading is not None:
-                drag = coulomb + (first - coulomb) * np.exp(-np.abs(v) / fading)
-            push = u - sign * (drag + more)
+            push = u - sign * friction.moving(v, load)
             if "uneven" in used:
                 push -= used["uneven"] * np.abs(v)
             if "drag" in used:
@@ -160,17 +199,15 @@ def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
             moved = v * by_speed + push * psi[k, j]
             turned = (end * sign < 0.0).nonzero()
             if turned[0].size:
+                slow, static = (
+                    friction.loaded(each, load)[turned] for each in (friction.slow, friction.static)
+                )
                 rest, moved[turned], end[turned] = _through_rest(
                     v[turned],
                     push[turned],
                     decay[turned],
                     lengths[k, j][turned],
-                    _breakaway(
-                        u[turned],
-                        (first + more)[turned],
-                        (static + more)[turned],
-                    )
-                    / inertia[turned],
+                    _breakaway(u[turned], slow, static) / inertia[turned],
                 )
                 if loose:
                     at = x[turned] + rest
@@ -185,21 +222,20 @@ def simulated(pieces: Pieces, values: Values, speeds: FloatArray) -> FloatArray:
 def _torques(
     pieces: Pieces, used: Values, delay: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return lengths [s] and torques as ``_schedule``, and the gear's friction, time first."""
+    """Return lengths [s] and torques as ``_schedule``, and the gear's load, time first."""
     lengths, torques = _schedule(pieces, delay)
     if "dead_band" in used:
         missing = np.maximum(used["dead_band"], 0.0)[:, :, None, None]
         torques = torques - np.clip(torques, -missing, missing)
     angle = 0.5 * (pieces.position[:, 1:] + pieces.position[:, :-1])
     weight = _wave(used, "sine", "cosine", angle)
-    gears = None
-    if "gear" in used:
-        gears = used["gear"][:, :, None, None] * np.abs(torques + weight)
-        gears = np.ascontiguousarray(np.moveaxis(gears, (2, 3), (0, 1)))
+    loads = None
+    if "gear" in used or "gear_rest" in used:
+        loads = np.ascontiguousarray(np.moveaxis(np.abs(torques + weight), (2, 3), (0, 1)))
     if "periods" in used:
         turned = used["periods"][:, :, None] * (angle - np.max(used.get("center", 0.0)))
         weight = weight + _wave(used, "cogging_sine", "cogging_cosine", turned)
-    return lengths, torques - weight, gears
+    return lengths, torques - weight, loads
 
 
 def _wave(used: Values, sine: str, cosine: str, angle: FloatArray) -> FloatArray:

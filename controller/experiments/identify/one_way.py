@@ -17,7 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.experiments.identify.effects import ALWAYS, COGGING, FADING, NONE
+from haptic_wall.controller.experiments.identify.effects import (
+    ALWAYS,
+    COGGING,
+    FADING,
+    GEAR_FADING,
+    NONE,
+)
 from haptic_wall.controller.experiments.identify.fitting import (
     NAMES,
     Fit,
@@ -44,8 +50,8 @@ _ROUGH = ("gear", "dead_band", "sine", "cosine")
 """Effects without which an inertia can be far off"""
 _ROUNDED = 1.05
 """Squares that rounding explains, over those of rounding alone"""
-_FADINGS = (0.1, 0.5, 2.0)
-"""Tried speeds over which friction fades [rad/s]"""
+_FADINGS, _GEAR_FADINGS = (0.1, 0.5, 2.0), (0.7, 2.0)
+"""Tried speeds over which friction fades [rad/s]; and over which that of the gear's load does"""
 _MOST_PERIODS = 200
 """Largest number of cogging periods in a turn"""
 _SURE = 30.0
@@ -66,6 +72,7 @@ def fit_one_way(
     priors: Mapping[str, Prior] | None = None,
     *,
     rough: bool = False,
+    gear_fades: bool = True,
 ) -> Fit:
     """Fit a servo with the effects that the motion shows; standard errors are not computed.
 
@@ -74,6 +81,7 @@ def fit_one_way(
         step: One count of the encoder [rad]; 0: not quantised.
         priors: Prior knowledge of values, by name.
         rough: Do not search for the values that separate Coulomb from viscous friction.
+        gear_fades: Whether friction by the gear's load may fade with the speed.
 
     Raises:
         NoFitError: The motion is not sufficient.
@@ -90,11 +98,17 @@ def fit_one_way(
     rounding = regression.count * step**2 / 12.0
     if plain.cost - best.cost <= sure * best.cost and plain.cost < _ROUNDED * rounding:
         return regression.fit(plain)
-    for group, tried in ((FADING, _fadings), (COGGING, regression.coggings)):
+    searches = [(FADING, _fadings), (COGGING, regression.coggings)]
+    if gear_fades:
+        searches.insert(1, (GEAR_FADING, _gear_fadings))
+    for group, tried in searches:
         found: list[_Solved] = []
         for each in tried(best):
             with suppress(NoFitError):  # of so many starts one may diverge
                 found.append(regression.solved(each, [*best.names, *group[:-1]]))
+            if group == GEAR_FADING and found and found[-1].values.get("excess", 0.0) < 0.0:
+                with suppress(NoFitError):
+                    found[-1] = regression.without_excess(each, found[-1], sure)
         if not found:
             continue
         better = min(found, key=lambda each: each.cost)
@@ -128,6 +142,10 @@ class _Solved:
 
 def _fadings(best: _Solved) -> Iterator[dict[str, float]]:
     return ({**best.values, "fading": fading} for fading in _FADINGS)
+
+
+def _gear_fadings(best: _Solved) -> Iterator[dict[str, float]]:
+    return ({**best.values, "fading": fading} for fading in _GEAR_FADINGS)
 
 
 class _Regression:
@@ -211,6 +229,8 @@ class _Regression:
         }
         if "excess" in names:
             forces["excess"] = -sign * np.exp(-fast / values["fading"])
+        if "gear_rest" in names:
+            forces["gear_rest"] = forces["gear"] * np.exp(-fast / values["fading"])
         if "cogging_sine" in names:
             turned = values["periods"] * (angle - self._middle)
             forces["cogging_sine"] = -np.sin(turned)
@@ -230,6 +250,19 @@ class _Regression:
         except NoFitError:
             self._speed = speed
             raise
+
+    def without_excess(self, start: Mapping[str, float], found: _Solved, sure: float) -> _Solved:
+        """Return values without the friction that fades, which came out below zero.
+
+        It is still fitted from zero on afterwards if it explains more than ``sure`` of the squares,
+        or if no viscous friction is left.
+        """
+        names = [name for name in found.names if name != "excess"]
+        fewer = self.solved({**start, "excess": 0.0}, names)
+        brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
+        if not brakes or fewer.cost - found.cost > sure * found.cost:
+            fewer.names.append("excess")
+        return fewer
 
     def _descended(self, start: Mapping[str, float], names: Sequence[str]) -> _Solved:
         values = {**dict.fromkeys(names, 0.0), **start}
@@ -319,7 +352,8 @@ class _Regression:
         """Return the values as a fit of the stretches."""
         values = found.values
         names = [*found.names]
-        names += [group[-1] for group in (FADING, COGGING) if group[0] in names]
+        groups = (FADING, GEAR_FADING, COGGING)
+        names += dict.fromkeys(group[-1] for group in groups if group[0] in names)
         sizes: dict[str, Any] = {name: values[name] for name in names}
         effects = replace(NONE, center=self._middle, fitted=tuple(names), **sizes)
         pieces = Pieces(self._motion, self._sampled, self._position, self._held)

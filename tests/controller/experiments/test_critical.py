@@ -381,6 +381,16 @@ def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping: fl
     assert stiffness[-1] > 1000.0 * stiffness[0]
 
 
+def test_load_friction_that_fades_late_or_early_is_all_of_it_or_none() -> None:
+    def limit(gear: float, gear_rest: float, fading: float) -> float:
+        servo = Lossy(0.012, 0.0117, 0.06, gear=gear, gear_rest=gear_rest, fading=fading)
+        return kick_limit(servo, 0.02, 1e-3, 1.2e-3, 0.1)
+
+    assert limit(0.1, 0.2, 1e6) == pytest.approx(limit(0.3, 0.0, 1.0), rel=1e-4)
+    assert limit(0.1, 0.2, 1e-6) == pytest.approx(limit(0.1, 0.0, 1.0), rel=1e-2)
+    assert limit(0.1, 0.0, 1.0) < limit(0.1, 0.2, 2.0) < limit(0.3, 0.0, 1.0)
+
+
 def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     effective = config(
         "model.inertia={value: 0.012, low: 0.008, high: 0.018}",

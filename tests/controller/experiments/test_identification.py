@@ -273,6 +273,26 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
         assert width <= 2.0 * ideal * getattr(config.servo, name)
 
 
+@pytest.mark.whole
+def test_load_friction_that_fades_is_taken_for_no_inertia_and_no_delay(tmp_path: Path) -> None:
+    config = config_of(
+        "servo.delay=0.002",
+        "servo.load_friction=0.07",
+        "servo.load_friction_at_rest=0.17",
+        "servo.stribeck_speed=2.0",
+    )
+    found = identify(config, tmp_path)
+    assert any(
+        text.startswith("the gear adds ") and "more in slow" in text for text in found.warnings
+    )
+    assert found.effects["gear"] == pytest.approx(0.07, abs=0.03)
+    assert found.effects["gear_rest"] == pytest.approx(0.17, abs=0.03)
+    model = identified_model(found, config)
+    for name, true in zip(NAMES, truth(config), strict=True):
+        assert model[name]["low"] <= true <= model[name]["high"]
+    assert model["damping"]["high"] - model["damping"]["low"] <= 0.2 * truth(config)[1]
+
+
 def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_damping(
     usual: tuple[Config, Identified],
 ) -> None:

@@ -86,6 +86,22 @@ def test_it_moves_as_a_real_servo_does() -> None:
     assert np.max(np.abs(ideal - found)) > 1e-3
 
 
+def test_load_friction_fades_with_the_speed() -> None:
+    random = np.random.default_rng(5)
+    true = TrueServo(0.0018, 0.0037, 0.008, counts_per_rev=0, delay=0.0007, torque_limit=1.0)
+    true = replace(true, load_friction=0.08, load_friction_at_rest=0.2, stribeck_speed=1.7)
+    torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
+    motion, speed = moved(true, torques)
+    one = np.ones((1, 1))
+    real = {**model(true), "gear": 0.08 * one, "gear_rest": 0.2 * one, "fading": 1.7 * one}
+    pieces = pieces_of(motion, [(123, 480)])
+    measured = motion.position[123:480] - motion.position[123]
+    found = simulated(pieces, real, np.array([[speed[123]]]))[0, 0]
+    assert found == pytest.approx(measured, abs=1e-4)
+    constant = simulated(pieces, {**real, "gear_rest": 0.0 * one}, np.array([[speed[123]]]))[0, 0]
+    assert np.max(np.abs(constant - measured)) > 1e-2
+
+
 def test_a_stuck_shaft_stays_and_breaks_away() -> None:
     true = TrueServo(0.0018, 0.0, 0.013, counts_per_rev=0, torque_limit=1.0)
     torques = np.concatenate([np.full(50, 0.012), np.full(50, -0.02), np.zeros(100)])
