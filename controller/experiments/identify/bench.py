@@ -223,9 +223,10 @@ class Bench:
         unexplained = fit.residual > _LOADED * rounding_of(self._bounds)
         if unexplained and "gear_rest" in start.effects.fitted:
             # It may stand for what the model lacks, and be far from any minimum.
-            start = fit_one_way(motion, step, self._priors, gear_fades=False)
-            other = fit_loaded(motion, step, start, self._priors)
-            return min(fit, other, key=lambda each: each.residual)
+            with suppress(NoFitError):
+                start = fit_one_way(motion, step, self._priors, gear_fades=False)
+                other = fit_loaded(motion, step, start, self._priors)
+                return min(fit, other, key=lambda each: each.residual)
         return fit
 
     def corrected(self, fit: Fit) -> Guess:

@@ -105,10 +105,10 @@ def fit_one_way(
         found: list[_Solved] = []
         for each in tried(best):
             with suppress(NoFitError):  # of so many starts one may diverge
-                found.append(regression.solved(each, [*best.names, *group[:-1]]))
-            if group == GEAR_FADING and found and found[-1].values.get("excess", 0.0) < 0.0:
-                with suppress(NoFitError):
-                    found[-1] = regression.without_excess(each, found[-1], sure)
+                solved = regression.solved(each, [*best.names, *group[:-1]])
+                if group == GEAR_FADING and "excess" in solved.names:
+                    solved = regression.without_excess(each, solved, sure)
+                found.append(solved)
         if not found:
             continue
         better = min(found, key=lambda each: each.cost)
@@ -252,11 +252,13 @@ class _Regression:
             raise
 
     def without_excess(self, start: Mapping[str, float], found: _Solved, sure: float) -> _Solved:
-        """Return values without the friction that fades, which came out below zero.
+        """Return values without friction that fades, if that came out below zero; else these.
 
         It is still fitted from zero on afterwards if it explains more than ``sure`` of the squares,
         or if no viscous friction is left.
         """
+        if found.values["excess"] >= 0.0:
+            return found
         names = [name for name in found.names if name != "excess"]
         fewer = self.solved({**start, "excess": 0.0}, names)
         brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
