@@ -106,8 +106,8 @@ def fit_one_way(
         for each in tried(best):
             with suppress(NoFitError):  # of so many starts one may diverge
                 solved = regression.solved(each, [*best.names, *group[:-1]])
-                if group == GEAR_FADING and "excess" in solved.names:
-                    solved = regression.without_excess(each, solved, sure)
+                if group == GEAR_FADING:
+                    solved = regression.with_no_negative_excess(each, solved)
                 found.append(solved)
         if not found:
             continue
@@ -115,7 +115,7 @@ def fit_one_way(
         needed = group == FADING and best.values["damping"] < abs(best.values["uneven"])
         if needed or best.cost - better.cost > sure * better.cost:
             best = better
-    if "excess" in best.names and "cogging_sine" in best.names:
+    if "excess" in best.names and "cogging_sine" in best.names and "gear_rest" not in best.names:
         fewer = regression.solved(best.values, [n for n in best.names if n != "excess"])
         brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
         best = fewer if brakes and fewer.cost - best.cost <= sure * best.cost else best
@@ -251,20 +251,19 @@ class _Regression:
             self._speed = speed
             raise
 
-    def without_excess(self, start: Mapping[str, float], found: _Solved, sure: float) -> _Solved:
-        """Return values without friction that fades, if that came out below zero; else these.
+    def with_no_negative_excess(self, start: Mapping[str, float], found: _Solved) -> _Solved:
+        """Return values with friction that fades at zero or above, from which it is fitted on.
 
-        It is still fitted from zero on afterwards if it explains more than ``sure`` of the squares,
-        or if no viscous friction is left.
+        Where the gear's part fades the rest may, even if these stretches do not show it.
         """
-        if found.values["excess"] >= 0.0:
-            return found
-        names = [name for name in found.names if name != "excess"]
-        fewer = self.solved({**start, "excess": 0.0}, names)
-        brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
-        if not brakes or fewer.cost - found.cost > sure * found.cost:
-            fewer.names.append("excess")
-        return fewer
+        if "excess" in found.names:
+            if found.values["excess"] >= 0.0:
+                return found
+            names = [name for name in found.names if name != "excess"]
+            found = self.solved({**start, "excess": 0.0}, names)
+        found.values["excess"] = 0.0
+        found.names.append("excess")
+        return found
 
     def _descended(self, start: Mapping[str, float], names: Sequence[str]) -> _Solved:
         values = {**dict.fromkeys(names, 0.0), **start}
