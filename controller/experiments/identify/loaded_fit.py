@@ -164,8 +164,8 @@ def _needed(fit: Fit, least: float) -> tuple[str, ...]:
     """Return the names of the effects that the motion needs.
 
     Friction that fades and the drag beside it are always kept, and so are the gear's two shares of
-    the load. They cancel each other over the speed, so that neither seems to be needed where both
-    are.
+    the load where one of them fades, with the drag. They cancel each other over the speed, so that
+    neither seems to be needed where both are.
     """
     effects = fit.effects
     kept: list[str] = []
@@ -174,7 +174,7 @@ def _needed(fit: Fit, least: float) -> tuple[str, ...]:
         if group[0] not in effects.fitted:
             continue
         fades = "excess" in effects.fitted and group in (FADING, ("drag",))
-        fades |= "gear_rest" in effects.fitted and group in (GEAR_FADING, ("gear",))
+        fades |= "gear_rest" in effects.fitted and group in (GEAR_FADING, ("gear",), ("drag",))
         size = math.hypot(*(getattr(effects, name) for name in sized))
         if fades or size > least * effects.error(*sized):
             kept += group
