@@ -359,7 +359,8 @@ def _compiled_run(name: str, arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         _say(f"compiling {len(SIMULATED)} modules: this takes about 2 min")
         path = f"{compiled(Path(folder), SIMULATED)}{os.pathsep}{ROOT}"
-        words = [sys.executable, "-m", "scripts.study", name, *arguments]
+        # -P: a package in the present folder would come first, and each process compile once more.
+        words = [sys.executable, "-P", "-m", "scripts.study", name, *arguments]
         return subprocess.call(words, env={**os.environ, "PYTHONPATH": path})
 
 

@@ -218,7 +218,7 @@ def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
     assert run(study, "squares", "Squares.", arguments) == 3
     assert not asked
     ((words, path),) = called
-    assert words[1:] == ["-m", "scripts.study", "squares", *arguments]
+    assert words[1:] == ["-P", "-m", "scripts.study", "squares", *arguments]
     first, root = path.split(os.pathsep)
     assert first.endswith("/package") and root == str(ROOT)
     monkeypatch.setattr("scripts.study.is_compiled", lambda: True)
