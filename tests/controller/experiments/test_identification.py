@@ -17,8 +17,9 @@ from haptic_wall.controller.experiments.identify import (
     output_error,
 )
 from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
+from haptic_wall.controller.experiments.identify.effects import NONE
 from haptic_wall.controller.experiments.identify.excitation import Guess
-from haptic_wall.controller.experiments.identify.fitting import fit_motion
+from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
     bounds_of,
@@ -290,6 +291,23 @@ def test_load_friction_that_fades_is_taken_for_no_inertia_and_no_delay(tmp_path:
     model = identified_model(found, config)
     for name, true in zip(NAMES, truth(config), strict=True):
         assert model[name]["low"] <= true <= model[name]["high"]
+
+
+def test_a_second_try_that_fails_loses_nothing_of_the_first(
+    usual: tuple[Config, Identified], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, found = usual
+    first = replace(found.fit, residual=1.0, effects=replace(NONE, fitted=("gear_rest",)))
+
+    def fit_one_way(*_: Any, gear_fades: bool = True, **__: Any) -> Fit:
+        if not gear_fades:
+            raise NoFitError("it does not converge")
+        return first
+
+    monkeypatch.setattr(bench, "fit_one_way", fit_one_way)
+    monkeypatch.setattr(bench, "fit_loaded", lambda *_: first)
+    moved = Bench(Testbed(config, tmp_path, print), bounds_of(config, 0.6), print)
+    assert moved._explained(motion_of(found.played.rows), rough=False) is first
 
 
 @pytest.mark.whole
