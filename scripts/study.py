@@ -21,6 +21,7 @@ import importlib
 import itertools
 import json
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -307,8 +308,9 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
     """Make a study's parts, and write its page; 1 where something that is wanted does not hold."""
     parser = _parser(study, name, doc)
     options = parser.parse_args(arguments)
-    if getattr(options, "compiled", False) and not is_compiled():
-        return _compiled_run(name, arguments)
+    again = getattr(options, "compiled", False) and not (options.known or is_compiled())
+    if again and options.dask:
+        parser.error("--compiled compiles for this machine: leave it out with --dask")
     chosen = {key: value for key, value in vars(options).items() if value is not None}
     given = usual(study, quick=getattr(options, "quick", False))
     given = Given(**vars(given) | chosen)
@@ -321,6 +323,8 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
         )
     text, holds = source.read_text(encoding="utf-8"), True
     renewed(text, dict.fromkeys((part.name for part in parts), ()))  # before the work
+    if again:
+        return _compiled_run(name, arguments)
     kept, began, examples = Kept(options.rows), time.monotonic(), ""
     with contextlib.ExitStack() as stack:
         pool: Executor | None = None
@@ -359,9 +363,24 @@ def _compiled_run(name: str, arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         _say(f"compiling {len(SIMULATED)} modules: this takes about 2 min")
         path = f"{compiled(Path(folder), SIMULATED)}{os.pathsep}{ROOT}"
-        # -P: a package in the present folder would come first, and each process compile once more.
+        # Without -P the folder of the call comes first, which may hold the sources.
         words = [sys.executable, "-P", "-m", "scripts.study", name, *arguments]
-        return subprocess.call(words, env={**os.environ, "PYTHONPATH": path})
+        return waited(words, {**os.environ, "PYTHONPATH": path})
+
+
+def waited(words: Sequence[str], env: dict[str, str]) -> int:
+    """Run a command to its end, in place of this process; return its status."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    def end(*_: object) -> None:
+        for child in started:
+            child.terminate()
+
+    # A terminal interrupts both; whoever ends this process means the other one.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.signal(signal.SIGTERM, end)
+    started.append(subprocess.Popen(words, env=env))
+    return started[0].wait()
 
 
 def _command(study: Study, name: str, options: Given) -> str:

@@ -4,6 +4,10 @@ import importlib
 import json
 import os
 import re
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -208,11 +212,11 @@ def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
     called: list[tuple[list[str], str]] = []
     monkeypatch.setattr("scripts.study.compiled", lambda folder, _modules: folder / "package")
 
-    def call(words: list[str], env: dict[str, str]) -> int:
+    def waited(words: list[str], env: dict[str, str]) -> int:
         called.append((words, env["PYTHONPATH"]))
         return 3
 
-    monkeypatch.setattr("scripts.study.subprocess.call", call)
+    monkeypatch.setattr("scripts.study.waited", waited)
     study = Study("squares.md", (PART,), STUDY.options, compilable=True)
     arguments = ["--out", str(page), "--compiled"]
     assert run(study, "squares", "Squares.", arguments) == 3
@@ -221,11 +225,29 @@ def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
     assert words[1:] == ["-P", "-m", "scripts.study", "squares", *arguments]
     first, root = path.split(os.pathsep)
     assert first.endswith("/package") and root == str(ROOT)
+    with pytest.raises(SystemExit, match="2"):
+        run(study, "squares", "Squares.", [*arguments, "--dask", "tcp://there:8786"])
     monkeypatch.setattr("scripts.study.is_compiled", lambda: True)
     run(study, "squares", "Squares.", arguments)
     assert "By `scripts/study squares --compiled`" in page.read_text()
     with pytest.raises(SystemExit, match="2"):
         run(STUDY, "squares", "Squares.", arguments)
+
+
+def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    inner = f"import pathlib, time; pathlib.Path({str(begun)!r}).touch(); time.sleep(60)"
+    outer = (
+        "import os, sys; from scripts.study import waited;"
+        " sys.exit(-waited(sys.argv[1:], dict(os.environ)))"
+    )
+    words = [sys.executable, "-c", outer, sys.executable, "-c", inner]
+    with subprocess.Popen(words, cwd=ROOT) as stands:
+        while stands.poll() is None:
+            if begun.exists():
+                stands.terminate()
+            time.sleep(0.05)
+        assert stands.returncode == signal.SIGTERM
 
 
 def test_a_page_is_made_of_the_known_rows_alone(page: Path, tmp_path: Path) -> None:
