@@ -236,7 +236,10 @@ def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
 
 def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> None:
     begun = tmp_path / "begun"
-    inner = f"import pathlib, time; pathlib.Path({str(begun)!r}).touch(); time.sleep(60)"
+    inner = (
+        "import os, pathlib, time;"
+        f" pathlib.Path({str(begun)!r}).write_text(str(os.getpid())); time.sleep(60)"
+    )
     outer = (
         "import os, sys; from scripts.study import waited;"
         " sys.exit(-waited(sys.argv[1:], dict(os.environ)))"
@@ -244,10 +247,12 @@ def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> 
     words = [sys.executable, "-c", outer, sys.executable, "-c", inner]
     with subprocess.Popen(words, cwd=ROOT) as stands:
         while stands.poll() is None:
-            if begun.exists():
+            if begun.exists() and begun.read_text():
                 stands.terminate()
             time.sleep(0.05)
-        assert stands.returncode == signal.SIGTERM
+    assert abs(stands.returncode) == signal.SIGTERM
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(begun.read_text()), 0)
 
 
 def test_a_page_is_made_of_the_known_rows_alone(page: Path, tmp_path: Path) -> None:
