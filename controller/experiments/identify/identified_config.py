@@ -8,6 +8,7 @@ import yaml
 
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.identification import Identified
+from haptic_wall.controller.experiments.identify.misfit import STRUCTURED
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     vibration_lines,
@@ -58,9 +59,12 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
 def identified_model(identified: Identified, config: Config) -> dict[str, dict[str, float]]:
     """Return value and bounds of each quantity of the model section that was found.
 
+    Where the residual has structure, the bounds contain those that were believed before: what
+    shifts the motion shifts the values by more than their standard errors.
+
     Args:
         identified: The result.
-        config: Its configuration, for the period and for what was believed of the damping.
+        config: Its configuration, for the period and for what was believed before.
     """
     gain = identified.torque_gain.value
     model = {
@@ -84,6 +88,11 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     if identified.backlash is not None and config.velocity_filter() is None:
         backlash = identified.backlash
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
+    if identified.residual > STRUCTURED * identified.rounding:
+        for name in model.keys() - {"torque_gain"}:
+            unit = 1.0 if name in ("delay", "backlash") else scale
+            bounds = getattr(before, name)
+            model[name] = _containing(model[name], unit * bounds.low, unit * bounds.high)
     if identified.vibration is not None:
         model |= believed_vibration(identified.vibration, before)
     if "load_inertia" in model:
@@ -110,6 +119,12 @@ def _not_wider(
         return found
     low, high = _short(max(low, found["low"])), _short(min(high, found["high"]))
     return {"value": min(max(found["value"], low), high), "low": low, "high": high}
+
+
+def _containing(found: dict[str, float], low: float, high: float) -> dict[str, float]:
+    """Return the bounds, wider where they do not contain these."""
+    low, high = min(found["low"], _short(low)), max(found["high"], _short(high))
+    return {**found, "low": low, "high": high}
 
 
 def _at_least(found: dict[str, float], share: float) -> dict[str, float]:

@@ -31,8 +31,8 @@ def misfit(fit: Fit, rounding: float) -> Iterator[str]:
         yield (
             f"the residual is {1e3 * fit.residual:.2g} mrad, of which rounding explains"
             f" {1e3 * rounding:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"
-            " a changing friction), or the readings are noisy; the bounds are wider for this"
-            " reason, and may still miss the truth"
+            " a changing friction), or the readings are noisy; so the bounds contain those"
+            " believed before, too"
         )
 
 

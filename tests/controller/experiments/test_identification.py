@@ -350,6 +350,18 @@ def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_dam
     assert identified_model(elsewhere, config)["damping"]["low"] == pytest.approx(0.07)
 
 
+def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identified]) -> None:
+    config, found = usual
+    model = identified_model(found, config)
+    torn = identified_model(replace(found, residual=3.0 * found.rounding), config)
+    before = config.belief()
+    for name in ("inertia", "damping", "coulomb", "delay"):
+        believed = getattr(before, name)
+        assert torn[name]["value"] == model[name]["value"]
+        assert torn[name]["low"] == pytest.approx(min(believed.low, model[name]["low"]))
+        assert torn[name]["high"] == pytest.approx(max(believed.high, model[name]["high"]))
+
+
 def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(
     usual: tuple[Config, Identified],
 ) -> None:
