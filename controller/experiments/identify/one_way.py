@@ -115,10 +115,12 @@ def fit_one_way(
         needed = group == FADING and best.values["damping"] < abs(best.values["uneven"])
         if needed or best.cost - better.cost > sure * better.cost:
             best = better
-    if "excess" in best.names and "cogging_sine" in best.names and "gear_rest" not in best.names:
-        fewer = regression.solved(best.values, [n for n in best.names if n != "excess"])
-        brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
-        best = fewer if brakes and fewer.cost - best.cost <= sure * best.cost else best
+    if "cogging_sine" in best.names:
+        # Before it was found they may have stood for it.
+        if "gear_rest" in best.names:
+            best = regression.without("gear_rest", best, sure)
+        if "excess" in best.names and "gear_rest" not in best.names:
+            best = regression.without("excess", best, sure)
     return regression.fit(best if plain.cost - best.cost > sure * best.cost else plain)
 
 
@@ -250,6 +252,15 @@ class _Regression:
         except NoFitError:
             self._speed = speed
             raise
+
+    def without(self, name: str, found: _Solved, sure: float) -> _Solved:
+        """Return values without an effect that explains no more than ``sure`` of the squares.
+
+        It stays where no viscous friction would be left.
+        """
+        fewer = self.solved(found.values, [each for each in found.names if each != name])
+        brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
+        return fewer if brakes and fewer.cost - found.cost <= sure * found.cost else found
 
     def with_no_negative_excess(self, start: Mapping[str, float], found: _Solved) -> _Solved:
         """Return values with friction that fades at zero or above, from which it is fitted on.
