@@ -44,7 +44,7 @@ class Lossy:
     gear: float = 0.0
     """Fraction of the torque that adds to the friction"""
     gear_rest: float = 0.0
-    """Further fraction in slow motion, which fades as the excess does"""
+    """Further fraction at rest, which fades with the speed as the excess does"""
     drag: float = 0.0
     """Friction with the square of the speed [N·m·s²/rad²]"""
     dead_band: float = 0.0

@@ -19,7 +19,7 @@ _A_JOB = 5
 _HAND_S = 60.0
 """Longest trial with an operator [s]"""
 _LESS = 0.2
-"""Hours of an operator, relative to those of the other servos: these cost five times as much"""
+"""Hours of an operator, relative to those of the other servos, because these cost more"""
 _ONE_SIDED = 0.4
 """Probability of a wall that never pulls"""
 Result = Cell | list[HandTrial]

@@ -222,7 +222,7 @@ class Bench:
         fit = fit_loaded(motion, step, start, self._priors)
         unexplained = fit.residual > _LOADED * rounding_of(self._bounds)
         if unexplained and "gear_rest" in start.effects.fitted:
-            # It may stand for what the model lacks, and be far from any minimum.
+            # gear_rest may stand for what the model lacks, and end far from any minimum.
             with suppress(NoFitError):
                 start = fit_one_way(motion, step, self._priors, gear_fades=False)
                 other = fit_loaded(motion, step, start, self._priors)

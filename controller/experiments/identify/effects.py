@@ -30,7 +30,7 @@ class Effects:
     gear: float = 0.0
     """Fraction of the gear's load that adds to the friction"""
     gear_rest: float = 0.0
-    """Further fraction in slow motion, which fades with the speed as the excess does"""
+    """Further fraction at rest, which fades with the speed as the excess does"""
     uneven: float = 0.0
     """Half the difference of the damping forwards and backwards [N·m·s/rad]"""
     drag: float = 0.0

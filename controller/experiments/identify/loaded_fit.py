@@ -99,7 +99,7 @@ def fit_loaded(
 
 
 def _without_doubtful_fading(fit: Fit, priors: Mapping[str, Prior] | None) -> Fit:
-    """Return the fit without friction that fades, where the motion does not need it.
+    """Return the fit without an excess that the motion does not need; the gear's part stays.
 
     Such friction hides viscous friction, whose upper bound contains it still; the lower one is that
     without, because friction does not grow at low speeds.

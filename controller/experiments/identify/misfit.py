@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from haptic_wall.controller.experiments.identify.fitting import Fit
 
 STRUCTURED = 1.5
-"""Least reported residual, as a multiple of the rounding's"""
+"""Residual over the rounding's, above which it is reported and no belief is narrowed"""
 _SHARE = 0.02
 """Least reported torque, as a fraction of the Coulomb friction; and least fraction of the load"""
 _UNEVEN = 0.05

@@ -116,7 +116,7 @@ def fit_one_way(
         if needed or best.cost - better.cost > sure * better.cost:
             best = better
     if "cogging_sine" in best.names:
-        # Before it was found they may have stood for it.
+        # Fitted before the cogging was, they may have stood for it.
         if "gear_rest" in best.names:
             best = regression.without("gear_rest", best, sure)
         if "excess" in best.names and "gear_rest" not in best.names:
@@ -258,14 +258,17 @@ class _Regression:
 
         It stays where no viscous friction would be left.
         """
-        fewer = self.solved(found.values, [each for each in found.names if each != name])
+        try:
+            fewer = self.solved(found.values, [each for each in found.names if each != name])
+        except NoFitError:
+            return found
         brakes = fewer.values["damping"] > abs(fewer.values["uneven"])
         return fewer if brakes and fewer.cost - found.cost <= sure * found.cost else found
 
     def with_no_negative_excess(self, start: Mapping[str, float], found: _Solved) -> _Solved:
-        """Return values with friction that fades at zero or above, from which it is fitted on.
+        """Return values with an excess of at least 0 among the fitted names.
 
-        Where the gear's part fades the rest may, even if these stretches do not show it.
+        Where the gear's part fades, friction may too, even if these stretches do not show it.
         """
         if "excess" in found.names:
             if found.values["excess"] >= 0.0:

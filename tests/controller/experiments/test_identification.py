@@ -299,7 +299,10 @@ def test_a_second_try_that_fails_loses_nothing_of_the_first(
     config, found = usual
     first = replace(found.fit, residual=1.0, effects=replace(NONE, fitted=("gear_rest",)))
 
+    tried: list[bool] = []
+
     def fit_one_way(*_: Any, gear_fades: bool = True, **__: Any) -> Fit:
+        tried.append(gear_fades)
         if not gear_fades:
             raise NoFitError("it does not converge")
         return first
@@ -308,6 +311,7 @@ def test_a_second_try_that_fails_loses_nothing_of_the_first(
     monkeypatch.setattr(bench, "fit_loaded", lambda *_: first)
     moved = Bench(Testbed(config, tmp_path, print), bounds_of(config, 0.6), print)
     assert moved._explained(motion_of(found.played.rows), rough=False) is first
+    assert tried == [True, False]
 
 
 @pytest.mark.whole
@@ -352,14 +356,17 @@ def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_dam
 
 def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identified]) -> None:
     config, found = usual
+    found = replace(found, torque_gain=Estimated(1.3, 0.01))
     model = identified_model(found, config)
     torn = identified_model(replace(found, residual=3.0 * found.rounding), config)
     before = config.belief()
-    for name in ("inertia", "damping", "coulomb", "delay"):
+    scale = 1.3 / before.torque_gain.value
+    for name, unit in (("inertia", scale), ("damping", scale), ("coulomb", scale), ("delay", 1.0)):
         believed = getattr(before, name)
+        low, high = unit * believed.low, unit * believed.high
         assert torn[name]["value"] == model[name]["value"]
-        assert torn[name]["low"] == pytest.approx(min(believed.low, model[name]["low"]))
-        assert torn[name]["high"] == pytest.approx(max(believed.high, model[name]["high"]))
+        assert torn[name]["low"] == pytest.approx(min(low, model[name]["low"]), rel=1e-5)
+        assert torn[name]["high"] == pytest.approx(max(high, model[name]["high"]), rel=1e-5)
 
 
 def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(
