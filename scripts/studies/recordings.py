@@ -31,6 +31,8 @@ PREDICTING = ("M1", "M3", "M4", "M6")
 STRIBECK_DRAWS = 5
 """Each such draw also swings with friction that fades"""
 SHORT_S = 0.5
+_LITTLE = 1e-3
+"""Share of a new term's usual start"""
 DRIVEN_PIECE_S = 1.0
 
 
@@ -186,10 +188,18 @@ def out_of(name: str) -> dict[str, Left]:
     at = None
     found = {}
     for model in PREDICTING:
-        start = start_with(model, {**terms, "coulomb": coulomb})
-        near = fit(pieces, start, at, rounds=15)
-        again = fit_anywhere(pieces, near.terms, (near.begin, near.speed), rounds=12)
-        shot = min(near, again, key=lambda each: each.rms)
+        shots = []
+        usual = start_with(model, {**terms, "coulomb": coulomb})
+        known = {
+            n: v for n, v in start_with(model, terms).items() if n.replace("_motor", "") in terms
+        }
+        # With the usual new terms, and with next to none: as the model before.
+        little = {name: _LITTLE * value for name, value in usual.items()} | known
+        for start in (usual, little):
+            near = fit(pieces, start, at, rounds=15)
+            again = fit_anywhere(pieces, near.terms, (near.begin, near.speed), rounds=12)
+            shots += [near, again]
+        shot = min(shots, key=lambda each: each.rms)
         terms, at = shot.terms, (shot.begin, shot.speed)
         left = error_of(rest, predicted(rest, shot.names, shot.values))
         found[model] = Left(shot.rms, left, shot.terms.get("load"))

@@ -99,7 +99,8 @@ def start_with(name: str, terms: Mapping[str, float]) -> dict[str, float]:
     start = {key: value for key, value in terms.items() if key not in others}
     for term in MODELS[name]:
         begin = term.start * terms["coulomb"] if term.unit == "N·m" else term.start
-        start[term.name] = terms.get(term.name, begin)
+        both = term.name.replace("_motor", "")  # one share of both sides, in a simpler model
+        start[term.name] = terms.get(term.name, terms.get(both, begin))
     return start
 
 
