@@ -53,7 +53,7 @@ EFFECTS = (
 )
 """Effects, each of which is drawn alone and together with all others"""
 SHAPES = ("exponent", "load at rest", "ripple")
-"""What published fits and drives have besides: drawn alone, and all together with the others"""
+"""Further effects of published fits and drives: drawn alone, and together with all others"""
 STATIC, STRIBECK = (1.4, 2.5), (1.1, 2.6)
 """Friction at rest over that in motion, and the speed over which it fades [rad/s]: bam's fits"""
 BACKWARD = (0.8, 1.25)

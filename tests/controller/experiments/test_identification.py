@@ -74,6 +74,11 @@ def far_off(found: Identified, config: Config) -> list[float]:
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
 
 
+def assert_held(model: dict[str, dict[str, float]], config: Config) -> None:
+    for name, true in zip(NAMES, truth(config), strict=True):
+        assert model[name]["low"] <= true <= model[name]["high"]
+
+
 def only_thorough(thorough: bool) -> None:
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
@@ -289,8 +294,7 @@ def test_load_friction_that_fades_is_taken_for_no_inertia_and_no_delay(tmp_path:
     assert found.effects["gear"] == pytest.approx(0.07, abs=0.03)
     assert found.effects["gear_rest"] == pytest.approx(0.17, abs=0.03)
     model = identified_model(found, config)
-    for name, true in zip(NAMES, truth(config), strict=True):
-        assert model[name]["low"] <= true <= model[name]["high"]
+    assert_held(model, config)
 
 
 def test_a_second_try_that_fails_loses_nothing_of_the_first(
@@ -338,8 +342,7 @@ def test_load_friction_that_fades_and_a_droop_are_taken_for_no_damping(tmp_path:
     found = identify(config, tmp_path)
     assert found.effects["gear_rest"] == pytest.approx(0.2, abs=0.03)
     model = identified_model(found, config)
-    for name, true in zip(NAMES, truth(config), strict=True):
-        assert model[name]["low"] <= true <= model[name]["high"]
+    assert_held(model, config)
 
 
 def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_damping(
