@@ -18,7 +18,7 @@ from typing import Final
 
 from PIL import Image
 
-from scripts.chromium import Tab, chromium
+from tests.support.chromium import Tab, chromium
 
 ROOT: Final = Path(__file__).parents[1]
 SIZE: Final = (1120, 700)

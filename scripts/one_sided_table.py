@@ -29,7 +29,7 @@ from haptic_wall.controller.theory.one_sided_table import (
     TABLE,
     tabulated_share,
 )
-from scripts.one_sided_fill import computed_share, parts
+from tests.support.one_sided_fill import computed_share, parts
 
 CHECKED = 20_000
 DELAYS = ((0.0, 1.0), (1.0, 5.0), (5.0, 60.0))

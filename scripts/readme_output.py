@@ -9,7 +9,6 @@ A part begins with one of these comments and ends with ``<!-- end -->``:
     output: COMMAND | LABELS     the command and what it says, the same on every machine
     measured: COMMAND | LABELS   the same of this machine: times differ, so it is never compared
     table: NAME                  computed by the program; see TABLES
-    figures: SECTION | ROWS      rows of a table of docs/evidence/measured.md
 
 Without COMMAND it is that of the part's ``sh`` block. LABELS, where given, name the lines to show;
 log and picture are shown only of measured runs, as their names hold the date.
@@ -41,11 +40,11 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from scripts.studies.flexible_figure import DELAY, FRICTION, LOADS, MOTOR, PERIOD
+from scripts.flexible_picture import DELAY, FRICTION, LINK, MOTOR, PERIOD, RATIO
 from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
-PART = re.compile(r"(<!-- (output|measured|table|figures): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
+PART = re.compile(r"(<!-- (output|measured|table): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
 LIMITS = ("linear", "exact", "one_sided", "quantisation")
 HORN = 0.1
 """Length of the horn that forces are told for [m]"""
@@ -70,8 +69,6 @@ def renewed(page: Path, measure: bool) -> str:
             subject = block[1]
         if kind == "table":
             body = table(*TABLES[subject]())
-        elif kind == "figures":
-            body = figures(subject, chosen) or old
         elif kind == "output":
             body = shown(subject, kept(said(subject), chosen))
         else:
@@ -154,19 +151,6 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
             check=True,
         )
     return done.stdout
-
-
-def figures(section: str, chosen: str) -> str:
-    """A table of docs/evidence/measured.md, or the chosen rows; empty without that page."""
-    path = ROOT / "docs" / "evidence" / "measured.md"
-    if not path.exists():
-        return ""
-    text = path.read_text().partition(f"## {section}\n")[2].partition("\n## ")[0]
-    head, rule, *rows = [line for line in text.splitlines() if line.startswith("|")]
-    wanted = chosen.split(", ") if chosen else []
-    rows = [row for row in rows if not wanted or row.split("|")[1].strip() in wanted]
-    source = "From [docs/evidence/measured.md](docs/evidence/measured.md), which names the machine:"
-    return "\n".join(["", source, "", head, rule, *rows, "", ""])
 
 
 # Tables
@@ -282,9 +266,8 @@ def one_sided_shares() -> tuple[list[str], list[list[object]]]:
 
 
 def filtered_guard() -> tuple[list[str], list[list[object]]]:
-    """Return what the guard commands with filters on the link of the flexible figure."""
-    link = LOADS[1]
-    hz = link.hertz
+    """Return what the guard commands with filters on the link of docs/flexible.png."""
+    hz = LINK.hertz
     notch = VelocityFilter("notch", math.tau * hz * PERIOD, 0.7)
     lowpass = VelocityFilter("lowpass", math.tau * 20.0 * PERIOD, 0.7)
     known, doubted = Bounded.exactly(hz), Bounded(hz, 35.0, 60.0)
@@ -296,14 +279,14 @@ def filtered_guard() -> tuple[list[str], list[list[object]]]:
         ("35 to 60 Hz", doubted, notch),
     ):
         belief = Belief(
-            inertia=Bounded.exactly(MOTOR + link.inertia),
+            inertia=Bounded.exactly(MOTOR + LINK.inertia),
             damping=Bounded.exactly(FRICTION),
             coulomb=Bounded.exactly(0.0),
             delay=Bounded.exactly(DELAY),
             torque_gain=Bounded.exactly(1.0),
-            load_inertia=Bounded.exactly(link.inertia),
+            load_inertia=Bounded.exactly(LINK.inertia),
             flexible_hz=frequency,
-            flexible_damping_ratio=Bounded.exactly(link.ratio),
+            flexible_damping_ratio=Bounded.exactly(RATIO),
         )
         situation = Situation(belief, PERIOD, torque_limit=4.1, position_step=0.0)
         wall = Request(1e6, 1e6, "both", velocity_filter=velocity_filter)

@@ -1,7 +1,6 @@
 """Lists all tuned numbers of the detector: value, unit, meaning and source.
 
 A run uses ``TUNING``. A study runs a variant of it: the settings of the detector carry the tuning.
-`docs/evidence/leave-out.md` says what becomes of fixed cases without each of them.
 
 Counts are counts of the encoder; where the detector judges growth, alarm and energy, a unit of the
 torque over K if that is more. A half-cycle is the motion from one turning point to the next; its

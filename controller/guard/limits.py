@@ -51,12 +51,11 @@ LOOKED_UP = 0.05
 
 CORNER_ALONE = 0.94
 """Fraction of the corner's one-sided limit that the guard uses where friction is light: the worst
-that a search found over the box is 0.943 (`scripts/study belief_box`). The exact limit is used as
-it is at the corner: the same search found 0.997 of it, 0.987 with velocities over several
-samples."""
+that a search found over the box is 0.943. The exact limit is used as it is at the corner: the same
+search found 0.997 of it, 0.987 with velocities over several samples."""
 BETWEEN_MEMBERS = 0.96
 """Fraction of the least one-sided limit over the evaluated members that the guard uses: between the
-members the limit is up to 3 % lower (`scripts/study belief_box` searches for more). 1 where the
+members the limit is up to 3 % lower (found by search). 1 where the
 servo is known exactly."""
 
 

@@ -50,7 +50,7 @@ def backlash_limit(
     """Return the stiffness up to which no oscillation of an amplitude or more sustains itself.
 
     By harmonic balance, for a two-sided wall; no more than a grid of frequencies and amplitudes
-    finds. `scripts/study backlash_check` compares it with simulations.
+    finds.
 
     Args:
         inertia: m > 0 [kg·m²].

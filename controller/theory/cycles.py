@@ -4,11 +4,10 @@ To a sinusoid of amplitude A a nonlinearity in the loop is a gain N(A), complex 
 oscillation sustains itself where ``1 + N(A) L(e^{j w}) = 0``. The loop L is exact, sampled and
 delayed; only the harmonics of the oscillation are neglected, which the inertia filters.
 
-docs/evidence/limit-cycle-check.md compares the predictions with simulation. They agree to a few per
-cent for backlash, and to 10 % for saturation without a damper. With a damper a saturated wall has
-many cycles, up to thirteen times as large as predicted and at a third of the frequency. Cycles of
-about a count agree roughly, and some that are listed as stable above the limit do not persist.
-Quantised walls also rattle where no cycle is predicted.
+Predictions and simulations agree to a few per cent for backlash, and to 10 % for saturation without
+a damper. With a damper a saturated wall has many cycles, up to thirteen times as large as predicted
+and at a third of the frequency. Cycles of about a count agree roughly, and some that are listed as
+stable above the limit do not persist. Quantised walls also rattle where no cycle is predicted.
 
 The place of the nonlinearity decides what it multiplies. A quantised position, backlash before the
 encoder and a saturated torque all multiply the whole wall, K and B together; Coulomb friction is an

@@ -41,8 +41,8 @@ _FROM = 4.0  # start of the search, as a multiple of the energy estimate
 _DAMPER_ALONE = 4.0  # times one count's impulse, times the periods it acts late
 _SIMULATED = 2000.0  # periods; for longer contacts the result is the start of the search
 BETWEEN = 1.25
-"""Factor on the highest speed found, for speeds between the tried ones (`scripts/study
-rebound_table` searches for contacts that break it)."""
+"""Factor on the highest speed found, for speeds between the tried ones (chosen by a search
+for contacts that break it)."""
 
 
 @dataclass(frozen=True, slots=True)

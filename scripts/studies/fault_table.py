@@ -13,8 +13,8 @@ import numpy as np
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
-from scripts.memory_session import LIMITS_OF_HARDWARE, MemorySession, run_in_memory
 from scripts.study import Part, Study, table_of
+from tests.support.memory_session import LIMITS_OF_HARDWARE, MemorySession, run_in_memory
 
 SETTINGS = (*LIMITS_OF_HARDWARE, "servo.hand=lean", "servo.kick=-0.5", "loop.warm_up_s=0.1")
 """With a hand that swings the servo into the wall and leans on it"""

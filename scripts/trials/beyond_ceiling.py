@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
-from scripts.real_servos import BANDWIDTH
 from scripts.study import Given
 from scripts.trials.cases import PRESETS, Case, log_uniform
 from scripts.trials.draws import bench_of, draw_truth
@@ -21,6 +20,7 @@ from scripts.trials.run import Trial, WallAsked
 from scripts.trials.sections import Job, Made, draws, in_parts, section, walls_of
 from scripts.trials.truth import Truth
 from scripts.trials.verdicts import Answered, answered, small, sustains, until_judged
+from tests.support.real_servos import BANDWIDTH
 
 SHARES = (0.9, 1.0, 1.05, 1.2, 1.5, 2.0, 4.0)
 """B over the exact ceiling"""

@@ -11,7 +11,8 @@ import numpy as np
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from scripts.real_servos import (
+from scripts.trials.truth import BackEmf, RealEffects, Truth
+from tests.support.real_servos import (
     BACKWARD,
     BANDWIDTH,
     COGGING,
@@ -28,7 +29,6 @@ from scripts.real_servos import (
     STATIC,
     STRIBECK,
 )
-from scripts.trials.truth import BackEmf, RealEffects, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.chromium import Tab, chromium, program
+from tests.support.chromium import Tab, chromium, program
 
 MISSING = (
     "NO BROWSER: the live page was not looked at; found none of chromium, chromium-browser,"

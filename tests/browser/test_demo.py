@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from scripts.chromium import Tab
 from tests.browser.test_page import place, press, program
+from tests.support.chromium import Tab
 
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
 TEXT = "document.getElementById('text').innerText"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.logs.file import read_log
-from scripts.chromium import Tab
+from tests.support.chromium import Tab
 
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
 STATE = "document.getElementById('state').textContent"

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.theory.checks import IntArray
-from scripts.memory_session import LIMITS_OF_HARDWARE, run_in_memory
-from scripts.studies.adapter_phases import WALL, mistaken
+from tests.support.memory_session import LIMITS_OF_HARDWARE, mistaken, run_in_memory
 
 MS_NS = 1_000_000
+WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
+"""A knock every second: at 5 rad/s a sample of the period before is three counts off"""
 PIPELINED = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")
 
 

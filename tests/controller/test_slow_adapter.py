@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.controller.theory.checks import IntArray
 from haptic_wall.hw.servo import Outcome
-from scripts.memory_session import run_in_memory
+from tests.support.memory_session import run_in_memory
 from tests.typed import not_none
 
 MS = 1_000_000

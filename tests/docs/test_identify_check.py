@@ -7,9 +7,6 @@ import pytest
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
-from scripts.real_servos import ALL, EFFECTS, drawn_servo
-from scripts.real_servos import KINDS as REAL_KINDS
-from scripts.real_servos import Kind as RealKind
 from scripts.studies.identify_check import (
     FIRST,
     KINDS,
@@ -24,6 +21,9 @@ from scripts.studies.identify_check import (
     truth_of,
 )
 from scripts.study import table
+from tests.support.real_servos import ALL, EFFECTS, drawn_servo
+from tests.support.real_servos import KINDS as REAL_KINDS
+from tests.support.real_servos import Kind as RealKind
 from tests.typed import not_none
 
 PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "identify-check.md"

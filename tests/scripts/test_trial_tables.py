@@ -30,8 +30,6 @@ from scripts.trials.verdicts import (
     time_above_s,
     unseen,
 )
-from scripts.trials.worst import BODIES, box, case_of
-from tests.scripts.trial_help import mode_hz
 
 BENCH = bench_of("xm430-w350")
 COUNT = math.tau / 4096
@@ -161,14 +159,3 @@ def test_a_trial_with_an_operator_counts_what_was_done_to_it() -> None:
     one = judged(hand_case(BENCH.name, known, WallAsked(8.0, 0.04), "lean", 3, 3.0))
     assert one.seconds == 3.0
     assert (one.softened, one.returned, one.believed, one.trip) == (0, 0, False, None)
-
-
-def test_a_point_of_the_searched_box_is_a_case() -> None:
-    axes = {body: box("xl330-m288", body) for body in BODIES}
-    rigid = case_of("xl330-m288", {axis.name: axis.value(0.0) for axis in axes["rigid"]})
-    assert not rigid.truth.flexible
-    assert rigid.truth.back_emf == "none"
-    flexible = case_of("xl330-m288", {axis.name: axis.value(1.0) for axis in axes["flexible"]})
-    assert mode_hz(flexible.truth) == pytest.approx(60.0)
-    assert flexible.truth.back_emf == "voltage"
-    assert flexible.truth.delay == pytest.approx(0.02)

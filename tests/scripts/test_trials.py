@@ -1,9 +1,8 @@
-"""Trials as a whole: one run, its judges, what is drawn, and the search for the worst."""
+"""Trials as a whole: one run, its judges, what is drawn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -36,7 +35,6 @@ from scripts.trials.run import (
     run_trial,
     trial_config,
 )
-from scripts.trials.search import Axis, worst_cases
 from scripts.trials.servo import TrialServo
 from scripts.trials.truth import Truth
 from tests.scripts.trial_help import called_quiet, mode_hz, released
@@ -244,28 +242,3 @@ def test_who_lets_go_leaves_the_wall_to_itself() -> None:
     trial = run_trial(TRUTH, BENCH.sets, WallAsked(7.0, 0.04), released(holds, 1.0), duration_s=2.0)
     assert trial.output[999] == pytest.approx(0.3 * 40.0 / 47.0, abs=0.01)
     assert abs(trial.output[-1]) < 0.02
-
-
-def hump(point: Mapping[str, float]) -> float:
-    """Largest at a of 300 and b of -1: a narrow place far from the middle."""
-    return -((math.log(point["a"] / 300.0)) ** 2) - 4.0 * (point["b"] + 1.0) ** 2
-
-
-BOX = (Axis("a", 1.0, 1000.0, log=True), Axis("b", -1.2, 3.0))
-
-
-def test_the_search_finds_the_worst_and_does_so_again() -> None:
-    found = worst_cases(hump, BOX, generations=30, workers=0)
-    assert found[0].value > -1e-3
-    assert found[0].point["a"] == pytest.approx(300.0, rel=0.05)
-    assert [one.value for one in found] == sorted((one.value for one in found), reverse=True)
-    assert found == worst_cases(hump, BOX, generations=30, workers=0)
-
-
-def test_the_search_is_the_same_in_other_processes() -> None:
-    few = {"parents": 4, "children": 4, "generations": 2}
-    assert worst_cases(hump, BOX, workers=1, **few) == worst_cases(hump, BOX, workers=0, **few)
-
-
-def test_the_search_stops_when_it_has_found_enough() -> None:
-    assert len(worst_cases(hump, BOX, generations=30, workers=0, enough=-1e9)) == 36

@@ -23,8 +23,8 @@ from haptic_wall.controller.theory.describing import (
     saturation_gain,
 )
 from haptic_wall.controller.theory.exact import critical_point
-from scripts.nonlinear_walls import PERIOD, Motion, Walls
 from tests.cases import sampled
+from tests.support.nonlinear_walls import PERIOD, Motion, Walls
 from tests.theory.oracles import Loop
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory import one_sided_table as tables
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
-from scripts.one_sided_fill import computed_share
 from tests.cases import sampled
+from tests.support.one_sided_fill import computed_share
 
 Array = np.ndarray
 COMPUTED = "haptic_wall.controller.theory.one_sided_table.one_sided_limit"

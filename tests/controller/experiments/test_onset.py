@@ -15,8 +15,8 @@ from haptic_wall.controller.experiments.maps.walls import Walls, split_delay
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.friction import onset_amplitude
-from scripts.nonlinear_walls import Motion
-from scripts.nonlinear_walls import Walls as AloneWalls
+from tests.support.nonlinear_walls import Motion
+from tests.support.nonlinear_walls import Walls as AloneWalls
 
 T = TypeVar("T")
 FiveOf = tuple[T, T, T, T, T]

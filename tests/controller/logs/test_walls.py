@@ -24,7 +24,7 @@ from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.settings.changes import difference
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from scripts.changed_walls import ChangedRun
+from tests.support.changed_walls import ChangedRun
 
 NOT_GIVEN = dict.fromkeys(("inertia", "damping", "coulomb", "lag"))
 METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_dump(mode="json")}

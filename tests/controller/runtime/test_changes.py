@@ -36,9 +36,9 @@ from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.servo import Facts
-from scripts.changed_walls import ChangedRun
-from scripts.studies.changes_check import Bench, tried
 from tests.cases import sampled
+from tests.support.changed_walls import ChangedRun
+from tests.support.random_changes import Bench, tried
 
 
 def wall(*sets: str) -> Config:

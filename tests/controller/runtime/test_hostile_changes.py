@@ -1,5 +1,6 @@
 """Changes that an attacker makes while a hand swings the shaft: what the shaft gets from them."""
 
+import math
 from collections.abc import Sequence
 
 import pytest
@@ -7,13 +8,37 @@ import pytest
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.hand import Grasp
-from scripts.changed_walls import Asked, ChangedRun, injected
-from scripts.hostile_changes import Swing
+from haptic_wall.hw.hand import EVERY_NS, FASTEST, Grasp
+from tests.support.changed_walls import Asked, ChangedRun, injected
 
 MOST_J = 1e-3
 STOPS_S = 0.8
 """When the hand has stopped [s]"""
+
+
+class Swing:
+    """A hand that swings the shaft to and fro.
+
+    Args:
+        amplitude: Of the hand [rad].
+        hertz: [Hz]
+        stiffness: Of the spring between hand and shaft [N·m/rad].
+        phase: At the start [turns].
+    """
+
+    def __init__(self, amplitude: float, hertz: float, stiffness: float, phase: float) -> None:
+        self._rate = math.tau * hertz
+        self._amplitude = min(amplitude, FASTEST / self._rate)
+        self._stiffness = stiffness
+        self._phase = math.tau * phase
+
+    def look(self, now_ns: int) -> Grasp:
+        """Return how the hand holds the shaft at a time [ns]."""
+        angle = self._rate * now_ns * 1e-9 + self._phase
+        place = self._amplitude * math.sin(angle)
+        speed = self._amplitude * self._rate * math.cos(angle)
+        target = place + speed * EVERY_NS * 1e-9
+        return Grasp(now_ns, now_ns + EVERY_NS, place, target, self._stiffness)
 
 
 class Stopping(Swing):

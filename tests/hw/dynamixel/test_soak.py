@@ -1,6 +1,6 @@
-"""The driver in damaged replies: a short one of the soaks that scripts/study bus_soak measures."""
+"""The driver in damaged replies; with ``--thorough`` fifty thousand cycles."""
 
-from scripts.soak import soak
+from tests.support.soak import soak
 
 
 def test_every_damaged_reply_is_counted_as_what_it_was_and_none_is_believed(

@@ -37,7 +37,7 @@ class Tab:
         self._count = 0
         self.errors: list[str] = []
 
-    def call(self, method: str, **parameters: object) -> Any:  # noqa: ANN401 - the protocol's JSON
+    def call(self, method: str, **parameters: object) -> Any:
         """Call a method of the protocol, and return its result."""
         self._count += 1
         self._link.send(json.dumps({"id": self._count, "method": method, "params": parameters}))
@@ -60,13 +60,13 @@ class Tab:
             case "Log.entryAdded" if details["entry"]["level"] == "error":
                 self.errors.append(details["entry"]["text"])
 
-    def value(self, expression: str) -> Any:  # noqa: ANN401 - the page's
+    def value(self, expression: str) -> Any:
         """Return the value of an expression in the page."""
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def wait(self, expression: str, seconds: float = 60.0) -> Any:  # noqa: ANN401 - the page's
+    def wait(self, expression: str, seconds: float = 60.0) -> Any:
         """Wait until an expression is true; return its value."""
         end_s = time.monotonic() + seconds
         while not (found := self.value(expression)):

@@ -3,6 +3,7 @@
 Controller, driver, codec and emulator as they are, on the simulated clock: the same every time.
 """
 
+import bisect
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +14,9 @@ from haptic_wall.controller.runtime.session import Result, Surroundings, run_ses
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -128,3 +130,18 @@ def run_in_memory(
     buses[0].transmit(clock.now_ns() + AFTERWARDS_NS)
     ticks = np.concatenate(blocks) if blocks else np.empty(0, ROW)
     return MemorySession(result, ticks, notes.rows, given_ns[0])
+
+
+def mistaken(run: MemorySession) -> int:
+    """Positions in use that are not those of the request they are said to answer.
+
+    The witness has the true position at the instant each request had arrived.
+    """
+    reads = [row for row in run.truth if row.event == "rx" and row.instruction == Instruction.READ]
+    times = [row.time_ns for row in reads]
+    wrong = 0
+    for tick in run.ticks:
+        if tick["sampled_ns"]:
+            asked = reads[bisect.bisect_left(times, int(tick["sampled_ns"]))]
+            wrong += abs(tick["position"] - asked.state.position) > 1.01 * POSITION_UNIT
+    return wrong
