@@ -3,6 +3,8 @@
 import importlib.util
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,8 +21,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
 from scripts import readme_output
-from scripts.website import broken
-from tests.docs.pages import PAGES, ROOT, name_of, text_of
+from tests.docs.pages import PAGES, ROOT, broken, name_of, text_of
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
 
@@ -33,6 +34,23 @@ MOST_WORDS = 2000
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_lead_somewhere(page: Path) -> None:
     assert broken(page) == []
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
+    (tmp_path / "b.md").write_text("## Two `words`\n")
+    page = tmp_path / "a.md"
+    page.write_text(
+        "# Here\n[a](b.md) [a](b.md#two-words) [a](#here) [a](https://example.org/c.md#d)"
+        " `[a](c.md)` [a](c.md) [a](b.md#three) ![a](c.png)\n"
+    )
+    assert broken(page) == ["c.md", "b.md#three", "c.png"]
+
+
+@pytest.mark.whole
+def test_the_website_builds(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", ROOT / "docs", tmp_path]
+    subprocess.run(words, check=True)
+    assert "xm430-w350" in (tmp_path / "hardware.html").read_text()
 
 
 def test_the_pages_stay_short() -> None:
