@@ -31,16 +31,14 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.cli.main import main as haptic_wall
-from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
+from haptic_wall.controller.guard.belief import Bounded
+from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from scripts.flexible_picture import DELAY, FRICTION, LINK, MOTOR, PERIOD, RATIO
 from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -265,41 +263,6 @@ def one_sided_shares() -> tuple[list[str], list[list[object]]]:
     return ["B / ceiling", *(f"d = {d}" for d in WHOLE_DELAYS)], rows
 
 
-def filtered_guard() -> tuple[list[str], list[list[object]]]:
-    """Return what the guard commands with filters on the link of docs/flexible.png."""
-    hz = LINK.hertz
-    notch = VelocityFilter("notch", math.tau * hz * PERIOD, 0.7)
-    lowpass = VelocityFilter("lowpass", math.tau * 20.0 * PERIOD, 0.7)
-    known, doubted = Bounded.exactly(hz), Bounded(hz, 35.0, 60.0)
-    rows: list[list[object]] = []
-    for name, frequency, velocity_filter in (
-        ("known exactly", known, None),
-        ("known exactly", known, lowpass),
-        ("35 to 60 Hz", doubted, None),
-        ("35 to 60 Hz", doubted, notch),
-    ):
-        belief = Belief(
-            inertia=Bounded.exactly(MOTOR + LINK.inertia),
-            damping=Bounded.exactly(FRICTION),
-            coulomb=Bounded.exactly(0.0),
-            delay=Bounded.exactly(DELAY),
-            torque_gain=Bounded.exactly(1.0),
-            load_inertia=Bounded.exactly(LINK.inertia),
-            flexible_hz=frequency,
-            flexible_damping_ratio=Bounded.exactly(RATIO),
-        )
-        situation = Situation(belief, PERIOD, torque_limit=4.1, position_step=0.0)
-        wall = Request(1e6, 1e6, "both", velocity_filter=velocity_filter)
-        d = decide(wall, GuardSettings(), situation, [0.0], explained=False)[0]
-        kind = "none"
-        if velocity_filter is not None:
-            kind = "notch at 46 Hz, q 0.7" if velocity_filter is notch else "low-pass at 20 Hz"
-        rows.append(
-            [name, kind, *(f"{x:.2g}" for x in (d.damping_ceiling, d.damping, d.stiffness))]
-        )
-    return ["vibration", "filter", "ceiling of B", "highest B commanded", "K there"], rows
-
-
 def published() -> tuple[list[str], list[list[object]]]:
     """Return the ranges of the published fits of each servo."""
     columns = ("inertia_kgm2", "viscous_nms_per_rad", "coulomb_nm", "excess_at_rest_nm")
@@ -324,7 +287,6 @@ TABLES = {
     "dampings": dampings,
     "rebounds": rebounds,
     "one_sided_shares": one_sided_shares,
-    "filtered_guard": filtered_guard,
     "published": published,
 }
 

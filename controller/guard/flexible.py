@@ -5,7 +5,7 @@ phase, so that neither is monotone: a grid covers the box. Delays lie on a grid 
 shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
 safe one. Between two of the grid
 limits are in proportion to 1 / (T/2 + t_d). ``scripts/study
-flexible_guard`` searches for truths inside the box that the guard's walls make vibrate.
+guard`` searches for truths inside the box that the guard's walls make vibrate.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def returned_share(belief: Belief, stiffness: FloatArray) -> FloatArray:
     The energy that a one-sided wall returns to a rigid servo is counted elsewhere. A contact also
     leaves energy in the vibration, the more the nearer its own frequency, sqrt(K/m), comes to the
     vibration's. The share lies below the results of exact contacts of random servos, for every
-    damping, delay and encoder (``scripts/study flexible_guard``).
+    damping, delay and encoder (``scripts/study guard``).
 
     Args:
         belief: Belief with a load behind a transmission.

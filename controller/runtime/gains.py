@@ -3,7 +3,6 @@
 On the way down no pair of both may be unstable that need not be. At a lower K the stable dampings
 are one interval up to the ceiling, so K goes down first, and then B. Where B is above the ceiling
 of what is allowed now, the stable stiffnesses may not begin at 0: both then go down together.
-``scripts/study flexible_guard`` counts it.
 
 Three things decide them: the guard's decision for the present sample age and interval, the derating
 after an oscillation, and whether the shaft is where K may be raised.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scripts.studies.real_truths import (
+from scripts.guard_truths import (
     BELIEVED,
     COUNTS,
     TRUE,

@@ -487,7 +487,7 @@ def test_however_wide_the_doubt_few_vibrations_are_computed(
 def test_walls_in_wide_doubt_are_stable_on_every_servo_in_it(
     case: dict[str, Any], encoder: str
 ) -> None:
-    """Slow and fast vibrations, up to many times the rate; `flexible_guard` tries thousands."""
+    """Slow and fast vibrations, up to many times the rate; `study guard` tries thousands."""
     where = situation(**case, flexible_damping_ratio=Bounded(0.01, 0.003, 0.3), encoder=encoder)
     random = np.random.default_rng(2)
     for age in (0.0, 0.4e-3, 2.3e-3):

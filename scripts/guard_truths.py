@@ -1,7 +1,5 @@
 """Tries the guard's walls on servos with every effect of a real one, drawn and searched.
 
-    scripts/study real_truths [--truths N] [--seed S] [--quick]
-
 A truth lies inside its belief: inertia, viscous friction each way, Coulomb friction, torque gain,
 the lag of drive and current loop, backlash. Effects that no belief contains (friction at rest and
 of the load, weight, cogging, errors of the encoder, dead band, back-EMF) are drawn in addition.
@@ -31,7 +29,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
-from scripts.study import Found, Given, Option, Part, Study, table
+from scripts.study import Found, Given, Part, table
 from scripts.trials.rates import upper_bound
 from scripts.trials.truth import COUNT
 from tests.support.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
@@ -521,7 +519,7 @@ def corner_shares(walls: list[Asked], side: Side, seed: int) -> list[Share]:
 
 def cases(given: Given) -> Iterator[tuple[int, int, Side]]:
     """Blocks of beliefs, two-sided and one-sided in turn."""
-    for number in range(max(2, round(given.truths / (TRUTHS * BELIEFS)))):
+    for number in range(max(2, round(given.servos / (TRUTHS * BELIEFS)))):
         yield given.seed, number, "above" if number % 2 else "both"
 
 
@@ -663,17 +661,6 @@ def search_lines(found: Found[tuple[int, str, int, int], Worst]) -> list[str]:
     return list(table(head, *cells))
 
 
-STUDY = Study(
-    "evidence/real-truths.md",
-    (
-        Part("drawn", cases, drawn, lines, case_s=30.0, wanted=none_bad),
-        Part("stiffer", stiffer_cases, stiffer, stiffer_lines, case_s=20.0),
-        Part("searched", searches, searched, search_lines, case_s=600.0),
-    ),
-    (
-        Option("truths", 10_000, "true servos that are drawn", quick=1000),
-        Option("seed", 1, "seed of what is drawn"),
-        Option("population", 4, "walls of a generation, for each coordinate", quick=1),
-        Option("generations", 12, "of a search", quick=2),
-    ),
-)
+DRAWN = Part("drawn", cases, drawn, lines, case_s=30.0, wanted=none_bad)
+STIFFER = Part("stiffer", stiffer_cases, stiffer, stiffer_lines, case_s=20.0)
+SEARCHED = Part("searched", searches, searched, search_lines, case_s=600.0)
