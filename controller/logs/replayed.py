@@ -48,8 +48,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     """Run a log's own watch on it again; None: the log lacks the necessary data.
 
     A change of the running wall changes law and watch in the row where it did in the run. None are
-    the logs of experiments, which render no wall, excerpts, files of several joined logs,
-    and logs that lack rows before their last one.
+    the logs of experiments, which render no wall, excerpts, files of several joined logs, logs that
+    lack rows before their last one, and those of laws whose modules are closed.
 
     Args:
         path: A log of this program.
@@ -73,6 +73,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
         return None
     told, notes = whole
     walls = walls_of(metadata, changes_in(told))
+    if walls.closed():
+        return None
     started_at = float(known[0]) if known.size else math.nan
     blocks = _gathered(rows)
     first = next(blocks, None)

@@ -9,10 +9,12 @@ from itertools import pairwise
 from typing import Any
 
 from haptic_wall.controller.errors import ConfigError, LogFormatError
+from haptic_wall.controller.laws import own
 from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
 from haptic_wall.controller.settings.changes import moved, with_changes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
+from haptic_wall.controller.settings.rules import law_names
 
 _OF_LAWS = "wall.law:", "wall.options:", "wall.parts:"
 APPLIED = "applied"
@@ -35,6 +37,14 @@ class Walls:
         """Return the indices of the configurations with another law, or one elsewhere."""
         pairs = enumerate(pairwise(self.configs), 1)
         return [index for index, (old, new) in pairs if moved(old, new)]
+
+    def closed(self) -> list[str]:
+        """Return the laws whose modules this process may not import, because only a log names them.
+
+        The configurations are known all the same, but not the shapes of these laws.
+        """
+        named = dict.fromkeys(law for config in self.configs for law in law_names(config.wall))
+        return list(filter(own.is_closed, named))
 
     def at(self, seq: int) -> Config:
         """Return the configuration at a row."""
@@ -96,14 +106,14 @@ def _config(data: object) -> Config:
     problems: Sequence[str] = ("",)
     try:
         if isinstance(data, dict):
-            return loaded(data, "of the log")
+            return loaded(data, "of the log", files=False)
     except ConfigError as error:
         problems = error.problems
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)
     if law is not None:
         raise LogFormatError(
             f"the run's law is not available here: {law}",
-            advice="install its distribution, or start in the folder of its module",
+            advice="install its distribution",
         )
     raise LogFormatError(
         f"this program does not know the log's configuration ({len(problems)} differences)",
