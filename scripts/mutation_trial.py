@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 from typing import Any, NoReturn, cast
+from unittest.mock import patch
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
@@ -174,6 +175,8 @@ def _try_log(make: Callable[[Random], tuple[str, Log]]) -> Callable[..., None]:
         summary = called(["log", path, "--json", "--csv", csv], trial, limited)
         detected = called(["detect", path, "--json"], trial, limited)
         called(["log", path], trial, limited)
+        with patch.object(LiveServer, "run", one_turn):
+            called(["live", path], trial, limited)
         if random.random() < 0.05:
             option = random.choice(("--plot", "--cut", "--mcap"))
             out = folder / "out.png"

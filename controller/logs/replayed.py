@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
 from haptic_wall.controller.logs.pieces import Damage, End, Event, Piece, fault_text
@@ -167,7 +168,12 @@ def _wall(
 
     The delay is None where the watch knows its lag.
     """
-    law = config.law(facts.position_step)
+    try:
+        law = config.law(facts.position_step)
+    except ConfigError as error:
+        raise LogFormatError(
+            f"the law and the servo of the log do not agree: {error.problem}"
+        ) from error
     law.position = config.surface(started_at)
     settings = watch_settings(config, facts, law)
     believed = settings.detector

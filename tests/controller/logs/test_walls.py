@@ -39,6 +39,8 @@ WRONG: list[Change] = [
     {"set": "x"},
     {"set": [1]},
     {"at_s": "1"},
+    {"at_s": 10**400},
+    {"why": 3},
 ]
 Swung = tuple[Path, ChangedRun, NDArray[np.void]]
 
