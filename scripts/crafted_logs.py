@@ -91,7 +91,9 @@ def _mutate(random: Random, tree: Any) -> None:  # noqa: ANN401 - JSON
 def story(random: Random) -> dict[str, Any]:
     """Return ``metadata``, ``events`` and ``end`` of a log, with a few changes of structure."""
     preset = random.choice(("simulated", "simulated", "xm430-w350", "emulated-ideal", "lwr3"))
-    told = copy.deepcopy({"metadata": metadata(preset), "events": [*EVENTS], "end": END})
+    told: dict[str, Any] = copy.deepcopy(
+        {"metadata": metadata(preset), "events": [*EVENTS], "end": END}
+    )
     root = random.choice((told["metadata"]["config"], told["events"], told["end"]))
     for _ in range(random.choice((1, 1, 1, 2, 4))):
         if root:

@@ -28,6 +28,7 @@ from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
@@ -171,9 +172,8 @@ def _wall(
     try:
         law = config.law(facts.position_step)
     except ConfigError as error:
-        raise LogFormatError(
-            f"the law and the servo of the log do not agree: {error.problem}"
-        ) from error
+        problem = in_line(str(error.problem), 1000)
+        raise LogFormatError(f"law and servo of the log do not agree: {problem}") from error
     law.position = config.surface(started_at)
     settings = watch_settings(config, facts, law)
     believed = settings.detector

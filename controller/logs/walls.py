@@ -119,7 +119,7 @@ def _config(data: object) -> Config:
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)
     if law is not None:
         raise LogFormatError(
-            f"the run's law is not available here: {in_line(law)}",
+            f"the run's law is not available here: {in_line(law, 1000)}",
             advice="install its distribution",
         )
     raise LogFormatError(
