@@ -49,7 +49,7 @@ def test_whatever_a_log_tells_has_a_result_or_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thorough: bool, wholly: bool
 ) -> None:
     monkeypatch.setattr(LiveServer, "run", one_turn)
-    found = []
+    found: list[str] = []
     for number in range(5000 if thorough else 500 if wholly else 100):
         told = story(Random(f"story {number}"))
         found += faults(written(tmp_path / "a.hwlog", told), number)
