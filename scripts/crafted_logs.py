@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptic_wall.controller.logs.blocks import MAGIC, encoded
+from haptic_wall.controller.logs.content import EVENT
 from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
 from scripts.mutated_logs import Log, block, blocks_of, keys, metadata, rows
 
@@ -22,6 +23,28 @@ ODD: tuple[Any, ...] = (
 ODD_WHOLE = (-1, 1, 99, 2**31, 2**53, 2**62, 2**63 - 1, -(2**63), 1 << 61, 1 << 50)
 ODD_REAL = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e18, 5e-324, -0.0, 1e15)
 Recipe = Callable[[Random], Log]
+BY = {"pid": 7, "uid": 0, "user": "me"}
+EVENTS: tuple[dict[str, Any], ...] = (
+    {"at_s": 0.05, "row": 50, "outcome": "applied", "why": None, "set": ["wall.stiffness=9"],
+     "changed": {"wall.stiffness": 9.0}, "waited_s": 0.01,
+     "commanded": {"stiffness": 9.0, "damping": 0.02}, "by": BY},
+    {"at_s": 0.1, "row": None, "outcome": "refused", "why": "unknown", "set": ["wall.x=1"],
+     "changed": None, "waited_s": None, "commanded": None, "by": BY},
+    {"at_s": 0.15, "row": 150, "outcome": "applied", "why": None, "set": [], "waited_s": 0.0,
+     "changed": {"wall.law": "detents", "wall.count": 24, "delay.steps": 2}, "by": BY},
+)  # fmt: skip
+"""Changes of the running wall, as a run writes them"""
+END: dict[str, Any] = {
+    "stop_reason": "trip:overspeed", "message": "too fast", "ticks": 300, "missed": 0, "rows": 300,
+    "changes": [EVENTS[0]],
+    "servo": {"counts_per_rev": 4096, "torque_step": 0.005, "torque_limit": 4.1, "stall_torque": 4},
+}  # fmt: skip
+"""The end of a run, as it writes it"""
+NAMES = (
+    "wall", "stops", "spring", "damper", "detents", "friction", "texture", "profile", "sum",
+    "no:Law", "applied", "simulated", "dynamixel", "off", "passive", "both", "start", "notch",
+)  # fmt: skip
+"""Texts that have a meaning somewhere"""
 
 
 def _log(contents: list[object], made: list[np.ndarray[Any, Any]], sparse: int = 0) -> Log:
@@ -33,6 +56,57 @@ def _log(contents: list[object], made: list[np.ndarray[Any, Any]], sparse: int =
 
 def _odd(random: Random, *others: float) -> object:
     return copy.deepcopy(random.choice((*ODD, *others)))
+
+
+def _mutate(random: Random, tree: Any) -> None:  # noqa: ANN401 - JSON
+    """Change the structure of JSON somewhere below its root, in place."""
+    parent, key = tree, None
+    while isinstance(parent, dict | list) and parent:
+        keys = list(parent) if isinstance(parent, dict) else range(len(parent))
+        key = random.choice(keys)
+        inner = parent[key]
+        if not (isinstance(inner, dict | list) and inner) or random.random() < 0.15:
+            break
+        parent = inner
+    held = parent[key]
+    match random.choice((0, 1, 2, 3, 4, 5, 5, 5, 6, 6, 6)):
+        case 0:
+            del parent[key]
+        case 1:
+            parent[key] = random.choice(([held], {"a": held}, [held] * 3, {key: held}))
+        case 2:
+            parent[key] = type(held)()
+        case 3:
+            parent[key] = random.choice(NAMES)
+        case 4:
+            other = random.choice(list(parent) if isinstance(parent, dict) else range(len(parent)))
+            parent[key], parent[other] = parent[other], held
+        case 5:
+            size = random.choice((10.0 ** random.randint(-12, 12), 5e-324, 1e-300, 1e6, 0.0))
+            parent[key] = random.choice((1, 1, 1, -1)) * size
+        case _:
+            parent[key] = _odd(random)
+
+
+def story(random: Random) -> dict[str, Any]:
+    """Return ``metadata``, ``events`` and ``end`` of a log, with a few changes of structure."""
+    preset = random.choice(("simulated", "simulated", "xm430-w350", "emulated-ideal", "lwr3"))
+    told: dict[str, Any] = copy.deepcopy(
+        {"metadata": metadata(preset), "events": [*EVENTS], "end": END}
+    )
+    root = random.choice((told["metadata"]["config"], told["events"], told["end"]))
+    for _ in range(random.choice((1, 1, 1, 2, 4))):
+        if root:
+            _mutate(random, root)
+    return told
+
+
+def changed_story(random: Random) -> Log:
+    """Anything for a part of the configuration, of the events and of the end."""
+    told = story(random)
+    made = rows(300)
+    events = [{EVENT: each} for each in told["events"]]
+    return _log([told["metadata"], made, *events, told["end"]], [made])
 
 
 def changed_head(random: Random) -> Log:
@@ -226,6 +300,7 @@ def other_preset(random: Random) -> Log:
 
 
 RECIPES: tuple[Recipe, ...] = (
+    changed_story, changed_story, changed_story,
     changed_head, changed_head, changed_config, changed_config, changed_end, changed_text,
     changed_columns, changed_rows, changed_rows, changed_order, many, dense, other_preset,
 )  # fmt: skip

@@ -20,10 +20,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import NoReturn
+from typing import Any, NoReturn, cast
+from unittest.mock import patch
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
+from haptic_wall.controller.live.client import Client, Messages
+from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.system.printable import printable
 from scripts import mutated_folders, mutated_texts, mutation_judges
 from scripts.crafted_logs import crafted
@@ -172,6 +175,8 @@ def _try_log(make: Callable[[Random], tuple[str, Log]]) -> Callable[..., None]:
         summary = called(["log", path, "--json", "--csv", csv], trial, limited)
         detected = called(["detect", path, "--json"], trial, limited)
         called(["log", path], trial, limited)
+        with patch.object(LiveServer, "run", one_turn):
+            called(["live", path], trial, limited)
         if random.random() < 0.05:
             option = random.choice(("--plot", "--cut", "--mcap"))
             out = folder / "out.png"
@@ -184,6 +189,25 @@ def _try_log(make: Callable[[Random], tuple[str, Log]]) -> Callable[..., None]:
             _note(trial, wrong)
 
     return attempt
+
+
+class _Page(Client):
+    """A page that reads everything at once."""
+
+    def __init__(self) -> None:
+        super().__init__(cast("Any", None), 0, turns=False)
+
+    def serve(self, new: Messages, _beat: int | None = None) -> None:
+        self._texts.clear()
+        self.tail = new.since(self.tail)[1]
+
+
+async def one_turn(server: LiveServer, *_: object) -> None:
+    """Take the place of ``LiveServer.run``: one page, one message of each kind, and no socket."""
+    view = server._view
+    view.welcome(_Page(), controls=False)
+    await server.pump(lambda: True)
+    await view.draw_map()
 
 
 # Texts

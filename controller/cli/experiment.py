@@ -124,7 +124,7 @@ def experiment(
                 asked = click.get_current_context()
                 wanted = next(each for each in asked.command.params if each.name == "config")
                 raise click.MissingParameter(ctx=asked, param=wanted)
-            loaded = load_config(config, sets)
+            loaded = load_config(config, sets, runs=not of_walls)
             if of_walls and loaded.config.wall.law != "wall":
                 raise UserError(
                     f"found {loaded.config.wall.law}",

@@ -133,7 +133,7 @@ def command(
     from haptic_wall.controller.processes.plan import Plan
     from haptic_wall.controller.processes.run import run
 
-    loaded = load_config(config, sets)
+    loaded = load_config(config, sets, runs=True)
     effective = loaded.config
     seconds = _duration(effective, duration)
     if no_plot and plot_path is not None:

@@ -128,8 +128,7 @@ def is_active(numbers: Numbers, grid: Grid) -> bool:
     Raises:
         LawError: As for ``shape_of``.
     """
-    known = numbers.law in LAWS or numbers.law == SUM
-    return not known and isinstance(shape_of(numbers, grid), own.Instants)
+    return numbers.law not in LAWS and isinstance(shape_of(numbers, grid), own.Instants)
 
 
 def active_law(numbers: Numbers, grid: Grid, position: float, clip: float, port: Port) -> ActiveLaw:

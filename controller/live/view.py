@@ -203,11 +203,15 @@ class View:
         wanted = (self.config, float(f"{self.stiffness:.3g}"))
         drawn = self._law
         inside = bool(drawn) and drawn["low"] <= low and high <= drawn["high"]
-        if not inside or wanted != self._law_of:
-            self._law_of = wanted
+        if inside and wanted == self._law_of:
+            return
+        try:
             law = law_over_position(self.config, self._started_at, self.stiffness, low, high)
-            self._law = {"kind": "law", **law}
-            self.tell(self._law)
+        except HapticWallError:
+            return  # of a log: a law that is not imported
+        self._law_of = wanted
+        self._law = {"kind": "law", **law}
+        self.tell(self._law)
 
     async def draw_map(self) -> None:
         """Tell the guard's limits, where the wall, or the delay, is another one."""

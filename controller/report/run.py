@@ -14,7 +14,7 @@ from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.walls import changes_in, walls_of
 from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
-from haptic_wall.controller.report.style import any_writing, titled
+from haptic_wall.controller.report.style import any_writing, only_style, titled
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.controller.system.file_kinds import SOFTWARE
@@ -48,6 +48,7 @@ def plot_log(rows: LogRows, path: Path, stop_reason: str | None = None) -> None:
     plot_run(sketch, rows.metadata, path, stop_reason, changes_in(others))
 
 
+@only_style({})
 def plot_run(
     sketch: Sketch,
     metadata: Mapping[str, Any],

@@ -62,16 +62,27 @@ def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Fig
     """
     # Imported here because it takes a second, which only pictures should cost. Without pyplot no
     # figure survives the call.
-    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
+    with only_style(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
         with any_writing():
             figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+
+
+@contextmanager
+def only_style(style: dict[Any, Any]) -> Iterator[None]:
+    """Draw with matplotlib's defaults and this style.
+
+    A ``matplotlibrc``, perhaps one in the folder of a log, has no effect: it may run LaTeX.
+    """
+    from matplotlib.style import context
+
+    with context(["default", style]):
+        yield
 
 
 @contextmanager

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.profile_file import MOST_ROWS, profile_of
@@ -176,9 +183,9 @@ class _Rendered(Section):
     )
 
 
-def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read a profile from a CSV file, or convert a list of pairs to tuples."""
-    if isinstance(found, str):
+def rows(found: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Read a profile from a CSV file, or convert a list of pairs to tuples; a log names no file."""
+    if isinstance(found, str) and (info.context or {}).get("files", True):
         return profile_of(found)
     return tuple(map(pair, found)) if isinstance(found, list) else found
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, is_dataclass
 
 from pydantic import ValidationError
 
+from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.laws.table import LAWS, SUM, is_active, shape_of
@@ -209,7 +210,7 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
 )
 def _law_is_whole(config: Sections) -> Iterator[Problem]:
     wall, counts = config.wall, config.servo.counts_per_rev
-    if wall.law == "wall":
+    if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
         yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
@@ -241,6 +242,11 @@ def _tank_knows_the_energy(config: Sections) -> Iterator[Problem]:
         )
 
 
+def law_names(wall: Wall) -> list[str]:
+    """Return the name of the law, or those of a sum's parts."""
+    return [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
+
+
 _UNKNOWN_ENERGY = "friction", "texture"
 """Laws whose potential is not the work of their torque: friction slips, texture fades with speed"""
 
@@ -248,8 +254,7 @@ _UNKNOWN_ENERGY = "friction", "texture"
 @_reads("wall.law", "wall.parts", "wall.passivity_control")
 def _passivity_control_knows_the_energy(config: Sections) -> Iterator[Problem]:
     wall = config.wall
-    laws = [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
-    for law in laws:
+    for law in law_names(wall):
         if wall.passivity_control and law in _UNKNOWN_ENERGY:
             yield Problem(
                 "found true",
