@@ -87,8 +87,8 @@ class _Connection(ServerConnection):
 
 
 def _shown(text: object) -> str:
-    """Return the part of a text before a question mark: behind it there may be the token."""
-    return str(text).partition("?")[0]
+    """Return a client's text in ASCII, up to a question mark: behind it there may be the token."""
+    return ascii(str(text).partition("?")[0])[1:-1]
 
 
 async def opened(
