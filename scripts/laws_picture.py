@@ -6,35 +6,16 @@ scripts/study laws_picture [FILE]
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from haptic_wall.controller.laws.shape import Grid
-from haptic_wall.controller.laws.table import shape_of
+from haptic_wall.controller.laws.table import EXAMPLES, shape_of
 from haptic_wall.controller.report.style import BLUE, GREEN, INK, PAGE, grid, picture
 from haptic_wall.controller.settings.model import Wall
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "laws.png"
-SHOWN: dict[str, dict[str, Any]] = {
-    "wall": {},
-    "stops": {"low": -0.5, "high": 0.4},
-    "spring": {},
-    "damper": {},
-    "detents": {"count": 24},
-    "detents ": {"count": 24, "snap": 0.4},
-    "texture": {"period": 0.1},
-    "friction": {"friction": 1.0},
-    "profile": {"profile": [(-0.8, 1.5), (-0.4, 2.0), (-0.1, 0.0), (0.1, 0.0), (0.6, -2.5)]},
-    "sum": {
-        "parts": [
-            {"law": "detents", "count": 24},
-            {"law": "stops", "low": -0.6, "high": 0.6, "share": 3.0},
-        ]
-    },
-}
 REACH = 0.8
 """Positions shown to either side [rad]"""
 STIFFNESS = 8.0
@@ -44,10 +25,12 @@ STIFFNESS = 8.0
 def drawn(path: Path) -> None:
     """Draw the picture."""
     way = np.linspace(-REACH, REACH, 1601)
-    with picture(path, PAGE, 7.2) as figure:
-        axes = figure.subplots(5, 2, sharex=True).ravel()
-        for ax, (name, numbers) in zip(axes, SHOWN.items(), strict=True):
-            law = name.strip()
+    rows = -(-len(EXAMPLES) // 2)
+    with picture(path, PAGE, 1.44 * rows) as figure:
+        axes = figure.subplots(rows, 2, sharex=True).ravel()
+        for ax in axes[len(EXAMPLES) :]:
+            ax.set_axis_off()
+        for ax, (law, numbers) in zip(axes, EXAMPLES.items(), strict=False):
             shape = shape_of(Wall.model_validate({"law": law, **numbers}), Grid(1e-3, 0.0))
             stiffness = getattr(shape, "stiffness", STIFFNESS)
             shape.settle(way[0])
@@ -60,12 +43,11 @@ def drawn(path: Path) -> None:
             if not any(torque):
                 ax.set_ylim(-1.0, 1.0)
             grid(ax)
-        for ax in axes[-2:]:
+        for ax in axes[len(EXAMPLES) - 2 : len(EXAMPLES)]:
             ax.set_xlabel("position [rad]")
+            ax.tick_params(labelbottom=True)
         for ax in axes[::2]:
             ax.set_ylabel("torque [N·m]")
-        detents = axes[4]
-        detents.set_xticks([-math.pi / 4, 0.0, math.pi / 4], ["-π/4", "0", "π/4"])
 
 
 def main() -> int:

@@ -496,3 +496,23 @@ def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: 
     assert process.returncode == 2
     assert "--hold: nowhere cannot be opened" in said
     assert "torque is on" not in said
+
+
+@pytest.mark.parametrize("place", ["in the way", "a long name", "killed"])
+def test_a_run_without_its_dial_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
+    log = f"{'x' * 240}.hwlog" if place == "a long name" else "run.hwlog"
+    if place == "in the way":
+        (tmp_path / f"{log}.sock").mkdir()
+    words = ["run", "emulated-ideal", "--log", log, "--no-plot", "--json", *PATIENT]
+    for _ in range(5):
+        with started(*words, "--duration", "1", cwd=tmp_path) as process:
+            if place == "killed":
+                dial = wait_for(lambda: children(process.pid).get("dial"), "the dial")
+                os.kill(dial, signal.SIGKILL)
+            output, said = process.communicate()
+        report = json.loads(output)
+        if report.get("stop_reason") not in STALLED:
+            break
+    assert (process.returncode, report["stop_reason"]) == (0, "duration"), said
+    assert report["log"] == log
+    assert "the wall stays as it is" in said or "the running wall cannot be changed" in said

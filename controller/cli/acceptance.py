@@ -7,12 +7,14 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from haptic_wall import __version__
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -215,9 +217,9 @@ def _written(
         "versions": bundle.versions(),
     }
     clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
-    with whole(out / _PNG, PICTURE, force=False) as part:
-        plot_acceptance(clean["rows"], clean["name"], part)
-    picture = (out / _PNG).read_bytes()
+    draw = partial(plot_acceptance, clean["rows"], clean["name"])
+    drawn = drawn_or_noted("--out", out / _PNG, draw, force=False)
+    picture = None if drawn is None else drawn.read_bytes()
     text = page(clean, picture)
     with replaced(out / _PAGE) as stream:
         stream.write(text)
@@ -227,7 +229,7 @@ def _written(
     own: dict[str, str | bytes] = {
         _JSON: as_json(clean) + "\n",
         _PAGE: text.encode(),
-        _PNG: picture,
+        **({} if picture is None else {_PNG: picture}),
         predictions.FILE: (out / predictions.FILE).read_text(encoding="utf-8"),
     }
     folders = {"measured": out / "measured", "emulated": out / "emulated"}

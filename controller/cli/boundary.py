@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import click
 
 from haptic_wall.controller.cli.boundary_question import of_config, of_options
 from haptic_wall.controller.cli.boundary_text import boundary_text
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.numbers import numbers, span
 from haptic_wall.controller.cli.options import (
     FileToWrite,
@@ -18,15 +20,13 @@ from haptic_wall.controller.cli.options import (
     json_option,
     refuse_other_pictures,
     set_option,
-    writing,
 )
 from haptic_wall.controller.cli.places import force_option, take_file
-from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.boundary_curve import default_dampings
 from haptic_wall.controller.guard.boundary_report import report
 from haptic_wall.controller.system.file_kinds import PICTURE
-from haptic_wall.controller.system.whole_file import whole
 
 
 @click.command()
@@ -130,7 +130,5 @@ def command(
     if plot is not None:
         from haptic_wall.controller.report.boundary import plot_boundary
 
-        drawing = working("drawing the picture", DRAWING_S)
-        with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
-            plot_boundary(question, found, part)
+        drawn_or_noted("--plot", plot, partial(plot_boundary, question, found), force=force)
     answer(as_json(found) if as_json_wanted else boundary_text(found))

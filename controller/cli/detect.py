@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
@@ -16,13 +18,11 @@ from haptic_wall.controller.cli.options import (
     reading,
     refuse_other_pictures,
     refuse_same_file,
-    writing,
 )
 from haptic_wall.controller.cli.places import force_option, take_file
-from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import PICTURE
-from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.logs.detected import Detected, GivenWall
@@ -116,9 +116,7 @@ def command(
         from haptic_wall.controller.report.detect import plot_detection
 
         parts, found = zip(*detected.drawn, strict=True)
-        drawing = working("drawing the picture", DRAWING_S)
-        with drawing, writing("--plot", plot), whole(plot, PICTURE, force=force) as part:
-            plot_detection(parts, found, part)
+        plot = drawn_or_noted("--plot", plot, partial(plot_detection, parts, found), force=force)
     report = _report(detected, plot)
     answer(as_json(report) if as_json_wanted else _text(report))
 

@@ -10,12 +10,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.options import (
@@ -28,7 +29,7 @@ from haptic_wall.controller.cli.options import (
     writing,
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_folder
-from haptic_wall.controller.cli.working import DRAWING_S, Work, working
+from haptic_wall.controller.cli.working import Work, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import Loaded, file_of, load_config
@@ -124,7 +125,7 @@ def experiment(
                 asked = click.get_current_context()
                 wanted = next(each for each in asked.command.params if each.name == "config")
                 raise click.MissingParameter(ctx=asked, param=wanted)
-            loaded = load_config(config, sets)
+            loaded = load_config(config, sets, runs=not of_walls)
             if of_walls and loaded.config.wall.law != "wall":
                 raise UserError(
                     f"found {loaded.config.wall.law}",
@@ -198,17 +199,16 @@ def carry_out(
     asked.may_move()
     with moving(asked.config, seconds), endings():
         found = measure(folder)
-    paths = [folder / name for name in files]
-    held = {**RESULT_MARK, "name": asked.name, **report(found), "files": paths}
-    json_whole, picture_whole = (
-        whole(path, kind, force=asked.force)
-        for path, kind in zip(paths, files.values(), strict=True)
-    )
-    drawing = working("drawing the picture", DRAWING_S)
-    with drawing, writing("--out", folder), json_whole as json_part, picture_whole as picture_part:
-        json_part.write_text(as_json(held) + "\n", encoding="utf-8")
-        draw(found, asked.name, picture_part)
-    asked.answer(held, lambda: text(found, paths))
+    result, picture = (folder / name for name in files)
+    held = {**RESULT_MARK, "name": asked.name, **report(found)}
+    with writing("--out", folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    plot = partial(draw, found, asked.name)
+    seen = drawn_or_noted("--out", picture, plot, force=asked.force)
+    paths = [result, *([seen] if seen else [])]
+    with writing("--out", folder), whole(result, RESULT, force=asked.force) as part:
+        part.write_text(as_json({**held, "files": paths}) + "\n", encoding="utf-8")
+    asked.answer({**held, "files": paths}, lambda: text(found, paths))
 
 
 def ask_to_move(servo: Servo, yes: bool) -> None:

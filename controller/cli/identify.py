@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, endings, experiment, moving
 from haptic_wall.controller.cli.identify_record import identify_record, refuse_pendulum
 from haptic_wall.controller.cli.options import (
@@ -132,11 +133,10 @@ def command(
         found = _moved(loaded, logs, reach)
         result |= report(found)
         kept = _Kept(asked.force)
-        result["plot"] = kept.write(
-            "--plot", plot_path, PICTURE, partial(_draw, found, loaded.name)
-        )
         if out is not None:
             result["config"] = kept.write("--out", out, _CONFIG, partial(_write, found, loaded))
+        draw = partial(_draw, found, loaded.name)
+        result["plot"] = drawn_or_noted("--plot", plot_path, draw, force=asked.force)
         failures = kept.failures
     if boundary is not None:
         result["from_sweep"] = _from_sweep(*boundary, loaded, found)

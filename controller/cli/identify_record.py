@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH
 from haptic_wall.controller.cli.options import (
     answer,
@@ -12,13 +14,11 @@ from haptic_wall.controller.cli.options import (
     reading,
     refuse_other_pictures,
     refuse_same_file,
-    writing,
 )
 from haptic_wall.controller.cli.places import take_file
-from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import PICTURE
-from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.recorded.estimate import Pendulum
@@ -71,11 +71,8 @@ def identify_record(
     if plot_path is not None and found.shot is not None:
         from haptic_wall.controller.report.recorded import plot_recorded
 
-        drawing = working("drawing the picture", DRAWING_S)
-        kept = whole(plot_path, PICTURE, force=force)
-        with drawing, writing("--plot", plot_path), kept as part:
-            plot_recorded(found, record.name, part)
-        result["plot"] = str(plot_path)
+        draw = partial(plot_recorded, found, record.name)
+        result["plot"] = drawn_or_noted("--plot", plot_path, draw, force=force)
     answer(as_json(result) if as_json_wanted else text(found, result["plot"]))
 
 

@@ -19,7 +19,7 @@ from haptic_wall.controller.logs.pieces import End
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.rows import LogRows, TimeSpan
 from haptic_wall.controller.logs.walls import told_in, walls_of
-from haptic_wall.controller.processes.live_place import live_at
+from haptic_wall.controller.processes.live_place import live_at, server_log_of
 from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
 
         answer(live.address)
         from haptic_wall.controller.live.server import LiveServer
+        from haptic_wall.controller.live.web_server import log_to
 
+        log_to(server_log_of(log))
         with on_signals(stop), on_signals(stop, (signal.SIGINT,)):
             asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(signals)))
         return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0

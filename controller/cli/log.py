@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.log_text import config_line, summary_text
 from haptic_wall.controller.cli.options import (
     FileToWrite,
@@ -23,7 +24,7 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import force_option, take_file
 from haptic_wall.controller.cli.stretch import stretch_between
-from haptic_wall.controller.cli.working import DRAWING_S, working
+from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.logs.reader import LogReader
@@ -42,7 +43,7 @@ _KINDS = {
     "--plot": PICTURE,
     "--cut": LOG,
 }
-_READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--plot": 5e5, "--cut": 2e6}
+_READ_BYTES_S, _WRITTEN_ROWS_S = 4e8, {"--csv": 1.2e5, "--mcap": 5e4, "--cut": 2e6}
 """Read bytes, and written rows, per second"""
 
 
@@ -182,8 +183,10 @@ def _write(
     }
     for option, path in wanted.items():
         if path is not None:
+            if option == "--plot":
+                drawn(option, path, writers[option], force=force)
+                continue
             about_s = report["rows"] / _WRITTEN_ROWS_S[option]
-            about_s += DRAWING_S if option == "--plot" else 0.0
             shown = working(f"writing {path.name}", about_s)
             with shown, writing(option, path), whole(path, _KINDS[option], force=force) as part:
                 writers[option](part)

@@ -11,11 +11,12 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.options import as_json, writing
-from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, RESULT_MARK, table
 from haptic_wall.controller.system.whole_file import whole
 
@@ -110,17 +111,13 @@ def write_map(
             stream.writelines(json_parts(found, report))
             stream.write("\n")
 
-    def picture(path: Path) -> None:
-        plot_map(found, report["name"], path)
-
-    files = [out / name for name in FILES]
-    drawing = working("drawing the picture", DRAWING_S)
-    with drawing, writing("--out", out), ExitStack() as all_or_none:
-        for file, kind, write in zip(
-            files, FILES.values(), (csv_table, json_text, picture), strict=True
-        ):
+    *files, picture = (out / name for name in FILES)
+    with writing("--out", out), ExitStack() as all_or_none:
+        for file, kind, write in zip(files, FILES.values(), (csv_table, json_text), strict=False):
             write(all_or_none.enter_context(whole(file, kind, force=force)))
-    return files
+    draw = partial(plot_map, found, report["name"])
+    seen = drawn_or_noted("--out", picture, draw, force=force)
+    return [*files, *([seen] if seen else [])]
 
 
 def _points(found: CriticalMap) -> Iterator[list[tuple[Any, ...]]]:

@@ -15,6 +15,7 @@ import click
 
 from haptic_wall import __version__
 from haptic_wall.controller.cli.brief import brief_text
+from haptic_wall.controller.cli.drawing import drawn
 from haptic_wall.controller.cli.options import (
     FileToWrite,
     answer,
@@ -28,7 +29,7 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.places import force_option, new_stem, take_file
 from haptic_wall.controller.cli.text import report_text
-from haptic_wall.controller.cli.working import DRAWING_S, is_shown, working
+from haptic_wall.controller.cli.working import is_shown, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.reader import SUFFIX
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
@@ -133,7 +134,7 @@ def command(
     from haptic_wall.controller.processes.plan import Plan
     from haptic_wall.controller.processes.run import run
 
-    loaded = load_config(config, sets)
+    loaded = load_config(config, sets, runs=True)
     effective = loaded.config
     seconds = _duration(effective, duration)
     if no_plot and plot_path is not None:
@@ -367,14 +368,13 @@ def _draw(log: Path, plot: Path, stop_reason: str, *, force: bool) -> str:
     """Draw the picture from the log; return the error, or an empty text."""
     try:
         # The drawing can be interrupted.
-        with working("drawing the picture", DRAWING_S), interrupting(STOPPING):
+        with interrupting(STOPPING):
             from haptic_wall.controller.logs.reader import LogReader
             from haptic_wall.controller.logs.rows import LogRows
             from haptic_wall.controller.report.run import plot_log
-            from haptic_wall.controller.system.whole_file import whole
 
-            with whole(plot, PICTURE, force=force) as part:
-                plot_log(LogRows.of(LogReader(log)), part, stop_reason)
+            draw = partial(plot_log, LogRows.of(LogReader(log)), stop_reason=stop_reason)
+            drawn("--plot", plot, draw, force=force)
     except (OSError, UserError) as error:
         return f"no picture: {error}"
     except KeyboardInterrupt:

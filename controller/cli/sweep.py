@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from haptic_wall.controller.cli.ceiling import measure_ceiling
+from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import (
     Asked,
     dask_option,
@@ -19,12 +21,10 @@ from haptic_wall.controller.cli.experiment import (
 )
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
 from haptic_wall.controller.cli.numbers import numbers, periods, whole_periods
-from haptic_wall.controller.cli.options import say, writing
+from haptic_wall.controller.cli.options import say
 from haptic_wall.controller.cli.places import new_stem, take_folder
-from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.file_kinds import PICTURE, RESULT, table
-from haptic_wall.controller.system.whole_file import whole
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint
@@ -175,9 +175,8 @@ def command(
         from haptic_wall.controller.report.sweep import plot_sweep
 
         store.write()
-        picture = whole(folder / PNG, PICTURE, force=asked.force)
-        with working("drawing the picture", DRAWING_S), writing("--out", folder), picture as part:
-            plot_sweep(points, device, asked.name, part)
+        draw = partial(plot_sweep, points, device, asked.name)
+        drawn_or_noted("--out", folder / PNG, draw, force=asked.force)
     report = {**store.report(asked.name), "out": folder}
     asked.answer(report, lambda: _text(points, folder))
     if not finished:

@@ -22,6 +22,7 @@ class Friction:
     __slots__ = ("_anchor", "_most", "_torque")
     lowest_slope, highest_slope = 0.0, 1.0
     damped_everywhere = True
+    stores_work = False
     steepest = "its bristle"
     lowest = 0.0, 0.0
 

@@ -16,6 +16,7 @@ class OneSided(Memoryless):
 
     __slots__ = ("_sign",)
     damped_everywhere = False
+    stores_work = True
     lowest_slope, highest_slope = 0.0, 1.0
 
     def __init__(self, sign: int) -> None:

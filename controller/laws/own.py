@@ -5,6 +5,10 @@ count before the torque is switched on, and never while the loop runs. The loop 
 so the steepest slope is known, the torque depends on the position alone, and the user's code costs
 no time in the tick.
 
+Importing a module runs it. So ``module:Class`` is imported only where a run has called ``allow``: a
+log, a message, or a configuration that is only read can name any module and any function. A law
+that a distribution registers is code that somebody has installed, and always allowed.
+
 A class with ``torque(position, time)`` is tabulated at several instants, for the guard; ``active``
 renders it.
 """
@@ -14,7 +18,7 @@ from __future__ import annotations
 import inspect
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -23,7 +27,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any, Protocol
+from types import FunctionType
+from typing import Any, Final, Protocol
 
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError, Memoryless
@@ -40,6 +45,9 @@ CALL_SHARE = 0.1
 """Longest call of a law that is called in every tick, as a fraction of the period"""
 SAME = 1e-9
 """Two answers for one position differ by less than this fraction of the largest torque"""
+_MEMBERS: Final = ("low", "high", "torque")
+_WANTED: Final = "module:Class, importable from here, with low, high and torque(position)"
+_allowed: Final[set[str]] = set()
 
 
 class OwnLaw(Protocol):
@@ -105,31 +113,72 @@ def registered() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
+def allow(names: Iterable[str]) -> None:
+    """Allow this process to import laws: those of a configuration that it runs."""
+    _allowed.update(names)
+
+
+def is_closed(name: str) -> bool:
+    """Whether this law is in a module that this process may not import."""
+    return ":" in name and name not in _allowed
+
+
 def own_law(name: str, options: Mapping[str, Any]) -> OwnLaw:
-    """Make the user's law.
+    """Make the user's law, if it is a class with the members of one.
 
     Args:
         name: ``module:Class``, or the name of an entry point.
         options: Arguments of the class.
 
     Raises:
-        LawError: It cannot be loaded or made.
+        LawError: It may not be imported, cannot be loaded or made, or is no such class.
     """
-    wanted = "module:Class, importable from here, with low, high and torque(position)"
     try:
-        law: OwnLaw = _loaded(name)(**options)
-        missing = [each for each in ("low", "high", "torque") if not hasattr(law, each)]
-        if not missing:
-            float(law.low), float(law.high)
+        law: OwnLaw = _class_of(name)(**options)
+        _refuse_incomplete(name, lambda member: hasattr(law, member))
+        float(law.low), float(law.high)
     except LawError:
         raise
     except (Exception, SystemExit) as error:
         raise LawError(
-            "law", f"found {name}, which fails ({type(error).__name__}: {error})", wanted
+            "law", f"found {name}, which fails ({type(error).__name__}: {error})", _WANTED
         ) from error
-    if missing:
-        raise LawError("law", f"found {name} without {' and '.join(missing)}", wanted)
     return law
+
+
+def _class_of(name: str) -> Callable[..., OwnLaw]:
+    """Return the class of a law, known to be one before it is called."""
+    if is_closed(name):
+        raise LawError(
+            "law",
+            f"found {name}, whose module is imported only by a run that begins with it",
+            "an installed law, by its name",
+        )
+    found = _loaded(name)
+    if not isinstance(found, type):
+        raise LawError("law", f"found {name}, which is a {type(found).__name__}", _WANTED)
+    _refuse_incomplete(name, lambda member: _has(found, member))
+    return found
+
+
+def _refuse_incomplete(name: str, has: Callable[[str], bool]) -> None:
+    missing = [each for each in _MEMBERS if not has(each)]
+    if missing:
+        raise LawError("law", f"found {name} without {' and '.join(missing)}", _WANTED)
+
+
+def _has(made: type, name: str) -> bool:
+    """Whether a class declares an attribute, or a method of it uses or sets one of this name."""
+    return any(
+        name in vars(each)
+        or name in inspect.get_annotations(each)
+        or any(
+            name in method.__code__.co_names
+            for method in vars(each).values()
+            if isinstance(method, FunctionType)
+        )
+        for each in made.__mro__
+    )
 
 
 def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's

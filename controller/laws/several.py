@@ -27,6 +27,7 @@ class Sum:
         "lowest",
         "lowest_slope",
         "steepest",
+        "stores_work",
     )
 
     def __init__(self, parts: Sequence[tuple[str, Shape, float]]) -> None:
@@ -37,6 +38,7 @@ class Sum:
         self.lowest_slope, self.highest_slope = low * scale, high * scale
         self._parts = [(shape, share * scale) for _, shape, share in parts]
         self.damped_everywhere = any(shape.damped_everywhere for _, shape, _ in parts)
+        self.stores_work = all(shape.stores_work for _, shape, _ in parts)
         self.steepest = max(
             parts, key=lambda part: part[2] * max(-part[1].lowest_slope, part[1].highest_slope)
         )[0]

@@ -23,6 +23,8 @@ class Shape(Protocol):
             are 0.
         damped_everywhere: Damping acts at every position. Otherwise it acts in contact only, and
             the law never pulls.
+        stores_work: The potential is the work of the elongation on every path, at any speed:
+            passivity control counts on it.
         steepest: Name of the steepest part, for messages; empty: the whole law.
         lowest: Two positions with a lowest point of the potential between them [rad].
     """
@@ -35,6 +37,9 @@ class Shape(Protocol):
 
     @property
     def damped_everywhere(self) -> bool: ...  # noqa: D102
+
+    @property
+    def stores_work(self) -> bool: ...  # noqa: D102
 
     @property
     def steepest(self) -> str: ...  # noqa: D102
@@ -145,6 +150,7 @@ class Memoryless:
 
     __slots__ = ()
     damped_everywhere: bool = True
+    stores_work: bool = True
     steepest: str = ""
     lowest: tuple[float, float] = 0.0, 0.0
 

@@ -15,6 +15,7 @@ class Stops(Memoryless):
 
     __slots__ = ("_high", "_low", "lowest")
     damped_everywhere = False
+    stores_work = True
     lowest_slope, highest_slope = 0.0, 1.0
 
     def __init__(self, low: float, high: float) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from haptic_wall.controller.laws import (
     damper,
@@ -37,20 +37,49 @@ class Kind:
     numbers: tuple[str, ...]
     """Names of its numbers in the configuration"""
     make: Callable[[Numbers, Grid], Shape]
+    example: Mapping[str, Any]
+    """Numbers with which it acts between -0.8 and 0.8 rad, for pictures and tests"""
 
 
 SUM: Final = "sum"
 LAWS: Final[dict[str, Kind]] = {
-    "wall": Kind("a wall at a position", ("side",), one_sided.make),
-    "stops": Kind("a wall at each end of a free range", ("low", "high"), stops.make),
-    "spring": Kind("a spring to a centre", (), spring.make),
-    "damper": Kind("viscous friction", (), damper.make),
-    "detents": Kind("positions that hold the shaft", ("count", "width", "snap"), detents.make),
-    "friction": Kind("friction that sticks and slips", ("friction",), friction.make),
-    "texture": Kind("a grating", ("period",), texture.make),
-    "profile": Kind("torque over position from a table", ("profile",), profile.make),
+    "wall": Kind("a wall at a position", ("side",), one_sided.make, {}),
+    "stops": Kind(
+        "a wall at each end of a free range",
+        ("low", "high"),
+        stops.make,
+        {"low": -0.5, "high": 0.3},
+    ),
+    "spring": Kind("a spring to a centre", (), spring.make, {}),
+    "damper": Kind("viscous friction", (), damper.make, {}),
+    "detents": Kind(
+        "positions that hold the shaft",
+        ("count", "width", "snap"),
+        detents.make,
+        {"count": 24, "snap": 0.4},
+    ),
+    "friction": Kind(
+        "friction that sticks and slips", ("friction",), friction.make, {"friction": 0.1}
+    ),
+    "texture": Kind("a grating", ("period",), texture.make, {"period": 0.1}),
+    "profile": Kind(
+        "torque over position from a table",
+        ("profile",),
+        profile.make,
+        {"profile": ((-0.8, 1.5), (-0.4, 2.0), (-0.1, 0.0), (0.1, 0.0), (0.6, -2.5))},
+    ),
 }
 """Every law by its name in ``wall.law``, besides ``sum`` and those of users"""
+EXAMPLES: Final[dict[str, Mapping[str, Any]]] = {
+    **{name: kind.example for name, kind in LAWS.items()},
+    SUM: {
+        "parts": (
+            {"law": "detents", "width": 0.2, "snap": 0.1},
+            {"law": "stops", "low": -0.6, "high": 0.6, "share": 3.0},
+        )
+    },
+}
+"""Numbers of each law that comes with the program"""
 
 
 def names() -> list[str]:
@@ -128,8 +157,7 @@ def is_active(numbers: Numbers, grid: Grid) -> bool:
     Raises:
         LawError: As for ``shape_of``.
     """
-    known = numbers.law in LAWS or numbers.law == SUM
-    return not known and isinstance(shape_of(numbers, grid), own.Instants)
+    return numbers.law not in LAWS and isinstance(shape_of(numbers, grid), own.Instants)
 
 
 def active_law(numbers: Numbers, grid: Grid, position: float, clip: float, port: Port) -> ActiveLaw:

@@ -22,6 +22,7 @@ class Texture(Memoryless):
 
     __slots__ = ("_amplitude", "_full", "_wave")
     lowest_slope, highest_slope = -1.0, 1.0
+    stores_work = False
 
     def __init__(self, period: float, tick: float) -> None:
         self._wave = math.tau / period

@@ -30,21 +30,24 @@ def judged(
 
     A page of another origin must not read the rows. So the host name in the request must be this
     server's own name, or an address: otherwise another page could let its own name point here. The
-    origin that a browser sends must be the same.
+    origin that a browser sends must be the same. The path is compared as it came, and never taken
+    apart as an address.
 
     Args:
         request: Request of a client.
         own_host: Host name in the address that was given out.
         folders: Those with the page's files; a file of a later folder replaces one of its name.
     """
-    host = request.headers.get("Host", "")
+    hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+    if len(hosts) > 1 or len(origins) > 1 or not request.path.isascii():
+        return _answer(400, "Bad Request", "wanted one Host, one Origin, and a path in ASCII\n")
+    host = hosts[0] if hosts else ""
     if not _is_ours(host, own_host):
         return _answer(403, "Forbidden", f"this server does not have the name {host!r:.200}\n")
-    path = urlsplit(request.path).path
+    path = request.path.partition("?")[0]
     if path == ROWS_PATH:
-        origin = request.headers.get("Origin")
-        if origin is not None and origin != f"http://{host}":
-            return _answer(403, "Forbidden", f"a page of {origin!r:.200} may not read this\n")
+        if origins and origins[0] != f"http://{host}":
+            return _answer(403, "Forbidden", f"a page of {origins[0]!r:.200} may not read this\n")
         return None
     found = _page(folders).get(path)
     if found is None:
@@ -54,12 +57,16 @@ def judged(
 
 def servo_of(request: Request) -> str:
     """Return the servo that a request's address names, of a page with several; empty: none."""
-    return parse_qs(urlsplit(request.path).query).get("servo", [""])[0]
+    return _given(request, "servo")
 
 
 def token_of(request: Request) -> str:
     """Return the token in a request's address; empty: none."""
-    return parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+    return _given(request, "token")
+
+
+def _given(request: Request, name: str) -> str:
+    return parse_qs(request.path.partition("?")[2]).get(name, [""])[0]
 
 
 def is_token(given: str, token: str) -> bool:

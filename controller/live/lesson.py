@@ -6,10 +6,10 @@ configuration and its delay.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+from haptic_wall.controller.live.relay import is_number
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_point, max_virtual_damping, passive_limit, peak
 from haptic_wall.controller.theory.cycles import Saturation, limit_cycles
@@ -147,10 +147,8 @@ def own_servo(given: Mapping[str, Any]) -> dict[str, Any]:
     values: dict[str, float] = {}
     for name, (least, most) in BOUNDS.items():
         value = given.get(name)
-        good = isinstance(value, int | float) and math.isfinite(value) and least <= value <= most
-        if not good:
+        if not is_number(value) or not least <= value <= most:
             return {"trouble": f"{name}: found {value!r:.40}; wanted {least:g} to {most:g}"}
-        assert isinstance(value, int | float)
         values[name] = float(value)
     if values["delay"] > MOST_PERIODS * values["period"]:
         return {

@@ -30,7 +30,7 @@ from haptic_wall.controller.live.rhythm import STRETCH_S, rhythm
 from haptic_wall.controller.live.running_view import view_of
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.live.web_server import closed, opened
+from haptic_wall.controller.live.web_server import closed, log_to, opened
 from haptic_wall.controller.processes.idle_window import until_idle_window
 from haptic_wall.controller.processes.live import take_over
 from haptic_wall.controller.processes.live_place import Live
@@ -307,6 +307,7 @@ async def serve_lesson(stages: dict[str, Stage], live: Live) -> None:
 def main() -> None:
     """Serve until told to end."""
     orders = read_orders()
+    log_to(Path(orders["log"]))
     ends = ended_by(signal.SIGTERM)
     die_with_parent(orders["parent"], signal.SIGKILL)
     live = Live(**orders["live"])

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.server import ServerConnection
 
 from haptic_wall.controller.live.gate import judged
-from haptic_wall.controller.live.web_server import closed, opened
+from haptic_wall.controller.live.web_server import closed, log_to, opened
 from haptic_wall.controller.processes.live_place import Live
 from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
@@ -85,6 +85,7 @@ def _imported() -> Callable[
 def main() -> None:
     """Serve until told to end."""
     orders = read_orders()
+    log_to(Path(orders["log"]))
     ends = ended_by(signal.SIGTERM)
     die_with_parent(orders["parent"], signal.SIGKILL)
     try:

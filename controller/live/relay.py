@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from haptic_wall.controller.laws.table import LAWS
 from haptic_wall.controller.processes.run_socket import MOST_BYTES, connected
@@ -32,6 +31,11 @@ NUMBERS: Final = frozenset(
 """Numbers that a page may change"""
 
 
+def is_number(value: object, most: float = 1e300) -> TypeGuard[int | float]:
+    """Whether a value of a message is a number below ``most``: an integer may have any length."""
+    return type(value) in (int, float) and abs(value) < most  # type: ignore[arg-type]
+
+
 def sets_of(changes: object) -> list[str] | None:
     """Return changes as ``PATH=VALUE``; None: they are not what a page may change.
 
@@ -44,11 +48,10 @@ def sets_of(changes: object) -> list[str] | None:
     if not isinstance(changes, dict) or not changes:
         return None
     for path, value in changes.items():
-        number = isinstance(value, int | float) and math.isfinite(value)
         if path == "wall.law":
-            if value not in LAWS or value == "profile":
+            if not isinstance(value, str) or value not in LAWS or value == "profile":
                 return None
-        elif path not in NUMBERS or not number:
+        elif path not in NUMBERS or not is_number(value):
             return None
     return [f"{path}={json.dumps(value)}" for path, value in changes.items()]
 

@@ -15,7 +15,7 @@ from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.changes import changed
-from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.hw.hand import SharedHand
 
 _MOST_NEWS = 65_536
@@ -75,7 +75,7 @@ def view_of(orders: Mapping[str, Any]) -> tuple[View, News, Telemetry]:
         orders: Of the run's supervisor; the view takes the descriptors in them.
     """
     telemetry = Telemetry(orders["telemetry"])
-    config = Config.model_validate_json(orders["config"])
+    config = Config.model_validate_json(orders["config"], context=RUNS)
     view = View(
         config,
         orders["name"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import socket
 import time
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 
 from haptic_wall.controller.live.client import MOST_ROWS, Client, Messages
 from haptic_wall.controller.live.gate import is_token, judged, token_of
-from haptic_wall.controller.live.relay import ask, sets_of
+from haptic_wall.controller.live.relay import ask, is_number, sets_of
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.live.web_server import closed, opened
 
@@ -24,6 +25,7 @@ FRAME_S: Final = 0.02
 LEAST_PAUSE_S: Final = 0.25 * FRAME_S
 """Shortest time for the clients' requests between two messages [s]"""
 MOST_CLIENTS: Final = 64
+_LOG: Final = logging.getLogger(__name__)
 _LAW_EVERY: Final = 25
 """Messages between two looks at the law's range, and the guard's delay"""
 
@@ -122,32 +124,36 @@ class LiveServer:
                 client.asks.cancel()
 
     def _take(self, client: Client, message: str | bytes) -> None:
-        """Take a request of a client.
+        """Take a request of a client, or refuse it; nothing is read without the token."""
+        trouble = "this page may not change the wall"
+        if client.turns:
+            try:
+                request = json.loads(message)
+            except (ValueError, RecursionError):
+                request = None
+            if isinstance(request, dict) and self._granted(client, request):
+                return
+            trouble = f"not understood: {message[:80]!r}"
+        _LOG.warning("refused: %s", trouble)
+        client.tell({"kind": "refused", "words": trouble})
+
+    def _granted(self, client: Client, request: dict[str, Any]) -> bool:
+        """Fulfil a request of a client that may turn knobs; return False where it is none.
 
         It is ``{"set": {PATH: VALUE}, "id": N}``, ``{"hand": {"position": X, "stiffness": K}}``
         every 50 ms, ``{"hold": BEAT}`` after each beat, or one of the last two with null.
         """
-        try:
-            request = json.loads(message)
-        except (ValueError, RecursionError):
-            request = None
-        if not isinstance(request, dict):
-            request = {}
-        if client.turns and self._further(client, request):
-            return
-        sets, hand = sets_of(request.get("set")), request.get("hand")
-        grasps = "hand" in request and (hand is None or isinstance(hand, dict))
-        if sets is None and not grasps and "hold" not in request:
-            client.tell({"kind": "refused", "words": f"not understood: {message[:80]!r}"})
-        elif not client.turns:
-            client.tell({"kind": "refused", "words": "this page may not change the wall"})
-        elif sets is None:
-            view = self._view
-            known = view.grasp(client, hand) if grasps else view.hold(client, request["hold"])
-            if not known:
-                client.tell({"kind": "refused", "words": f"not understood: {message[:80]!r}"})
-        elif self.run_socket is not None:
-            self._ask(client, self.run_socket, sets, request.get("id"))
+        if self._further(client, request):
+            return True
+        sets, hand, number = sets_of(request.get("set")), request.get("hand"), request.get("id")
+        if sets is not None:
+            known = number is None or is_number(number)
+            if known and self.run_socket is not None:
+                self._ask(client, self.run_socket, sets, number)
+            return known
+        if "hand" in request and (hand is None or isinstance(hand, dict)):
+            return self._view.grasp(client, hand)
+        return "hold" in request and self._view.hold(client, request["hold"])
 
     @staticmethod
     def _ask(client: Client, run: Path, sets: list[str], number: object) -> None:

@@ -16,6 +16,7 @@ from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.marks import Mark, MarkFinder, change_mark
+from haptic_wall.controller.live.relay import is_number
 from haptic_wall.controller.live.scene import law_over_position
 from haptic_wall.controller.live.source import Source
 from haptic_wall.controller.settings.config import Config
@@ -128,7 +129,7 @@ class View:
                 hand.release()
             return True
         numbers = [wish.get("position"), wish.get("stiffness")]
-        if not all(isinstance(each, int | float) and abs(each) < MOST_NUMBER for each in numbers):
+        if not all(is_number(each, MOST_NUMBER) for each in numbers):
             return False
         free = self._holds in (None, client) or hand.look(now_ns) is None
         if free and math.isfinite(self.shaft):
@@ -150,7 +151,7 @@ class View:
             return False
         if beat is None:
             self.dead_man.release(client)
-        elif isinstance(beat, int):
+        elif type(beat) is int:
             self.dead_man.answer(client, beat, time.monotonic_ns())
         else:
             return False
@@ -203,11 +204,15 @@ class View:
         wanted = (self.config, float(f"{self.stiffness:.3g}"))
         drawn = self._law
         inside = bool(drawn) and drawn["low"] <= low and high <= drawn["high"]
-        if not inside or wanted != self._law_of:
-            self._law_of = wanted
+        if inside and wanted == self._law_of:
+            return
+        try:
             law = law_over_position(self.config, self._started_at, self.stiffness, low, high)
-            self._law = {"kind": "law", **law}
-            self.tell(self._law)
+        except HapticWallError:
+            return  # of a log: a law that is not imported
+        self._law_of = wanted
+        self._law = {"kind": "law", **law}
+        self.tell(self._law)
 
     async def draw_map(self) -> None:
         """Tell the guard's limits, where the wall, or the delay, is another one."""

@@ -6,7 +6,6 @@ It checks the content too: correct checksums do not prove that this program wrot
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.logs.blocks import Block
-from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_of_change
 from haptic_wall.controller.runtime.telemetry import FLOAT_FIELDS, INT_FIELDS, ROW
 from haptic_wall.controller.system import json_text
 from haptic_wall.hw.servo import Outcome
@@ -148,7 +147,7 @@ def judged(
         if checked and not block.summed:
             return None, None
         if EVENT in content:
-            why = _fault_of_event(content[EVENT])
+            why = fault_of_change(content[EVENT])
             return (Event(content[EVENT]), None) if why is None else (None, why)
         why = _fault_of_end(content)
         return (End(content), None) if why is None else (None, why)
@@ -174,25 +173,6 @@ def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
     rows = ended.get("rows", 0)
     if not isinstance(rows, int) or not 0 <= rows <= 1 << 53:
         return "the run's end: rows is no count in it"
-    return None
-
-
-def _fault_of_event(change: object) -> str | None:
-    """Return the implausible part of an event; None: all of it is plausible."""
-    if not isinstance(change, dict):
-        return "an event: it has no change"
-    row = change.get("row")
-    if row is not None and not (type(row) is int and 0 <= row <= 1 << 53):
-        return "an event: row is no count in it"
-    if not isinstance(change.get("changed"), dict | None):
-        return "an event: changed is no object in it"
-    sets, at_s = change.get("set"), change.get("at_s")
-    if not isinstance(sets, list) or not all(isinstance(each, str) for each in sets):
-        return "an event: set is no list of texts in it"
-    if at_s is not None and not (isinstance(at_s, int | float) and math.isfinite(at_s)):
-        return "an event: at_s is no time in it"
-    if not isinstance(change.get("outcome"), str):
-        return "an event: outcome is no text in it"
     return None
 
 

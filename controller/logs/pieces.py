@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+_LONGEST_S: Final = 1e9
+"""Longest plausible time of a run"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +56,33 @@ class Event:
     """A requested change of the running wall, made or not."""
 
     change: dict[str, Any]
-    """As in the report's ``changes``; ``row`` and ``changed`` are plausible"""
+    """As in the report's ``changes``; ``fault_of_change`` finds nothing"""
 
 
 Piece = NDArray[np.void] | Damage | Misplaced | Head | End | Event
+
+
+def fault_of_change(change: object) -> str | None:
+    """Return the implausible part of a change of the wall as a log tells it; None: there is none.
+
+    What is missing counts as None, and only ``set`` and ``outcome`` may not be that.
+    """
+    if not isinstance(change, dict):
+        return "an event: it has no change"
+    row, at_s, sets = (change.get(name) for name in ("row", "at_s", "set"))
+    if row is not None and not (type(row) is int and 0 <= row <= 1 << 53):
+        return "an event: row is no count in it"
+    if not isinstance(change.get("changed"), dict | None):
+        return "an event: changed is no object in it"
+    if not isinstance(sets, list) or not all(isinstance(each, str) for each in sets):
+        return "an event: set is no list of texts in it"
+    if at_s is not None and not (isinstance(at_s, int | float) and abs(at_s) <= _LONGEST_S):
+        return "an event: at_s is no time in it"
+    if not isinstance(change.get("outcome"), str):
+        return "an event: outcome is no text in it"
+    if not isinstance(change.get("why"), str | None):
+        return "an event: why is no text in it"
+    return None
 
 
 def fault_text(piece: Piece) -> Iterator[str]:

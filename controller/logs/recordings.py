@@ -86,6 +86,11 @@ def recordings_of_log(path: Path) -> Iterator[Recording]:
         for number, each in enumerate(logs, 1)
         if each.count < LEAST
     ]
+    closed = {law for each in walls if each is not None for law in each.closed()}
+    notes += [
+        f"{in_line(law)} is not imported for a log: the motion is judged without its law"
+        for law in closed
+    ]
     if any(each is not None and each.moves() for each in walls):
         notes.append(MOVED)
     for (number, index), blocks in groupby(_with_wall_on(rows, walls), key=lambda found: found[0]):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.detector.detection import position_step
 from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
+from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.logs.detected import Detected, add
 from haptic_wall.controller.logs.pieces import Damage, End, Event, Piece, fault_text
@@ -27,6 +28,7 @@ from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.changes import moved_by
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.printable import in_line
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.servo import Outcome
 
@@ -48,8 +50,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
     """Run a log's own watch on it again; None: the log lacks the necessary data.
 
     A change of the running wall changes law and watch in the row where it did in the run. None are
-    the logs of experiments, which render no wall, excerpts, files of several joined logs,
-    and logs that lack rows before their last one.
+    the logs of experiments, which render no wall, excerpts, files of several joined logs, logs that
+    lack rows before their last one, and those of laws whose modules are closed.
 
     Args:
         path: A log of this program.
@@ -73,6 +75,8 @@ def replayed(path: Path, given: Mapping[str, float | None]) -> Detected | None:
         return None
     told, notes = whole
     walls = walls_of(metadata, changes_in(told))
+    if walls.closed():
+        return None
     started_at = float(known[0]) if known.size else math.nan
     blocks = _gathered(rows)
     first = next(blocks, None)
@@ -165,7 +169,11 @@ def _wall(
 
     The delay is None where the watch knows its lag.
     """
-    law = config.law(facts.position_step)
+    try:
+        law = config.law(facts.position_step)
+    except ConfigError as error:
+        problem = in_line(str(error.problem), 1000)
+        raise LogFormatError(f"law and servo of the log do not agree: {problem}") from error
     law.position = config.surface(started_at)
     settings = watch_settings(config, facts, law)
     believed = settings.detector

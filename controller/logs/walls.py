@@ -6,15 +6,19 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, LogFormatError
-from haptic_wall.controller.logs.pieces import End, Event, Head, Piece
+from haptic_wall.controller.laws import own
+from haptic_wall.controller.logs.pieces import End, Event, Head, Piece, fault_of_change
 from haptic_wall.controller.settings.changes import moved, with_changes
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
+from haptic_wall.controller.settings.rules import law_names
+from haptic_wall.controller.system.printable import in_line
 
 _OF_LAWS = "wall.law:", "wall.options:", "wall.parts:"
+_UNKNOWN: Final = dict.fromkeys(("at_s", "row", "changed", "why"))
 APPLIED = "applied"
 """Outcome of a change that was made"""
 
@@ -35,6 +39,14 @@ class Walls:
         """Return the indices of the configurations with another law, or one elsewhere."""
         pairs = enumerate(pairwise(self.configs), 1)
         return [index for index, (old, new) in pairs if moved(old, new)]
+
+    def closed(self) -> list[str]:
+        """Return the laws whose modules this process may not import, because only a log names them.
+
+        The configurations are known all the same, but not the shapes of these laws.
+        """
+        named = dict.fromkeys(law for config in self.configs for law in law_names(config.wall))
+        return list(filter(own.is_closed, named))
 
     def at(self, seq: int) -> Config:
         """Return the configuration at a row."""
@@ -83,27 +95,32 @@ def changes_in(pieces: Iterable[Piece]) -> list[dict[str, Any]]:
 
 
 def told_in(piece: Piece) -> list[dict[str, Any]]:
-    """Return the changes that a piece of a log tells: an event, or the end of a run."""
+    """Return the plausible changes that a piece of a log tells: an event, or the end of a run.
+
+    Each has ``at_s``, ``row``, ``changed`` and ``why``, which may be None, ``set`` and ``outcome``.
+    """
+    changes: object = None
     if isinstance(piece, Event):
-        return [piece.change]
-    if not isinstance(piece, End):
+        changes = [piece.change]
+    elif isinstance(piece, End):
+        changes = piece.ended.get("changes")
+    if not isinstance(changes, list):
         return []
-    changes = piece.ended.get("changes")
-    return [each for each in changes if isinstance(each, dict)] if isinstance(changes, list) else []
+    return [_UNKNOWN | each for each in changes if fault_of_change(each) is None]
 
 
 def _config(data: object) -> Config:
     problems: Sequence[str] = ("",)
     try:
         if isinstance(data, dict):
-            return loaded(data, "of the log")
+            return loaded(data, "of the log", files=False)
     except ConfigError as error:
         problems = error.problems
     law = next((each for each in problems if each.startswith(_OF_LAWS)), None)
     if law is not None:
         raise LogFormatError(
-            f"the run's law is not available here: {law}",
-            advice="install its distribution, or start in the folder of its module",
+            f"the run's law is not available here: {in_line(law, 1000)}",
+            advice="install its distribution",
         )
     raise LogFormatError(
         f"this program does not know the log's configuration ({len(problems)} differences)",

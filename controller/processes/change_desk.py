@@ -18,7 +18,7 @@ from haptic_wall.controller.runtime.changes import Changes
 from haptic_wall.controller.runtime.handover import Offers, Settled
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.changes import changed, difference
-from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.hw.errors import ExplainedError
 
 START_S: Final = 1.0
@@ -80,7 +80,7 @@ class ChangeDesk:
         to_log = socket.socket(fileno=orders["to_log"])
         peer = socket.socket(fileno=orders["loop"])
         peer.settimeout(LOOP_S)
-        config = Config.model_validate_json(orders["config"])
+        config = Config.model_validate_json(orders["config"], context=RUNS)
 
         def told(change: dict[str, Any]) -> None:
             tell({"change": change, "logged": send_event(to_log, change)})

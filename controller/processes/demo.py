@@ -90,6 +90,7 @@ class Demo:
             theirs[name] = scope.enter_context(their)
         descriptors = {name: each.fileno() for name, each in theirs.items()}
         orders = {"parent": os.getpid(), "live": asdict(live), "servos": descriptors}
+        orders |= {"log": str(folder / "page.txt")}
         inherited = [live.descriptor, *descriptors.values()]
         self.page = Child("page", [MODULE], orders, inherited, pick_cores()[1])
         scope.callback(self.page.dismiss, _END_S)

@@ -16,6 +16,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.live_place import server_log_of
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.processes.run_socket import socket_of
 from haptic_wall.controller.runtime.telemetry import Telemetry
@@ -118,6 +119,7 @@ def start_live(plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int]) ->
         else:
             orders = {"hand": None, **inherited, **shown}
             orders |= {"parent": os.getpid(), "live": asdict(live)}
+            orders |= {"log": str(server_log_of(plan.log))}
             descriptors = [*inherited.values(), live.descriptor]
             server = Child("live page", [MODULE], orders, descriptors, cores)
     return LiveMonitor(server, ours, hand, tell)

@@ -6,8 +6,14 @@ import importlib.util
 import secrets
 import socket
 from dataclasses import dataclass
+from pathlib import Path
 
 from haptic_wall.controller.errors import PlatformError, UserError
+
+
+def server_log_of(log: Path) -> Path:
+    """Return the path of the page's server's own log, beside that of the run."""
+    return log.with_name(log.name + ".live.txt")
 
 
 @dataclass(frozen=True, slots=True)

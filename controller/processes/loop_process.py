@@ -29,7 +29,7 @@ from haptic_wall.controller.runtime.lateness.thread_counters import CounterReade
 from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
-from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.errors import Problem, ServoError
@@ -81,7 +81,7 @@ def main() -> None:
     # The parent blocked these signals until this process had a group of its own and handlers.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGHUP})
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
-    config = Config.model_validate_json(orders.config)
+    config = Config.model_validate_json(orders.config, context=RUNS)
     os.sched_setaffinity(0, {orders.core})
     try:
         with contextlib.ExitStack() as scope:

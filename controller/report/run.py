@@ -14,10 +14,9 @@ from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.walls import changes_in, walls_of
 from haptic_wall.controller.report import run_panels
 from haptic_wall.controller.report.sketch import Sketch, sketched
-from haptic_wall.controller.report.style import any_writing, titled
+from haptic_wall.controller.report.style import picture, titled
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
-from haptic_wall.controller.system.file_kinds import SOFTWARE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,11 +67,6 @@ def plot_run(
         LogFormatError: The metadata holds no known configuration.
         OSError: The picture cannot be written.
     """
-    # Imported here because it takes a second, which only pictures should cost. The classes are used
-    # without pyplot, so that no state survives the call.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     run = _drawn(sketch, metadata, changes)
     panels: list[tuple[Callable[[Axes, run_panels.DrawnRun], None], float]] = [
         (run_panels.position, 3.0),
@@ -82,34 +76,31 @@ def plot_run(
     if run_panels.has_timing(run):
         panels.append((run_panels.timing, 2.0))
     heights = [height for _, height in panels]
-    figure = Figure(figsize=(11, 1.1 * sum(heights)), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
-    name = metadata.get("name")
-    title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
-    figure.suptitle(title, fontsize=12, ha="left", x=0.01)
-    for (panel, _), ax in zip(panels, axes, strict=True):
-        panel(ax, run)
-        run_panels.shade_warm_up(ax, run)
-        ax.grid(True, color="#e6e6e6", linewidth=0.6)
-        ax.set_axisbelow(True)
-        for side in ("top", "right"):
-            ax.spines[side].set_visible(False)
-        handles, labels = ax.get_legend_handles_labels()
-        if handles:
-            ax.legend(
-                handles,
-                labels,
-                loc="upper left",
-                bbox_to_anchor=(1.0, 1.0),
-                fontsize=8,
-                frameon=False,
-            )
-    axes[-1].set_xlabel("time [s]")
-    axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
-    figure.align_ylabels(axes)
-    with any_writing():
-        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
+    with picture(path, 11.0, 1.1 * sum(heights), {"figure.dpi": 120}) as figure:
+        axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights)
+        name = metadata.get("name")
+        title = _title(run, name if isinstance(name, str) else "run", stop_reason or "")
+        figure.suptitle(title, fontsize=12, ha="left", x=0.01)
+        for (panel, _), ax in zip(panels, axes, strict=True):
+            panel(ax, run)
+            run_panels.shade_warm_up(ax, run)
+            ax.grid(True, color="#e6e6e6", linewidth=0.6)
+            ax.set_axisbelow(True)
+            for side in ("top", "right"):
+                ax.spines[side].set_visible(False)
+            handles, labels = ax.get_legend_handles_labels()
+            if handles:
+                ax.legend(
+                    handles,
+                    labels,
+                    loc="upper left",
+                    bbox_to_anchor=(1.0, 1.0),
+                    fontsize=8,
+                    frameon=False,
+                )
+        axes[-1].set_xlabel("time [s]")
+        axes[-1].set_xlim(run.time[0], max(run.time[-1], run.time[0] + 1e-3))
+        figure.align_ylabels(axes)
 
 
 def _drawn(

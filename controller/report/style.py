@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -49,37 +50,52 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def picture(path: Path | IO[bytes], width: float, height: float) -> Iterator[Figure]:
+def drawing(style: dict[Any, Any]) -> Iterator[None]:
+    """Draw with Matplotlib's own settings and a style, whatever the user's settings are.
+
+    Args:
+        style: Settings that differ from Matplotlib's own.
+    """
+    # The backend of a notebook or of another program may not exist here; it is read on import only.
+    backend = os.environ.pop("MPLBACKEND", None)
+    try:
+        import matplotlib
+    finally:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    # Letters that the font lacks become boxes.
+    with warnings.catch_warnings(), matplotlib.rc_context():
+        warnings.filterwarnings("ignore", message="Glyph")
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(style)
+        yield
+
+
+@contextmanager
+def picture(
+    path: Path | IO[bytes], width: float, height: float, style: dict[Any, Any] | None = None
+) -> Iterator[Figure]:
     """Yield a figure, written as PNG at the end; equal data give an equal file.
 
     Args:
         path: A file's path, or a stream open for writing.
         width: [inch].
         height: [inch].
+        style: Settings of Matplotlib; None: those of a journal.
 
     Raises:
         OSError: The file cannot be written.
     """
-    # Imported here because it takes a second, which only pictures should cost. Without pyplot no
-    # figure survives the call.
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with drawing(_STYLE if style is None else style):
+        # Imported here because it takes a second, which only pictures should cost. Without pyplot
+        # no figure survives the call.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
-        with any_writing():
-            figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
-
-
-@contextmanager
-def any_writing() -> Iterator[None]:
-    """Suppress warnings about letters missing in the font, which become boxes."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph")
-        yield
+        figure.savefig(path, format="png", metadata={"Software": SOFTWARE})
 
 
 def titled(name: str) -> str:

@@ -178,8 +178,12 @@ class Inbox:
 
     def tell(self, servo: KnownServo) -> None:
         """Send the facts of the servo to the other side, before the loop runs."""
-        if self._peer is not None:
+        if self._peer is None:
+            return
+        try:
             self._peer.send(pickle.dumps(servo, pickle.HIGHEST_PROTOCOL))
+        except OSError:  # the other side has ended: the wall stays as it is
+            self._peer = None
 
     def take(self) -> None:
         """Take one piece, unless a change is at hand; never waits."""
@@ -194,6 +198,8 @@ class Inbox:
             piece = self._peer.recv(MOST_BYTES, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return
+        except ConnectionError:
+            piece = b""
         if not piece:  # the other side has ended
             self._peer = None
             return

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pydantic import ValidationInfo, model_validator
 
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Belief, Bounded, vibration
+from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.shape import Grid, LawError, Numbers
 from haptic_wall.controller.laws.table import active_law, facts_of, is_active, rendered_law
@@ -19,7 +20,12 @@ from haptic_wall.controller.settings.model import (
     Estimate,
     Loop,
 )
-from haptic_wall.controller.settings.rules import SILENCE_SHARE, BrokenRulesError, broken_rules
+from haptic_wall.controller.settings.rules import (
+    SILENCE_SHARE,
+    BrokenRulesError,
+    broken_rules,
+    law_names,
+)
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.controller.settings.shares import DRIVEN_SHARE
@@ -38,6 +44,8 @@ MOST_KICK = math.tau / 4.0
 """Largest displacement of a simulated or emulated servo at which the wall comes on at once [rad]"""
 OLD_NAMES = {"safety.max_losses_in_row": "safety.max_silence_s"}
 """Fields of older files and logs, and their present names"""
+RUNS: Final = {"runs": True}
+"""Context of the validation of what a process runs: its laws are imported, see ``laws.own``"""
 MOVED_BY_START = math.radians(1.0)
 """Largest motion of an emulated servo during the check of the torque's sign [rad]"""
 
@@ -82,7 +90,10 @@ class Config(Sections):
 
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Config:
-        unusable = frozenset((info.context or {}).get("unusable", ()))
+        context = info.context or {}
+        if context.get("runs"):
+            own.allow(law_names(self.wall))
+        unusable = frozenset(context.get("unusable", ()))
         if problems := broken_rules(self, unusable):
             raise BrokenRulesError(problems)
         return self

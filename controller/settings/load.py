@@ -66,12 +66,13 @@ def file_of(source: str) -> Path | None:
     return None if source in preset_names() else Path(source)
 
 
-def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
+def load_config(source: str, sets: Sequence[str] = (), *, runs: bool = False) -> Loaded:
     """Read, change and check a configuration.
 
     Args:
         source: A preset's name, or the path of a YAML file.
         sets: Changes as ``PATH=VALUE``, applied in order before anything is checked.
+        runs: It is run: a law of the user's own is imported and checked too, see ``laws.own``.
 
     Raises:
         ConfigError: With every problem found.
@@ -93,7 +94,7 @@ def load_config(source: str, sets: Sequence[str] = ()) -> Loaded:
             problems.append(error.problem)
         else:
             origins[".".join(path.split(".")[:2])] = "--set"
-    config, found = _validated(data)
+    config, found = _validated(data, {"runs": runs})
     problems += [_of_origin(problem, origins) for problem in found]
     for old, new in OLD_NAMES.items():
         if old in origins:
@@ -172,26 +173,29 @@ def _read(source: str) -> tuple[Any, str]:
     return config_yaml.parse(text, str(path)), str(path)
 
 
-def loaded(data: dict[str, Any], title: str) -> Config:
+def loaded(data: dict[str, Any], title: str, *, files: bool = True) -> Config:
     """Return the checked configuration of settings that were not read from a file.
 
     Args:
         data: Settings by section and name.
         title: Their source, for messages.
+        files: They may name other files.
 
     Raises:
         ConfigError: With every problem found.
     """
-    config, problems = _validated(data)
+    config, problems = _validated(data, {"files": files})
     if config is None:
         raise ConfigError(title, problems)
     return config
 
 
-def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
+def _validated(
+    data: dict[str, Any], context: dict[str, Any]
+) -> tuple[Config | None, list[Problem]]:
     """Return the configuration, or all of its problems."""
     try:
-        return Config.model_validate(data), []
+        return Config.model_validate(data, context=context), []
     except ValidationError as error:
         problems = _problems(error, data)
     # Rules between fields are checked only when each field is valid by itself. To report them too,
@@ -201,7 +205,7 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     for path in unusable:
         _remove(pruned, path)
     try:
-        Config.model_validate(pruned, context={"unusable": unusable})
+        Config.model_validate(pruned, context=context | {"unusable": unusable})
     except ValidationError as error:
         known = set(problems)
         problems += [p for p in _problems(error, pruned) if p not in known]

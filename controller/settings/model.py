@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
+from haptic_wall.controller.laws.table import LAWS
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.profile_file import MOST_ROWS, profile_of
 from haptic_wall.hw.settings import Kind
@@ -176,9 +184,9 @@ class _Rendered(Section):
     )
 
 
-def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read a profile from a CSV file, or convert a list of pairs to tuples."""
-    if isinstance(found, str):
+def rows(found: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Read a profile from a CSV file, or convert a list of pairs to tuples; a log names no file."""
+    if isinstance(found, str) and (info.context or {}).get("files", True):
         return profile_of(found)
     return tuple(map(pair, found)) if isinstance(found, list) else found
 
@@ -186,40 +194,46 @@ def rows(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
 Row = tuple[Place, Place]
 
 
+def _of(number: str) -> str:
+    """Return whose number it is, for its description."""
+    return f"Of {', '.join(name for name, kind in LAWS.items() if number in kind.numbers)}: "
+
+
 class LawNumbers(Section):
     """A law and its own numbers; positions count from ``wall.position``."""
 
     law: str = setting(
         "wall",
-        "Rendered law: wall, stops (a wall at each end), spring, damper, detents, friction, "
-        "texture (a grating), profile (torque over position), sum (of wall.parts), an installed "
-        "law, or your own as module:Class",
+        f"Rendered law: {', '.join(f'{name} ({kind.meaning})' for name, kind in LAWS.items())}, "
+        "sum (of wall.parts), an installed law, or your own as module:Class",
         min_length=1,
         max_length=200,
     )
     side: Side = setting(
         "above",
-        "Of the law wall; above: fills the positions above and pushes down; below: fills those "
+        _of("side") + "above: fills the positions above and pushes down; below: fills those "
         "below and pushes up; both: two-sided, always in contact",
     )
-    low: Place | None = setting(None, "Of stops: the lower end of the free range", "rad")
-    high: Place | None = setting(None, "Of stops: the upper end of the free range", "rad")
-    count: Whole | None = setting(None, "Of detents: number in a turn", ge=1, le=1024)
+    low: Place | None = setting(None, _of("low") + "the lower end of the free range", "rad")
+    high: Place | None = setting(None, _of("high") + "the upper end of the free range", "rad")
+    count: Whole | None = setting(None, _of("count") + "number in a turn", ge=1, le=1024)
     width: Positive | None = setting(
-        None, "Of detents: their distance, in place of wall.count", "rad"
+        None, _of("width") + "their distance, in place of wall.count", "rad"
     )
     snap: float = setting(
         0.25,
-        "Of detents: position of the largest torque, as a fraction of their distance; a smaller "
+        _of("snap") + "position of the largest torque, as a fraction of their distance; a smaller "
         "value is firmer at the detent, a larger one releases more sharply",
         ge=0.05,
         le=0.45,
     )
-    friction: Positive | None = setting(None, "Of friction: the torque at which it slips", "N·m")
-    period: Positive | None = setting(None, "Of texture: the distance of its ridges", "rad")
+    friction: Positive | None = setting(
+        None, _of("friction") + "the torque at which it slips", "N·m"
+    )
+    period: Positive | None = setting(None, _of("period") + "the distance of its ridges", "rad")
     profile: Annotated[tuple[Row, ...] | None, BeforeValidator(rows)] = setting(
         None,
-        "Of profile: a CSV file with the columns position_rad and torque_nm, or a list of "
+        _of("profile") + "a CSV file with the columns position_rad and torque_nm, or a list of "
         "[position, torque]; linear in between, constant beyond its ends",
         max_length=MOST_ROWS,
     )

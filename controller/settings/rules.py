@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, is_dataclass
 
 from pydantic import ValidationError
 
+from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.laws.table import LAWS, SUM, is_active, shape_of
@@ -209,18 +210,27 @@ def _real_walls_come_on_unloaded(config: Sections) -> Iterator[Problem]:
 )
 def _law_is_whole(config: Sections) -> Iterator[Problem]:
     wall, counts = config.wall, config.servo.counts_per_rev
-    if wall.law == "wall":
+    if wall.law == "wall" or any(map(own.is_closed, law_names(wall))):
         yield from _numbers_of_another_law(config)
         return
     # The encoder of a real servo is known only once it is open.
     step = math.tau / counts if counts and config.servo.kind != "hardware" else 0.0
     grid = Grid(config.period_s, step)
+    parts = wall.parts if wall.law == SUM else (wall,)
     try:
         shape_of(wall, grid)
+        lossy = [part.law for part in parts if not shape_of(part, grid).stores_work]
     except LawError as error:
         yield Problem(error.found, wanted=error.wanted, field=f"wall.{error.field}")
     else:
         yield from _numbers_of_another_law(config)
+        if lossy and wall.passivity_control:
+            yield Problem(
+                "found true",
+                field="wall.passivity_control",
+                wanted=f"false with the law {lossy[0]}: its potential is not the energy that it"
+                " took",
+            )
         if is_active(wall, grid):
             yield from _tank_knows_the_energy(config)
 
@@ -241,22 +251,9 @@ def _tank_knows_the_energy(config: Sections) -> Iterator[Problem]:
         )
 
 
-_UNKNOWN_ENERGY = "friction", "texture"
-"""Laws whose potential is not the work of their torque: friction slips, texture fades with speed"""
-
-
-@_reads("wall.law", "wall.parts", "wall.passivity_control")
-def _passivity_control_knows_the_energy(config: Sections) -> Iterator[Problem]:
-    wall = config.wall
-    laws = [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
-    for law in laws:
-        if wall.passivity_control and law in _UNKNOWN_ENERGY:
-            yield Problem(
-                "found true",
-                field="wall.passivity_control",
-                wanted=f"false with the law {law}: its potential is not the energy that it took",
-            )
-            return
+def law_names(wall: Wall) -> list[str]:
+    """Return the name of the law, or those of a sum's parts."""
+    return [part.law for part in wall.parts] if wall.law == SUM else [wall.law]
 
 
 def _numbers_of_another_law(config: Sections) -> Iterator[Problem]:

@@ -107,7 +107,7 @@ class Trial:
 @lru_cache(maxsize=64)
 def trial_config(sets: tuple[str, ...]) -> Config:
     """Return the configuration of trials, the default preset with changes as ``PATH=VALUE``."""
-    return load_config("simulated", [*_USUAL, *sets]).config
+    return load_config("simulated", [*_USUAL, *sets], runs=True).config
 
 
 def run_trial(

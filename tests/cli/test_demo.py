@@ -20,6 +20,7 @@ from websockets.sync.client import connect
 from haptic_wall.controller.cli import demo
 from haptic_wall.controller.errors import HapticWallError
 from tests.cases import whole_only
+from tests.controller.live import strangers
 
 COMMAND = [sys.executable, "-m", "haptic_wall.controller.cli.main", "demo"]
 
@@ -104,6 +105,7 @@ def test_a_killed_run_comes_back_and_ctrl_c_ends_all_of_it(tmp_path: Path) -> No
         with connect(rows, open_timeout=30.0) as client:
             while json.loads(client.recv(timeout=30.0))["kind"] != "hello":
                 pass
+        strangers.send(place.removeprefix("http://").rstrip("/"), b"GET //[ HTTP/1.1\r\nA\r\n\r\n")
         (run,) = [
             pid
             for pid in members(child.pid)

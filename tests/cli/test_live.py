@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from random import Random
 
 import pytest
 from click.testing import CliRunner
@@ -16,8 +17,10 @@ from websockets.sync.client import connect
 
 from haptic_wall.controller.cli import live, run
 from haptic_wall.controller.errors import HapticWallError, PlatformError
+from haptic_wall.controller.live.web_server import MOST_CHARACTERS, MOST_LINES
 from haptic_wall.controller.processes.live import MODULE
-from haptic_wall.controller.processes.live_place import live_at
+from haptic_wall.controller.processes.live_place import live_at, server_log_of
+from tests.controller.live import strangers
 
 
 def refusal(command: object, *arguments: str) -> str:
@@ -95,6 +98,10 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
         with connect(f"{address.replace('http', 'ws')}rows", open_timeout=60.0) as client:
             while isinstance(client.recv(timeout=60.0), str):
                 pass
+            strangers.send(address.partition("//")[2].rstrip("/"), b"GET //[ HTTP/1.1\r\n\r\n")
+            client.send('{"set": {"wall.law": []}}')
+            while "may not change the wall" not in str(client.recv(timeout=60.0)):
+                pass
             os.kill(server_of(child.pid), signal.SIGKILL)
         report = json.loads(child.stdout.read())
         said = child.stderr.read()
@@ -102,3 +109,30 @@ def test_a_killed_page_changes_nothing_for_the_run(tmp_path: Path) -> None:
     assert report["stop_reason"] == "duration"
     assert report["ticks"] + report["missed_ticks"] >= 1500
     assert "--live: its process was killed by SIGKILL; the run goes on without it" in said
+    assert "refused" not in said and "Traceback" not in said
+    assert server_log_of(tmp_path / "a").read_text().count("refused") == 2
+
+
+def test_a_server_says_what_it_refuses_in_short_lines_of_its_own_log_only(tmp_path: Path) -> None:
+    log, random = tmp_path / "a.hwlog", Random(7)
+    program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+    made = [*program, "run", "simulated", "--set", "loop.clock=simulated", "--duration", "0.2"]
+    subprocess.run([*made, "--no-plot", "--log", str(log)], check=True, capture_output=True)
+    with subprocess.Popen(
+        [*program, "live", str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        address = child.stdout.readline().strip()
+        place = address.partition("//")[2].rstrip("/")
+        for _ in range(100):
+            strangers.send(place, strangers.request(random, place))
+        for _ in range(MOST_LINES):
+            strangers.send(place, b"GET //[ HTTP/1.1\r\n\r\n")
+        with connect(f"ws://{place}/rows") as client:
+            assert json.loads(client.recv(timeout=60.0))["kind"] == "hello"
+        child.send_signal(signal.SIGINT)
+        said = child.communicate(timeout=30.0)
+    assert (child.returncode, said) == (130, ("", ""))
+    lines = server_log_of(log).read_text().splitlines()
+    assert len(lines) == MOST_LINES and max(map(len, lines)) < MOST_CHARACTERS + 30
+    assert "Traceback" not in str(lines)

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 import pytest
@@ -207,11 +207,11 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3
 
-    def full(_found: CriticalMap, _name: str, path: Path) -> NoReturn:
-        path.write_bytes(b"half")
+    def full(_found: CriticalMap, stream: TextIO) -> NoReturn:
+        stream.write("half")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("haptic_wall.controller.report.maps.plot_map", full)
+    monkeypatch.setattr("haptic_wall.controller.cli.map_files.write_csv", full)
     status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
     assert status == 2
     assert f"--out {tmp_path}: cannot be written: No space left on device" in err

@@ -48,7 +48,7 @@ def test_every_law_is_drawn_with_numbers_that_a_configuration_takes(law: str) ->
     random = np.random.default_rng(RANDOM)
     drawn = {draw_law(law, random) for _ in range(5)}
     for sets in drawn:
-        config = load_config("simulated", [*bench_of(PRESETS[0]).sets, *sets]).config
+        config = load_config("simulated", (*bench_of(PRESETS[0]).sets, *sets), runs=True).config
         assert config.law(0.0).name in (law, sets[0].partition("=")[2])
     assert len(drawn) == (1 if law in ("spring", "damper") else 5)
 

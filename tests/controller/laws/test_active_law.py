@@ -259,14 +259,15 @@ def test_an_error_of_the_law_ends_the_run_by_its_name(
 def test_settings_that_the_tank_cannot_count_are_refused() -> None:
     law = "wall.law=breathing:Breathing"
     with pytest.raises(ConfigError) as refused:
-        load_config("simulated", [law, "delay.steps=2", "wall.passivity_control=true"])
+        load_config("simulated", [law, "delay.steps=2", "wall.passivity_control=true"], runs=True)
     said = "\n".join(refused.value.problems)
     assert "delay.steps" in said
     assert "wall.passivity_control" in said
     with pytest.raises(ConfigError, match="it outside of a sum"):
-        load_config("simulated", ["wall.law=sum", "wall.parts=[{law: 'breathing:Breathing'}]"])
+        parts = "wall.parts=[{law: 'breathing:Breathing'}]"
+        load_config("simulated", ["wall.law=sum", parts], runs=True)
     with pytest.raises(UserError, match="depends on time"):
-        changed(load_config("simulated", [law]).config, ["wall.damping=0.01"])
+        changed(load_config("simulated", [law], runs=True).config, ["wall.damping=0.01"])
 
 
 def test_a_torque_in_flight_has_its_energy_reserved() -> None:

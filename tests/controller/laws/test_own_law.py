@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.laws.own import OwnLaw, own_table, tabulated
+from haptic_wall.controller.laws.own import OwnLaw, allow, own_table, tabulated
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.settings.load import load_config
@@ -49,7 +49,7 @@ def test_a_class_is_found_in_the_folder_where_one_starts(
     (tmp_path / "hillside.py").write_text((EXAMPLE / "ridge_law.py").read_text())
     monkeypatch.chdir(tmp_path)
     sets = ["wall.law=hillside:Ridge", "wall.options={height: 0.3}"]
-    config = load_config("simulated", sets).config
+    config = load_config("simulated", sets, runs=True).config
     law = config.law(math.tau / 4096)
     law.stiffness = config.request().stiffness
     assert law.torque(0.1, 0.0) == pytest.approx(0.3, abs=1e-4)
@@ -106,7 +106,7 @@ def test_a_torque_that_depends_on_the_past_is_refused() -> None:
 )
 def test_a_class_that_cannot_be_made_is_refused(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=r"wall\.law") as refused:
-        load_config("simulated", [f"wall.law={name}"])
+        load_config("simulated", [f"wall.law={name}"], runs=True)
     assert said in refused.value.problems[0]
 
 
@@ -163,8 +163,9 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     ],
 )
 def test_a_class_that_fails_in_any_way_is_refused(module: str, made: str, said: str) -> None:
+    allow([name := f"{module}:{made}"])
     with pytest.raises(LawError) as refused:
-        own_table(f"{module}:{made}", {}, Grid(1e-3, 0.1))
+        own_table(name, {}, Grid(1e-3, 0.1))
     assert said in refused.value.found
 
 
@@ -172,6 +173,7 @@ def test_a_law_is_asked_once_and_prints_beside_the_answer(
     module: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name, grid = f"{module}:Counted", Grid(1e-3, 0.1)
+    allow([name])
     one, same, other = (own_table(name, {"k": k}, grid) for k in (2.0, 2.0, 3.0))
     assert one is same
     assert one is not other

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
@@ -27,6 +28,7 @@ from haptic_wall.controller.processes.run_socket import listening
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
+from tests.controller.live import strangers
 
 PAGES = [Path(__file__).parents[3] / "controller" / "live" / folder for folder in FOLDERS]
 TOKEN = "the-right-token"
@@ -242,6 +244,28 @@ def test_a_hostile_client_changes_nothing(page: Page) -> None:
     with pytest.raises(TimeoutError):
         run.listener.accept()
     run.listener.settimeout(10.0)
+
+
+@pytest.mark.parametrize("token", [TOKEN, ""])
+def test_no_stranger_harms_the_page(
+    page: Page,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+    token: str,
+    wholly: bool,
+) -> None:
+    random, words = Random(8), ""
+    for _ in range(2000 if wholly else 100):
+        strangers.send(page.place, strangers.request(random, page.place))
+    with page.connect("guarded", token, close_timeout=1.0) as client:
+        for number in range(2000 if wholly else 100):
+            client.send(strangers.message(random))
+            client.send(f'"{number}"')
+            while token and f'"{number}"' not in words:
+                words = heard(client, "refused")["words"]
+    assert greeted(page, "guarded")
+    assert [each for each in caplog.records if strangers.is_ours(each)] == []
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_client_that_goes_in_mid_drag_lets_go(page: Page) -> None:

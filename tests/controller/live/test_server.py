@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import socket
@@ -12,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from random import Random
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
@@ -34,6 +36,7 @@ from haptic_wall.controller.processes.run_socket import listening
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
+from tests.controller.live import strangers
 
 PAGE = Path(str(room.__file__)).parent / "page"
 TOKEN = "the-right-token"
@@ -414,3 +417,71 @@ def test_of_20_clients_one_that_does_not_read_is_not_buffered_and_misses_rows_at
     finally:
         plain.close()
         served.close()
+
+
+@pytest.fixture
+def unhurt(
+    served: Served, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> Iterator[None]:
+    """Strangers come: the server says nothing aloud, raises nothing, and serves others on."""
+    with served.connect(f"?token={TOKEN}") as honest:
+        yield
+        served.write(5)
+        numbers(honest)
+    with served.connect(f"?token={TOKEN}") as late:
+        assert heard(late, "hello")["controls"]
+    assert [each for each in caplog.get_records("call") if strangers.is_ours(each)] == []
+    assert capfd.readouterr() == ("", "")
+
+
+def lots(thorough: bool, wholly: bool) -> int:
+    return 20_000 if thorough else 2000 if wholly else 200
+
+
+@pytest.mark.usefixtures("unhurt")
+def test_no_request_of_a_stranger_harms_the_server(
+    served: Served, thorough: bool, wholly: bool
+) -> None:
+    random = Random(5)
+    one_each = [f"GET {target} HTTP/1.1\r\nHost: {served.place}" for target in strangers.TARGETS]
+    one_each += [f"GET /rows HTTP/1.1\r\n{header}" for header in strangers.HEADERS]
+    for text in one_each:
+        strangers.send(served.place, text.encode() + b"\r\n\r\n")
+    for query in ("", f"?token={TOKEN}"):
+        for frame in strangers.FRAMES:
+            strangers.send(served.place, strangers.opened_and(frame, served.place, query))
+    for _ in range(lots(thorough, wholly)):
+        strangers.send(served.place, strangers.request(random, served.place))
+
+
+@pytest.mark.parametrize("query", [f"?token={TOKEN}", ""])
+@pytest.mark.usefixtures("unhurt")
+def test_no_message_harms_the_server_and_none_is_read_without_the_token(
+    served: Served, run: socket.socket, query: str, thorough: bool, wholly: bool
+) -> None:
+    random, end = Random(6), '"the end"'
+    words: set[str] = set()
+    messages: list[str | bytes] = [
+        f'{{"set": {{"{name}": {value}}}, "id": {value}, "{name}": {value}}}'[:4000]
+        for name in strangers.NAMES
+        for value in strangers.VALUES
+    ]
+    messages += [strangers.message(random) for _ in range(lots(thorough, wholly))]
+    run.settimeout(0.0)
+    with served.connect(query) as client:
+        for begin in range(0, len(messages), 40):
+            batch = [*messages[begin : begin + 40], end]
+            for each in batch:
+                client.send(each)
+            for _ in batch:
+                words.add(said := heard(client, "refused")["words"])
+                if end in said:
+                    break
+            words.discard(f"not understood: {end!r}")
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    run.accept()[0].close()
+    if query:
+        assert all(each.startswith("not understood: ") for each in words)
+    else:
+        assert words == {"this page may not change the wall"}

@@ -406,6 +406,20 @@ def test_the_loop_gets_numbers_and_makes_a_whole_decision_only_when_asked() -> N
     assert all(each is TUNING for each in numbers)
 
 
+def test_a_loop_whose_other_side_has_ended_goes_on_without_changes() -> None:
+    ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    telemetry = Telemetry.create()
+    with loops:
+        inbox = Inbox(loops, telemetry.words)
+        inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, False))
+        ours.close()  # before it has read this
+        inbox.take()
+        inbox.tell(KnownServo(Facts("a servo", 4096, 4.1, 0.0), None, False))
+        inbox.take()
+    assert inbox.change is None
+    telemetry.close()
+
+
 def test_random_changes_give_the_shaft_no_energy() -> None:
     row = tried(Bench("xl330-m288", "push", 1), 8.0)
     made = [each for each in row.changes if each.made]

@@ -1,0 +1,90 @@
+"""No picture costs a result, and no setting of the user's Matplotlib changes a picture."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.logs.reader import SUFFIX
+from tests.typed import status_of
+
+SIMULATED = "simulated", "--set", "loop.clock=simulated"
+LOG = f"run{SUFFIX}"
+RUN = "run", *SIMULATED, "--duration=0.3", "--log", LOG
+SWEEP = "--virtual-damping=0.02", "--delay-steps=0", "--kick=0.05"
+DRAWING = {
+    "run": RUN,
+    "boundary": ("boundary", "simulated", "--virtual-damping=0.02", "--plot=a.png"),
+    "detect": ("detect", LOG, "--plot=a.png"),
+    "delay": ("delay", *SIMULATED, "--bursts=1", "--out=a"),
+    "map": ("map", "simulated", *SWEEP, "--workers=1", "--out=a"),
+    "sweep": ("sweep", *SIMULATED, *SWEEP, "--out=a"),
+    "zwidth": ("zwidth", *SIMULATED, "--velocity-samples=1", "--measure=none", "--out=a"),
+    "rendered": ("rendered", *SIMULATED, "--out=a"),
+    "identify": ("identify", *SIMULATED, "--out=a.yaml"),
+}
+WHOLE = "rendered", "identify"
+
+
+def call(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> tuple[int, str, str]:
+    capsys.readouterr()
+    try:
+        status = main([*words, "--json"])
+    except SystemExit as ended:
+        status = status_of(ended)
+    said = capsys.readouterr()
+    return status, said.out, said.err
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.whole] * (n in WHOLE)) for n in DRAWING]
+)
+def test_no_picture_costs_the_result(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> NoReturn:
+        raise RuntimeError("libfreetype is missing")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("haptic_wall.controller.report.style.drawing", broken)
+    if LOG in DRAWING[name]:
+        call(capsys, [*RUN, "--no-plot"])
+    status, out, err = call(capsys, DRAWING[name])
+    assert status == 0, err
+    assert json.loads(out)
+    assert "libfreetype is missing" in out + err and "Traceback" not in err
+    assert list(tmp_path.rglob("*.png")) == []
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"MPLBACKEND": "module://matplotlib_inline.backend_that_is_not_there"},
+        {"MPLBACKEND": "Qt4Agg"},
+        {"MATPLOTLIBRC": "matplotlibrc"},
+    ],
+    ids=["notebook", "old backend", "latex"],
+)
+def test_no_setting_of_the_user_changes_a_picture(
+    settings: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\nfont.size: 30\nbackend: TkAgg\n")
+    words = ["boundary", "simulated", "--virtual-damping=0.02"]
+    program = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
+    done = subprocess.run(
+        [*program, *words, "--plot", tmp_path / "a.png"],
+        cwd=tmp_path,
+        env={**os.environ, **settings},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    call(capsys, [*words, "--plot", str(tmp_path / "b.png")])
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
