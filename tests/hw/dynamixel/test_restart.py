@@ -151,7 +151,9 @@ def stretches(chance: random.Random, seconds: float, most: int) -> list[tuple[in
     return sorted(found)
 
 
-def troubled(seed: int, seconds: float, restarts: list[int], *, stalled: bool = True) -> HoldingLine:
+def troubled(
+    seed: int, seconds: float, restarts: list[int], *, stalled: bool = True
+) -> HoldingLine:
     """Random stalls of computer and adapter, losses, drift and phase."""
     chance = random.Random(seed)
     many = chance.choice([0, 1, 5, 60]) if stalled else 0
