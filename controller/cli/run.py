@@ -191,7 +191,8 @@ def command(
         )
         as_text = report_text if verbose else brief_text
         answer(as_json(report) if as_json_wanted else as_text(report))
-    sys.exit(reports.exit_status(ended.stop_reason, report["waited_for"], ended.log))
+    no_wall = report["waited_for"] or report["no_stiffness"]
+    sys.exit(reports.exit_status(ended.stop_reason, no_wall, ended.log))
 
 
 def _stream(

@@ -51,6 +51,9 @@ def ending(report: Mapping[str, Any]) -> Iterator[str]:
         torque = "; torque is off, read back" if off else "; TORQUE OFF COULD NOT BE READ BACK"
     if report.get("waited_for"):
         how = f"THE WALL NEVER CAME ON{flaw}: {report['waited_for']}; {how}{torque}"
+    elif report.get("no_stiffness"):
+        how = {"duration": "the time is over"}.get(reason, how)
+        how = f"THE WALL HAS NO STIFFNESS{flaw}: {report['no_stiffness']}; {how}{torque}"
     else:
         how += flaw + torque
     yield from entry("run", how)

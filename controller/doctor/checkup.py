@@ -17,6 +17,7 @@ from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
+from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
@@ -33,6 +34,7 @@ from haptic_wall.hw.dynamixel.examine.search import FoundServo, opened
 from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
 from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.errors import (
     PortBusyError,
     PortError,
@@ -243,7 +245,14 @@ class _Checkup:
         examined = read_all(servo, model, firmware)
         delay = examined.values["return_delay_time"] or 0
         self._return_delay_ns = delay * RETURN_DELAY_UNIT_NS
-        return judge(examined, settings.torque_limit, constant)
+        judged = judge(examined, settings.torque_limit, constant)
+        current, volts = (
+            examined.values[name] or 0 for name in ("current_limit", "present_input_voltage")
+        )
+        if 0 < current <= model.current_limit:
+            law = torque_law(model, constant, volts / 10)
+            judged.append(Judgement(judge_wall(self._config, current, model.current_limit, law)))
+        return judged
 
     def _mend(self, servo: ServoAccess, judged: list[Judgement]) -> bool:
         """Repair the registers for which there is consent; return whether any repair was tried."""

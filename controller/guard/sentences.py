@@ -131,7 +131,8 @@ def _stiffness(reason: StiffnessBound, asked: bool) -> str:
 def _coarse_count(reason: CoarseCount) -> str:
     said = (
         f"one encoder count in one sample commands {reason.torque:.3g} N·m through the damping "
-        f"alone, and a count may command {reason.allowed:.3g} N·m, a fraction of the torque limit"
+        f"alone, and a count may command {reason.allowed:.3g} N·m, a fraction of the torque limit "
+        "(guard.quantisation_share)"
     )
     if reason.highest_damping is None:
         return said

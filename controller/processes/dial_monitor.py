@@ -6,11 +6,12 @@ import json
 import os
 import signal
 import socket
+from pathlib import Path
 from typing import Any, Final
 
 from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.plan import Plan, Tell
-from haptic_wall.controller.processes.run_socket import MODULE, socket_of
+from haptic_wall.controller.processes.run_socket import MODULE, remove_if_dead, socket_of
 from haptic_wall.controller.runtime.telemetry import Telemetry
 
 MOST_KEPT: Final = 1000
@@ -27,8 +28,9 @@ class DialMonitor:
         count: Number of all of them.
     """
 
-    def __init__(self, dial: Child, tell: Tell) -> None:
+    def __init__(self, dial: Child, path: Path, tell: Tell) -> None:
         self._dial = dial
+        self._path = path
         self._tell = tell
         self._over = self._closed = False
         self.changes: list[dict[str, Any]] = []
@@ -50,6 +52,7 @@ class DialMonitor:
             self._tell(change_text(said["change"]))
         if self._dial.ended() and not self._over:
             self._over = True
+            remove_if_dead(self._path)
             self._tell(
                 f"the process that takes changes {self._dial.exit_text()}; the wall stays as it is"
             )
@@ -63,6 +66,7 @@ class DialMonitor:
         self._dial.wait(_END_S)
         self.look()
         self._dial.dismiss(0.0)
+        remove_if_dead(self._path)
 
 
 def start_dial(
@@ -83,6 +87,7 @@ def start_dial(
     log = plan.log
     if not plan.changeable or plan.program or (log.exists() and not log.is_file()):
         return None
+    path = socket_of(log)
     ours, loops = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         orders = {
@@ -94,12 +99,12 @@ def start_dial(
         }
         dial = Child(
             "dial",
-            [MODULE, str(socket_of(log))],
+            [MODULE, str(path)],
             orders,
             [telemetry.descriptor, ours.fileno(), to_log],
             cores,
         )
-    return DialMonitor(dial, tell), loops
+    return DialMonitor(dial, path, tell), loops
 
 
 def change_text(change: dict[str, Any]) -> str:

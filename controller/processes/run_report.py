@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from haptic_wall.controller.processes.plan import Ended, LogState
 from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, StopReason, Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.hw.errors import Problem
+
+NO_STIFFNESS: Final = 1e-6
+"""Below this, a commanded stiffness [N·m/rad] is none: a turn of the shaft gives no torque"""
 
 
 def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) -> dict[str, Any]:
@@ -38,6 +41,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "explanation": explanation(ended, config.servo),
         "wall_came_on": bool(result.get("wall_came_on")),
         "waited_for": result.get("waited_for") or None,
+        "no_stiffness": no_stiffness(result.get("guard")),
         "torque_off": ended.torque_off,
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
@@ -48,6 +52,21 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "log_state": ended.log,
         "plot": plot,
     }
+
+
+def no_stiffness(guard: dict[str, Any] | None) -> str | None:
+    """Describe a wall that was requested and was commanded no stiffness; None: it had one.
+
+    Args:
+        guard: The guard's part of a report.
+    """
+    if guard is None:
+        return None
+    asked, given = guard["requested"]["stiffness"], guard["commanded"]["stiffness"]
+    if given >= min(asked, NO_STIFFNESS):
+        return None
+    text = f"the guard commands {given:.2g} of {asked:.4g} N·m/rad"
+    return f"{text}, limited by {guard['binding']}" if guard["binding"] else text
 
 
 def explanation(ended: Ended, servo: Servo) -> str | None:
@@ -83,7 +102,7 @@ def _on_pseudo_terminal(servo: Servo) -> bool:
 
 
 def exit_status(
-    stop_reason: StopReason, waited_for: str | None = None, log: LogState = LogState.NONE
+    stop_reason: StopReason, no_wall: str | None = None, log: LogState = LogState.NONE
 ) -> int:
     """Return the exit status for a stop reason.
 
@@ -92,13 +111,13 @@ def exit_status(
 
     Args:
         stop_reason: Why the run ended.
-        waited_for: The unmet condition of a wall that never came on; None: it came on, or the run
-            ended before.
+        no_wall: Why a wall never came on, or has no stiffness; None: it has, or the run ended
+            before.
         log: State of its log.
     """
     if stop_reason == Trip.SERVO_LOST:
         return 4
-    if waited_for:
+    if no_wall:
         return 3
     if stop_reason == End.INTERRUPTED:
         return 130

@@ -1,7 +1,8 @@
 """The socket of a running wall: its path, its permissions, and the list of runs that have one.
 
-It lies beside the log, and is open to its owner alone. Runs are found by their processes, so that
-nothing has to be cleaned up after one that was killed.
+It lies beside the log, and is open to its owner alone. Runs are found by their processes, and each
+must listen at its socket: neither the arguments of another process nor a socket left behind by a
+killed run is taken for one.
 """
 
 from __future__ import annotations
@@ -112,12 +113,24 @@ def listening(path: Path) -> socket.socket:
     return listener
 
 
+def remove_if_dead(path: Path) -> None:
+    """Remove a socket at a path where nobody listens any more; leave anything else there."""
+    with contextlib.suppress(OSError):
+        if path.is_socket() and not _is_heard(path):
+            path.unlink()
+
+
 def _is_heard(path: Path) -> bool:
+    return _listener(path) is not None
+
+
+def _listener(path: Path) -> Peer | None:
+    """Return the process that listens at a path; None: none does."""
     try:
-        connected(path).close()
-    except OSError:
-        return False
-    return True
+        with connected(path) as connection:
+            return peer_of(connection)
+    except ConnectionRefusedError:
+        return None
 
 
 def connected(path: Path) -> socket.socket:
@@ -136,20 +149,16 @@ def connected(path: Path) -> socket.socket:
     return connection
 
 
-def alive(processes: Path = Path("/proc")) -> list[AliveRun]:
-    """Return this user's runs that take changes, the newest last.
-
-    Args:
-        processes: The folder of the system's processes.
-    """
+def alive() -> list[AliveRun]:
+    """Return this user's runs that take changes, the newest last."""
     found = []
-    for each in processes.iterdir():
+    for each in Path("/proc").iterdir():
         if not each.name.isdigit():
             continue
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError, IndexError):
             words = (each / "cmdline").read_bytes().split(b"\0")
-            if MODULE.encode() in words and each.stat().st_uid == os.getuid():
-                path = Path(os.fsdecode(words[words.index(MODULE.encode()) + 1]))
+            path = Path(os.fsdecode(words[words.index(MODULE.encode()) + 1]))
+            if _listener(path) == Peer(int(each.name), os.getuid()):
                 found.append(AliveRun(path, int(each.name)))
     return sorted(found, key=lambda run: run.pid)
 
@@ -167,6 +176,8 @@ def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
     which = list(runs)
     if asked is not None:
         place = Path(os.path.realpath(asked))
+        for each in place.glob(f"*{SUFFIX}") if place.is_dir() else [socket_of(place)]:
+            remove_if_dead(each)
         which = [
             run
             for run in runs

@@ -28,7 +28,17 @@ Whole = Annotated[int, BeforeValidator(whole)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Lag = Annotated[float, Field(ge=0, le=1)]
-Gain = Annotated[float, Field(gt=0, le=10)]
+BelievedLag = Annotated[float, Field(ge=0, le=0.1)]
+Gain = Annotated[float, Field(ge=1e-3, le=10)]
+Inertia = Annotated[float, Field(ge=1e-8, le=1e3)]
+"""From a thousandth of the smallest servo's to a thousand times that of a robot's arm"""
+LoadInertia = Annotated[float, Field(ge=0, le=1e3)]
+Viscous = Annotated[float, Field(ge=0, le=1e3)]
+Torque = Annotated[float, Field(ge=0, le=1e4)]
+Backlash = Annotated[float, Field(ge=0, le=1)]
+Stiffness = Annotated[float, Field(gt=0, le=1e9)]
+Vibration = Annotated[float, Field(ge=0, le=1e4)]
+DampingRatio = Annotated[float, Field(ge=0, le=10)]
 
 
 def pair(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -333,41 +343,41 @@ class Estimate(Section, Generic[Number]):
 class Model(Section):
     """The controller's belief about the servo; for a simulated servo it defaults to the truth."""
 
-    inertia: Estimate[Positive] | None = setting(
+    inertia: Estimate[Inertia] | None = setting(
         None, "Believed inertia of everything that the servo turns, a link included", "kg·m²"
     )
-    damping: Estimate[NotNegative] | None = setting(None, "Believed viscous friction", "N·m·s/rad")
-    coulomb: Estimate[NotNegative] | None = setting(
+    damping: Estimate[Viscous] | None = setting(None, "Believed viscous friction", "N·m·s/rad")
+    coulomb: Estimate[Torque] | None = setting(
         None, "Believed Coulomb friction; the guard counts it as zero, reports show it", "N·m"
     )
-    delay: Estimate[Lag] | None = setting(
+    delay: Estimate[BelievedLag] | None = setting(
         None, "Believed lag, from sending a torque until it acts", "s"
     )
     torque_gain: Estimate[Gain] | None = setting(
         None, "Believed acting torque per commanded torque; unset and simulated: 1"
     )
-    backlash: Estimate[NotNegative] | None = setting(
+    backlash: Estimate[Backlash] | None = setting(
         None,
         "Believed backlash between shaft and encoder, full width; unset: the guard counts none, "
         "simulated or not",
         "rad",
     )
-    load_inertia: Estimate[NotNegative] | None = setting(
+    load_inertia: Estimate[LoadInertia] | None = setting(
         None,
         "Part of model.inertia behind a flexible transmission, horn and link; unset and real: "
         "none, a rigid servo without a link is assumed",
         "kg·m²",
     )
-    transmission_stiffness: Estimate[Positive] | None = setting(
+    transmission_stiffness: Estimate[Stiffness] | None = setting(
         None,
         "Believed stiffness of gear train and horn; an unset model.flexible_hz follows from it and "
         "model.load_inertia",
         "N·m/rad",
     )
-    flexible_hz: Estimate[NotNegative] | None = setting(
+    flexible_hz: Estimate[Vibration] | None = setting(
         None, "Believed frequency at which that load vibrates, both ends free", "Hz"
     )
-    flexible_damping_ratio: Estimate[NotNegative] | None = setting(
+    flexible_damping_ratio: Estimate[DampingRatio] | None = setting(
         None, "Believed damping ratio of that vibration; unset and real: 0"
     )
 

@@ -384,6 +384,12 @@ def _vibration_as_a_whole(config: Sections) -> Iterator[Problem]:
         each is not None and each.high > 0.0 for each in (model.load_inertia, model.flexible_hz)
     )
     derived = model.transmission_stiffness is not None
+    if frequency and model.flexible_hz is not None and model.flexible_hz.low == 0.0:
+        yield Problem(
+            "found 0 as its low bound",
+            wanted="a low bound above 0, or 0 alone: rigid",
+            field="model.flexible_hz",
+        )
     if rigid and load != frequency and not (load and derived):
         missing = "flexible_hz" if load else "load_inertia"
         yield Problem(

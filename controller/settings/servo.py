@@ -16,11 +16,16 @@ from pydantic import (
 )
 
 from haptic_wall.controller.settings.model import (
+    Backlash,
+    Inertia,
     Lag,
+    LoadInertia,
     NotNegative,
     Place,
     Positive,
     Section,
+    Torque,
+    Viscous,
     Whole,
     pair,
     setting,
@@ -112,9 +117,9 @@ class Servo(Section):
         "Kind of servo; simulated: in this process; dynamixel: on a bus; or the name of an "
         "installed plugin",
     )
-    inertia: Positive | None = setting(None, "True inertia", "kg·m²", used_by=_TRUTH)
-    damping: NotNegative = setting(0.0, "True viscous friction", "N·m·s/rad", used_by=_TRUTH)
-    coulomb: NotNegative = setting(0.0, "True Coulomb friction", "N·m", used_by=_TRUTH)
+    inertia: Inertia | None = setting(None, "True inertia", "kg·m²", used_by=_TRUTH)
+    damping: Viscous = setting(0.0, "True viscous friction", "N·m·s/rad", used_by=_TRUTH)
+    coulomb: Torque = setting(0.0, "True Coulomb friction", "N·m", used_by=_TRUTH)
     counts_per_rev: Whole = setting(
         4096,
         "Encoder counts per revolution; 0: the position is not quantised",
@@ -133,16 +138,14 @@ class Servo(Section):
         "N·m",
         used_by=("simulated",),
     )
-    backlash: float = setting(
+    backlash: Backlash = setting(
         0.0,
         "True backlash, full width: between shaft and encoder, or with a transmission between "
         "motor and output",
         "rad",
-        ge=0,
-        le=1,
         used_by=_TRUTH,
     )
-    load_inertia: NotNegative = setting(
+    load_inertia: LoadInertia = setting(
         0.0,
         "True inertia of the output behind a flexible transmission; servo.inertia and friction are "
         "then the motor's; 0: rigid",
@@ -243,7 +246,7 @@ class Servo(Section):
         le=MOST_STRIBECK_EXPONENT,
         used_by=_TRUTH,
     )
-    damping_back: NotNegative | None = setting(
+    damping_back: Viscous | None = setting(
         None,
         "True viscous friction at negative velocities; null: servo.damping",
         "N·m·s/rad",

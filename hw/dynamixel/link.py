@@ -10,8 +10,8 @@ Three cheap checks do it:
    17.
 2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
-   advanced by the time that passed since the last accepted sample. A clock that continues from
-   another reading means that the servo has restarted.
+   advanced by the time that passed since the last accepted sample. A clock that no stall explains
+   means that the servo has restarted.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 
@@ -107,7 +107,7 @@ class Link:
 
     @property
     def restarted(self) -> bool:
-        """Whether the servo has restarted: its clock continues from another reading."""
+        """Whether the servo has restarted: no stall explains its clock."""
         return self._servo_clock.restarted
 
     def forget(self) -> None:
@@ -299,7 +299,7 @@ class Link:
         """
         error, tick, current, position = asked.layout.unpack_from(body)
         sent_ns = self._sent_ns
-        if error & _REFUSED or not self._servo_clock.accept(tick, sent_ns):
+        if error & _REFUSED or not self._servo_clock.accept(tick, sent_ns, self._now_ns()):
             return None
         self._body = body
         self.counts.cycles += 1

@@ -90,7 +90,7 @@ class Together:
 
     @property
     def restarted(self) -> list[int]:
-        """Return ids of servos that have restarted: their clock continues from another reading."""
+        """Return ids of servos that have restarted: no stall explains their clock."""
         return [id_ for id_, clock in self._clocks.items() if clock.restarted]
 
     def request(self) -> None:
@@ -224,11 +224,12 @@ class Together:
         if values is None:
             return None
         sent_ns = self._sent_ns[self._ids[0]]
+        now_ns = self._now_ns()
         found = self._found
         for (id_, clock), error, tick, current, position in zip(
             self._clocks.items(), values, values, values, values, strict=False
         ):
-            if not error & 0x7F and clock.accept(tick, sent_ns):
+            if not error & 0x7F and clock.accept(tick, sent_ns, now_ns):
                 found[id_] = Sample(_OK, position, current, error != 0, sent_ns)
             else:
                 self._broken.add(id_)
@@ -275,7 +276,7 @@ class Together:
             return
         tick, _, current, _, position = SAMPLE.unpack_from(data)
         sent_ns = self._sent_ns[id_]
-        if self._clocks[id_].accept(tick, sent_ns):
+        if self._clocks[id_].accept(tick, sent_ns, self._now_ns()):
             self._found[id_] = Sample(Outcome.OK, position, current, error != 0, sent_ns)
 
     def _close(self) -> list[Sample]:

@@ -309,6 +309,7 @@ class EmulatedServo:
         self.registered = None
         self.drive.advance(now_ns)
         self.drive.forget_turns()
+        self._tick = 0
         self._power_up(now_ns)
         self.answers_from_ns = now_ns + BOOT_NS
 

@@ -19,6 +19,7 @@ from click.core import Context
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli import run as run_command
+from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.logs.file import LogWriter, read_log
 from haptic_wall.controller.processes import inline
 from haptic_wall.controller.processes.plan import LogState
@@ -402,3 +403,29 @@ def test_what_became_of_the_shaft_goes_before_what_became_of_the_log(
     reason: StopReason, waited_for: str | None, log: LogState, status: int
 ) -> None:
     assert exit_status(reason, waited_for, log) == status
+
+
+@pytest.mark.parametrize(
+    ("sets", "status"),
+    [
+        (["guard.quantisation_share=1e-6"], 3),
+        (["wall.damping=5"], 3),
+        (["wall.law=detents", "wall.count=12", "wall.damping=5"], 3),
+        (["wall.stiffness=0"], 0),
+        (["wall.law=damper"], 0),
+        (["guard.mode=off", "wall.damping=5"], 0),
+        (["wall.stiffness=1e-7"], 0),
+    ],
+)
+def test_a_requested_wall_without_stiffness_is_no_success(
+    capsys: pytest.CaptureFixture[str], sets: list[str], status: int
+) -> None:
+    common = ["simulated", "--no-plot", "--duration", "0.1", "--set", "loop.clock=simulated"]
+    arguments = [*common, *(word for each in sets for word in ("--set", each))]
+    found, out, _ = run(capsys, *arguments)
+    report = json.loads(out)
+    assert (found, report["stop_reason"], report["wall_came_on"]) == (status, "duration", True)
+    assert (report["no_stiffness"] is not None) == (status == 3)
+    first = brief_text(report).replace("\n", " ")
+    assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 8" in first) == (status == 3)
+    assert ("ended as planned" in first) == (status == 0)

@@ -5,19 +5,24 @@ import json
 import os
 import socket
 import stat
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.processes import dial as module
 from haptic_wall.controller.processes.ask import NotAppliedError, ask
+from haptic_wall.controller.processes.children import Child
 from haptic_wall.controller.processes.dial import Dial
+from haptic_wall.controller.processes.dial_monitor import DialMonitor
 from haptic_wall.controller.processes.run_socket import (
     MODULE,
     MOST_BYTES,
@@ -253,27 +258,69 @@ def test_a_long_path_is_no_problem(tmp_path: Path) -> None:
         assert peer_of(connection).uid == os.getuid()
 
 
-def alive_in(folder: Path, *logs: Path) -> list[AliveRun]:
-    for number, log in enumerate(logs, start=1):
-        (folder / str(number)).mkdir(parents=True)
-        words = ["python", "-P", "-m", MODULE, str(socket_of(log)), ""]
-        (folder / str(number) / "cmdline").write_bytes("\0".join(words).encode())
-    (folder / "77").mkdir()
-    (folder / "77" / "cmdline").write_bytes(b"bash\0")
-    return alive(folder)
+_LISTENS = """
+import socket, sys
+listener = socket.socket(socket.AF_UNIX)
+if sys.argv[-2] == "listen":
+    listener.bind(sys.argv[-1])
+    listener.listen()
+print(flush=True)
+sys.stdin.read()
+"""
 
 
-def test_runs_are_found_by_their_processes(tmp_path: Path) -> None:
-    logs = [tmp_path / "one" / "a.hwlog", tmp_path / "one" / "b.hwlog", tmp_path / "c.hwlog"]
-    runs = alive_in(tmp_path / "proc", *logs)
-    assert [run.log for run in runs] == logs
-    assert chosen(tmp_path, runs).log == logs[2]
-    assert chosen(logs[0], runs).log == logs[0]
-    assert chosen(None, runs[:1]).log == logs[0]
+@contextlib.contextmanager
+def processes(*words: Sequence[str | Path]) -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes with these last arguments; one with ``listen`` before the last listens there."""
+    pipe = subprocess.PIPE
+    with contextlib.ExitStack() as stack:
+        made = []
+        for each in words:
+            arguments = [sys.executable, "-S", "-c", _LISTENS, *each]
+            child = subprocess.Popen(arguments, stdin=pipe, stdout=pipe, text=True)
+            made.append(stack.enter_context(child))
+            assert child.stdout is not None
+            child.stdout.readline()
+        yield made
+        for child in made:
+            child.kill()
+
+
+def test_a_run_is_the_process_that_listens_at_its_socket(tmp_path: Path) -> None:
+    """Not one that has the words, nor a socket of a dead one."""
+    log, other = tmp_path / "one" / "a.hwlog", tmp_path / "b.hwlog"
+    log.parent.mkdir()
+    for each in (log, other):
+        listening(socket_of(each)).close()  # left behind
+    socket_of(log).unlink()
+    with processes(
+        [MODULE],
+        ["grep", MODULE, ""],
+        ["grep", MODULE, socket_of(other)],
+        ["edit", MODULE, tmp_path],
+        ["dial", MODULE, socket_of(log), "listen", socket_of(log)],
+        ["grep", MODULE, socket_of(log)],
+    ) as made:
+        found = [run for run in alive() if tmp_path in run.log.parents]
+        assert found == [AliveRun(socket_of(log), made[4].pid)]
+        assert chosen(log.parent, alive()) == chosen(log, alive()) == found[0]
+        with pytest.raises(UserError, match="no wall is running in"):
+            chosen(tmp_path, found)
+        assert socket_of(log).exists() and not socket_of(other).exists()
+
+
+@pytest.mark.parametrize("act", [DialMonitor.look, DialMonitor.close])
+def test_a_killed_dial_leaves_no_socket(tmp_path: Path, act: Callable[[DialMonitor], None]) -> None:
+    path, told = tmp_path / "a.hwlog.sock", list[str]()
+    killed = Mock(spec=Child)
+    killed.lines.return_value, killed.exit_text.return_value = [], "was killed"
+    listening(path).close()
+    act(DialMonitor(killed, path, told.append))
+    assert not path.exists()
 
 
 def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:
-    runs = alive_in(tmp_path / "proc", tmp_path / "a.hwlog", tmp_path / "b.hwlog")
+    runs = [AliveRun(socket_of(tmp_path / name), 1) for name in ("a.hwlog", "b.hwlog")]
     with pytest.raises(UserError, match=r"2 running walls: .*a\.hwlog, .*b\.hwlog"):
         chosen(None, runs)
     with pytest.raises(UserError, match=r"no wall is running in .*; name one of .*a\.hwlog"):

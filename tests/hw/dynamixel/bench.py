@@ -73,7 +73,9 @@ class Bench:
         """A servo set to ``baud`` on a bus whose host and driver talk at ``bus_baud``."""
         self.clock = SimulatedClock(start_ns=123_456_789)
         now_ns = self.clock.now_ns()
-        self.truth = EmulatedServo(MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud)
+        self.truth = EmulatedServo(
+            MODELS[model], 1, firmware, true, start_ns=now_ns, baud=baud, tick=12_345
+        )
         self.bus = EmulatedBus([self.truth], baud=bus_baud, start_ns=now_ns)
         self.memory_line = MemoryLine(self.bus, self.clock)
         self.line = SpyLine(self.memory_line, self.truth)

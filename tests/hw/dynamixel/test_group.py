@@ -64,6 +64,7 @@ class Bench:
                 replace(TRUE, position=-0.1 * n),
                 start_ns=self.clock.now_ns(),
                 baud=4_000_000,
+                tick=12_345,
             )
             for n, (firmware, model) in enumerate(zip(firmwares, models, strict=True), start=1)
         ]
