@@ -92,7 +92,7 @@ def compiled(folder: Path, modules: tuple[str, ...] = MODULES) -> Path:
     if not (shutil.which("cc") or shutil.which("gcc")):
         raise PlatformError("found no C compiler", advice="install one (on Debian: gcc)")
     shutil.copytree(
-        ROOT / ".src" / PACKAGE, folder / PACKAGE, ignore=shutil.ignore_patterns("__pycache__")
+        ROOT / "src" / PACKAGE, folder / PACKAGE, ignore=shutil.ignore_patterns("__pycache__")
     )
     (folder / "mypy.ini").write_text(_CONFIG, encoding="utf-8")
     files = [f"{PACKAGE}/{module.replace('.', '/')}.py" for module in modules]

@@ -5,7 +5,7 @@
 
 root=$(CDPATH='' cd -- "$(dirname -- "$(readlink -f -- "$0")")/.." && pwd)
 # Whatever else PYTHONPATH leads to, the package of this project comes first.
-PYTHONPATH=$root/.src${PYTHONPATH:+:$PYTHONPATH}
+PYTHONPATH=$root/src${PYTHONPATH:+:$PYTHONPATH}
 export PYTHONPATH
 
 # The newest Python that is recent enough and can make virtual environments.
@@ -70,7 +70,7 @@ install() {
 name_no_folder() {
     for file in "$root"/.venv/lib/python*/site-packages/_haptic_wall.pth; do
         if [ -f "$file" ]; then
-            printf '%s\n' ../../../../.src >"$file"
+            printf '%s\n' ../../../../src >"$file"
         fi
     done
 }

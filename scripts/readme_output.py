@@ -143,7 +143,7 @@ def beside_an_emulated_bus(command: str, folder: str) -> str:
         done = subprocess.run(
             words,
             cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(ROOT / ".src")},
+            env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
             capture_output=True,
             text=True,
             check=True,

@@ -295,11 +295,12 @@ def _rows_of(place: Path, names: Iterable[str], folder: Path) -> Path:
             raise SystemExit(f"{place}: found neither kept rows nor a checkout with a .venv")
         return place
     # This script is used, with its cases: an older checkout may have none, or others.
+    source = next(each for each in (place / "src", place / ".src") if each.is_dir())
     subprocess.run(
         [python, __file__, "--keep", folder, "--only", *names],
         check=True,
         stdout=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": f"{place / '.src'}{os.pathsep}{ROOT}"},
+        env={**os.environ, "PYTHONPATH": f"{source}{os.pathsep}{ROOT}"},
         cwd=place,
     )
     return folder

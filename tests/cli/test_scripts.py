@@ -141,14 +141,16 @@ def test_two_at_once_wait_for_each_other(project: Path) -> None:
 
 def test_the_test_script_runs_every_check_and_fails_if_one_does(project: Path) -> None:
     install_python(project)
-    done = call(project, "test", "-k", "wall", FAILING="mypy")
+    done = call(project, "test", "--whole", FAILING="mypy")
     assert done.stdout.splitlines() == [
         "ruff check",
         "ruff format --check",
-        "pytest -n auto --dist worksteal -k wall",
+        "pytest -n auto --dist worksteal --whole",
         "mypy",
     ]
     assert done.returncode == 1
+    named = call(project, "test", "tests/hw", "-k", "wall")
+    assert named.stdout == "pytest -n auto --dist worksteal tests/hw -k wall\n"
     assert call(project, "test").returncode == 0
     assert call(project, "test", FAILING="pytest").returncode == 1
 

@@ -166,7 +166,7 @@ def test_every_column_of_the_log_is_explained() -> None:
 
 
 def test_the_version_is_that_of_changes_and_citation() -> None:
-    cited = yaml.safe_load(text_of("docs/CITATION.cff"))
+    cited = yaml.safe_load(text_of("CITATION.cff"))
     newest = re.findall(r"^## ([\d.]+), ([\d-]+)$", text_of("docs/changelog.md"), re.M)[0]
     assert (cited["version"], str(cited["date-released"])) == newest
     assert newest[0] == haptic_wall.__version__

@@ -197,7 +197,7 @@ def test_results_are_kept_and_counted(tmp_path: Path) -> None:
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small project with one module, of which one test checks something and one nothing."""
     root = tmp_path / "project"
-    package, room = root / ".src" / "haptic_wall", root / "controller" / "runtime"
+    package, room = root / "src" / "haptic_wall", root / "controller" / "runtime"
     plugin = root / "controller" / "pytest_plugin"  # of the program, which pytest loads
     for folder in (package, room, plugin, root / "tests"):
         folder.mkdir(parents=True)
@@ -215,7 +215,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "def test_far():\n    assert far(3.0) and not far(1.0) and far(10)\n\n"
         "def test_fails():\n    assert not far(3.0)\n"
     )
-    (root / "pyproject.toml").write_text('[tool.hatch.build]\ndev-mode-dirs = [".src"]\n')
+    (root / "pyproject.toml").write_text('[tool.hatch.build]\ndev-mode-dirs = ["src"]\n')
     monkeypatch.setattr(mutants, "LEAST_S", 2.0)
     return root
 
