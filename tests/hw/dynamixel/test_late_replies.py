@@ -98,7 +98,8 @@ class Started:
 def event(random: Random) -> list[int]:
     """Delays of one reply and its copies."""
     delay = round(random.choice([3, 50, LATEST_MS]) * random.random() * MS)
-    return random.choice([[delay], [delay], [LATEST_MS * MS], [], [0, delay], [delay, 2 * delay]])
+    late = LATEST_MS * MS
+    return random.choice([[delay], [delay], [late], [], [0, delay], [delay, late]])
 
 
 def undisturbed(firmware: int) -> list[Started]:
