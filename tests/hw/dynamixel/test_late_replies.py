@@ -29,7 +29,7 @@ OF_NEW_FIRMWARE: Sequence[Mapping[str, int]] = ({"drive_mode": 8}, {"startup_con
 LATEST_MS = 200
 MEASURED = {"temperature", "adapter reply", "torque sign"}
 SET = "operating_mode goal_current bus_watchdog torque_enable goal_pwm return_delay_time".split()  # noqa: SIM905
-WORKS_BY_CHANCE = ("status return level", "torque at the start")
+HISTORY = ("status return level", "torque at the start")
 """Their findings say what was found before a lost reply"""
 
 
@@ -83,7 +83,7 @@ class Started:
             self.outcome = self.text
             return
         self.text = ""
-        ignored = MEASURED.union(WORKS_BY_CHANCE)
+        ignored = MEASURED.union(HISTORY)
         found = {each.name: each.found.split("set to ")[-1] for each in checks}
         values = {name: value for name, value in found.items() if name not in ignored}
         truth = [bench.truth.memory[name] for name in SET], bench.truth.table.tripped
