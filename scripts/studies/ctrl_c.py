@@ -164,8 +164,7 @@ def torque_enable(port: str) -> int | None:
     try:
         link = Link(line, 1)
         for _ in range(5):
-            until_ns = time.monotonic_ns() + 100_000_000
-            found = link.read_register(REGISTERS["torque_enable"], until_ns)
+            found = link.read_register(REGISTERS["torque_enable"], 100_000_000)
             if found is not None:
                 return found
         return None
