@@ -224,7 +224,7 @@ class _Checkup:
         """Whether the servo replies to reads and writes; otherwise no other check is possible."""
         register = servo.table.registers["status_return_level"]
         try:
-            found = str(level := servo.table.sdk.read(register))
+            found = str(level := servo.table.read(register.name))
         except ServoLostError:
             found, level = "no replies to reads", 0
         if level != register.default and self._may(f"status return level: {found} -> 2"):

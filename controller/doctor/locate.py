@@ -20,6 +20,7 @@ from haptic_wall.hw.dynamixel.examine.search import (
     search,
 )
 from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
+from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
@@ -151,7 +152,8 @@ class Locator:
             try:
                 if table.read("torque_enable"):
                     return Change(name, before, "its torque is on, so it is locked", False), found
-                table.sdk.write_unanswered(table.registers["baud_rate"], value)
+                # It cannot be read back at this rate.
+                table.link.write_register(table.registers["baud_rate"], value, PATIENCE_NS[0])
             except (ServoLostError, UnfitServoError) as error:
                 return Change(name, before, str(error), False), found
         with opened(settings.port, settings.baud, self._clock) as line:

@@ -7,15 +7,14 @@ from typing import Final
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS
-from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoLostError
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
 """Time allowed for each reply of each attempt [ns]: short at first, since a lost frame is the
 likely cause; the last outlasts an adapter's 16 ms timer"""
-_UNIQUE_BYTES: Final = 7
-"""A length that no other request has"""
+_SIZES: Final = range(4, 16)
+"""Sizes of the blocks that are read: of no other process's requests, whose replies may be late"""
 _GAP_NS: Final = 2_000_000
 """Silence after which every servo looks for a new header (they do after 1.5 ms)"""
 _GAP_END_NS: Final = 20_000_000
@@ -43,18 +42,16 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
         line.read()
         while line.wait(min(now_ns() + _GAP_NS, end)) and now_ns() < end:
             line.read()
-        return torque_off(line, Link(line, servo_id, baud=baud))
+        return torque_off(Link(line, servo_id, baud=baud))
     except ServoLostError:
         return False
 
 
-def torque_off(line: Line, link: Link) -> bool:
+def torque_off(link: Link) -> bool:
     """Write Torque Enable 0 and read it back; try up to four times.
 
-    It takes at most 90 ms; a slow bus adds its wire time. A late reply to another process's
-    request must not be taken for the answer. Replies come in order and at most one was under way,
-    so once the write is confirmed it has passed. Otherwise the read from Torque Enable on has a
-    length that no other request uses.
+    It takes at most 90 ms; a slow bus adds its wire time. Only what is read back counts, in a block
+    of a size that no other request has: a late reply must not be taken for the answer.
 
     Returns:
         Whether torque off was read back.
@@ -62,12 +59,7 @@ def torque_off(line: Line, link: Link) -> bool:
     Raises:
         ServoLostError: The port is gone.
     """
-    now_ns = line.clock.now_ns
-    for least_ns in _PATIENCE_NS:
-        patience = least_ns + link.wire_ns(ASKING_BYTES + _UNIQUE_BYTES)
-        confirmed = link.write_register(_TORQUE_ENABLE, 0, now_ns() + patience)
-        size = 1 if confirmed else _UNIQUE_BYTES
-        found = link.read_block(_TORQUE_ENABLE.address, size, now_ns() + patience)
-        if found is not None and found[0] == 0:
-            return True
-    return False
+    return any(
+        link.write_register(_TORQUE_ENABLE, 0, patience_ns, _SIZES) == 0
+        for patience_ns in _PATIENCE_NS
+    )

@@ -21,7 +21,7 @@ from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
 _TRIES: Final = 3
-_PATIENCE_NS: Final = 20_000_000
+_PATIENCE_NS: Final = 100_000_000
 
 
 class DynamixelGroup:

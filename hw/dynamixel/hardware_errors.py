@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
@@ -26,8 +25,6 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
 _STATUS: Final = REGISTERS["hardware_error_status"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
 """Time allowed for each attempt to read the latched error [ns]"""
-_ASKED_BYTES: Final = 3
-"""Bytes to read from Hardware Error Status on: a length that no other request has"""
 
 
 def error_names(error: int) -> str:
@@ -42,15 +39,14 @@ def what_to_do(error: int) -> str:
     return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
 
 
-def latched(link: Link, clock: Clock, name: str) -> str:
+def latched(link: Link, name: str) -> str:
     """Read the latched errors of a servo; return names and advice, or an empty text."""
     for patience in _PATIENCE_NS:
         try:
-            block = link.read_block(_STATUS.address, _ASKED_BYTES, clock.now_ns() + patience)
+            error = link.read_register(_STATUS, patience)
         except ServoLostError:
             return ""
-        if block is not None and block[0]:
-            error = block[0]
+        if error:
             names = error_names(error) or f"0x{error:02x}"
             return f"the {name} has latched: {names}; {what_to_do(error)}"
     return ""

@@ -12,7 +12,7 @@ from typing import Final
 from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.health import DrivingRange
-from haptic_wall.hw.dynamixel.sdk import Table
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.errors import ServoLostError
 
@@ -61,19 +61,18 @@ def identify(table: Table, model: Model, number: int, checklist: Checklist) -> T
         ),
     )
     checklist.refuse_if_unfit()
-    return Table(table.sdk, model.registers_at(firmware))
+    return Table(table.link, table.name, model.registers_at(firmware))
 
 
 def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
     """Set Status Return Level 2; below it writes have no reply, at 0 reads neither."""
     register = table.registers["status_return_level"]
     try:
-        found = str(level := table.sdk.read(register))
+        found = str(level := table.read(register.name))
     except ServoLostError:
         found, level = "no replies to reads", 0
     if level != register.default:
-        table.sdk.write_unanswered(register, register.default)
-        level = table.sdk.read(register)
+        level = table.write(register.name, register.default)
         found += f", set to {level}"
     checklist.add(
         "status return level",
@@ -91,9 +90,7 @@ def _have_replies_to_everything(table: Table, checklist: Checklist) -> None:
 def torque_off(table: Table, checklist: Checklist) -> None:
     """Switch off torque left from another run; EEPROM is locked while it is on."""
     was_on = table.read("torque_enable") != 0
-    if was_on:
-        table.write("torque_enable", 0)
-    off = not was_on or table.read("torque_enable") == 0
+    off = not was_on or table.write("torque_enable", 0) == 0
     found = "off" if not was_on else "on, switched off" if off else "on"
     checklist.add(
         "torque at the start",

@@ -15,6 +15,9 @@ Three cheap checks do it:
 
 A request may ask for a wider block around the sample, of a length that no other request has.
 
+Registers follow the first rule too: each is read in a block whose size no request of the last
+0.5 s had. What is written is read back, since all confirmations of writes look alike.
+
 Two lengths would not do: a reply two periods late has the right one. The clock alone cannot tell
 periods of 1 ms. A late reply may arrive after the receive buffer was drained. The longer replies
 cost 1.25 µs a cycle at 4 Mbit/s.
@@ -44,9 +47,15 @@ from haptic_wall.hw.dynamixel.samples import (
     ServoClock,
 )
 from haptic_wall.hw.dynamixel.tables import Register
-from haptic_wall.hw.dynamixel.wire import wire_ns
+from haptic_wall.hw.dynamixel.wire import ASKING_BYTES, wire_ns
 from haptic_wall.hw.servo import BusCounts, Outcome
 
+REGISTER_SIZES: Final = range(28, 147)
+"""Sizes of the blocks that read a register; samples are shorter"""
+_TABLE_END: Final = 147
+"""After Present Temperature"""
+_LATEST_NS: Final = 500_000_000
+"""Time after a request without its reply or a copy of it [ns]: either may be 200 ms late"""
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 _STATUS: Final = Instruction.STATUS
@@ -82,6 +91,11 @@ class Link:
         self._asked: SampleRequest | None = None
         """The request that waits for its answer; None: none does"""
         self._refusals = 0
+        self._read_ns: dict[int, int] = {}
+        """When a register was last read in a block of this size [ns]"""
+        self.refusal = 0
+        """Reason of the last refusal of a read or write (``ErrorCode``); set it to 0 to know of the
+        next"""
         self._sent_ns = 0
         self._begun = False  # any byte has come since the last request
         self._undecided = False
@@ -221,55 +235,85 @@ class Link:
             frame = self._goals[goal] = self._goal.encode((goal,))
         self._line.write(frame)
 
-    def write_register(self, register: Register, value: int, deadline_ns: int) -> bool:
-        """Write a register; return whether the servo confirmed it before ``deadline_ns`` [ns].
+    def write_register(
+        self,
+        register: Register,
+        value: int,
+        patience_ns: int,
+        sizes: Sequence[int] = REGISTER_SIZES,
+    ) -> int | None:
+        """Write a register; return the value that is read back, as ``read_register`` does.
+
+        A confirmation only ends the wait: it may be a late one of another write.
 
         Raises:
             ServoLostError: The port is gone.
         """
         params = register.address.to_bytes(2, "little") + register.encode(value)
-        answer = self._ask(Instruction.WRITE, params, 0, deadline_ns)
-        return answer is not None
+        self.ask(Instruction.WRITE, params, 0, patience_ns)
+        return self.read_register(register, patience_ns, sizes)
 
-    def read_register(self, register: Register, deadline_ns: int) -> int | None:
-        """Return the value of a register; None: no valid answer before ``deadline_ns`` [ns].
+    def read_register(
+        self, register: Register, patience_ns: int, sizes: Sequence[int] = REGISTER_SIZES
+    ) -> int | None:
+        """Return the value of a register; None: no valid answer.
 
-        Raises:
-            ServoLostError: The port is gone.
-        """
-        answer = self.read_block(register.address, register.size, deadline_ns)
-        return None if answer is None else register.decode(answer)
-
-    def read_block(self, address: int, size: int, deadline_ns: int) -> bytes | None:
-        """Return consecutive registers; None: no valid answer before ``deadline_ns`` [ns].
-
-        A reply names neither its servo's registers nor its request: where an older one may still be
-        under way, request a size that it cannot have.
+        Args:
+            register: One up to Present Temperature (146).
+            patience_ns: Time allowed beyond the bytes' own [ns].
+            sizes: Sizes of blocks to choose from [bytes].
 
         Raises:
             ServoLostError: The port is gone.
         """
-        params = struct.pack("<HH", address, size)
-        return self._ask(Instruction.READ, params, size, deadline_ns)
+        read_ns, latest_ns = self._read_ns, self._now_ns() - _LATEST_NS
+        free = [size for size in sizes if size not in self._requests]
+        size = next((n for n in free if read_ns.get(n, latest_ns) <= latest_ns), 0)
+        if not size:
+            size = min(free, key=read_ns.__getitem__)
+            self._line.clock.wait_until(read_ns[size] + _LATEST_NS)
+        read_ns[size] = self._now_ns()
+        address = min(register.address, _TABLE_END - size)
+        block = self.ask(Instruction.READ, struct.pack("<HH", address, size), size, patience_ns)
+        at = register.address - address
+        return None if block is None else register.decode(block[at : at + register.size])
 
-    def _ask(
-        self, instruction: Instruction, params: bytes, size: int, deadline_ns: int
+    def ask(
+        self, instruction: Instruction, params: bytes, size: int, patience_ns: int
     ) -> bytes | None:
-        """Send one instruction and wait for a good reply with ``size`` bytes of data.
+        """Send one instruction; return the data of a good reply with ``size`` bytes of data.
 
-        A sample under way is discarded: it is no longer needed.
+        A refusal names its request no more than any reply does, so it does not end the wait. A
+        sample under way is discarded.
+
+        Args:
+            instruction: The instruction.
+            params: Its parameters.
+            size: Bytes of data in the reply.
+            patience_ns: Time allowed beyond the bytes' own [ns].
+
+        Returns:
+            The data; None: no such reply came.
+
+        Raises:
+            ServoLostError: The port is gone.
         """
         line, parser, now_ns = self._line, self._parser, self._now_ns
         if self._asked is not None:
             self._quarantine(self._asked)
         self._undecided = False
         parser.feed(line.read())
+        deadline_ns = now_ns() + patience_ns + self.wire_ns(ASKING_BYTES + size)
         line.write(encode(self._id, instruction, params))
         in_time = True  # a bus without a servo may never be silent
         while in_time and line.wait(deadline_ns):
             in_time = now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
-                if self._is_good_reply(frame) and len(frame.params) == size:
+                if frame.id != self._id or frame.instruction != _STATUS:
+                    continue
+                if code := frame.error & _REFUSED:
+                    self.refusal = code
+                elif len(frame.params) == size:
                     return frame.params
         return None
 

@@ -16,6 +16,7 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
@@ -40,11 +41,6 @@ _HOLD_NS: Final = 100_000_000
 """Time at the largest torque before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the backlash between shaft and encoder and than an encoder's flicker"""
-_END_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
-"""Time allowed for each reply of each attempt to end the push; the last outlasts an adapter's 16 ms
-timer"""
-_GOAL_CURRENT: Final = REGISTERS["goal_current"]
-_BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _TURNED_COUNTS: Final = 2
 """Distance back from the furthest position that counts as a reversal: more than an encoder's
 flicker"""
@@ -69,7 +65,7 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
     A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
-    is repeated once.
+    is repeated once. So is one in which the line was silent for a while.
 
     Args:
         link: The servo.
@@ -83,12 +79,19 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
         ServoLostError: The servo stops replying.
     """
     prober = _Prober(link, clock, name)
-    for _ in range(2):
-        prober.wait_for_rest()
-        push = prober.push(limit)
-        if push.sign_is_right:
-            break
-    return push
+    wrong = silent = False
+    while True:
+        try:
+            prober.wait_for_rest()
+            push = prober.push(limit)
+        except ServoLostError:
+            if silent or not prober.ended():
+                raise
+            silent = True
+            continue
+        if wrong or push.sign_is_right:
+            return push
+        wrong = True
 
 
 class _Prober:
@@ -147,23 +150,23 @@ class _Prober:
             furthest = max(furthest, way * self._position)
         self._end()
 
-    def _end(self) -> None:
-        """Set zero torque with confirmation: a goal in the usual frame is not confirmed.
-
-        A servo whose Bus Watchdog has tripped accepts no goal, and has no torque.
-        """
-        link, now_ns = self._link, self._clock.now_ns
-        for least_ns in _END_PATIENCE_NS:
-            patience = least_ns + link.wire_ns(CYCLE_BYTES)
-            if link.write_register(_GOAL_CURRENT, 0, now_ns() + patience):
-                return
-            if link.read_register(_BUS_WATCHDOG, now_ns() + patience) == WATCHDOG_TRIPPED:
-                return
-        raise ServoLostError(
-            f"The {self._name} has not confirmed its goal of zero torque after the "
-            "probe of the torque's sign",
-            advice="check the cable and the power supply.",
+    def ended(self) -> bool:
+        """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
+        link, self._losses = self._link, 0
+        return any(
+            link.write_register(REGISTERS["goal_current"], 0, patience_ns) == 0
+            # It then accepts no goal, and has no torque.
+            or link.read_register(REGISTERS["bus_watchdog"], patience_ns) == WATCHDOG_TRIPPED
+            for patience_ns in PATIENCE_NS
         )
+
+    def _end(self) -> None:
+        if not self.ended():
+            raise ServoLostError(
+                f"The {self._name} has not confirmed its goal of zero torque after the "
+                "probe of the torque's sign",
+                advice="check the cable and the power supply.",
+            )
 
     def _cycle(self, goal: int) -> int:
         """Execute one period at a goal current; return its end [ns]."""

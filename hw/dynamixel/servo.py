@@ -115,7 +115,8 @@ class DynamixelServo:
             self._law = ready.law
             self._health.bounds = ready.bounds
             self._watchdog.heard_ns = self._now_ns()
-            self._watchdog.look(0, under_torque=False)  # a stall in the start may have tripped it
+            if startup.table.read("bus_watchdog") != ready.bounds.watchdog:
+                self._watchdog.look(0, under_torque=False)  # a stall in the start has tripped it
         except ServoMissingError:
             self._off()
             raise  # a servo that never replied was never driven
@@ -268,7 +269,7 @@ class DynamixelServo:
                     self._meet(self._startup())
             self._off()
             if self._alert and not self.trouble:
-                self.trouble = latched(self._link, self._line.clock, self.facts.name)
+                self.trouble = latched(self._link, self.facts.name)
         return self._confirmed_off
 
     def close(self) -> None:
@@ -318,7 +319,7 @@ class DynamixelServo:
                 self._watchdog.end()
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self._link.send_current(0)
-            self._confirmed_off = torque_off(self._line, self._link)
+            self._confirmed_off = torque_off(self._link)
         except ServoLostError:
             self._confirmed_off = False
         return self._confirmed_off

@@ -8,7 +8,7 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import Push, probe_sign
-from haptic_wall.hw.dynamixel.sdk import Table
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
@@ -58,7 +58,7 @@ def prove_the_sign(
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         if (
             not tripped
-            or rearm(link, clock, watchdog_units(settings), under_torque=False) is not Armed.YES
+            or rearm(link, watchdog_units(settings), under_torque=False) is not Armed.YES
         ):
             break
     found, fault = _told(push, law.torque(push.peak), tripped, settings.watchdog_s)

@@ -22,8 +22,8 @@ from haptic_wall.hw.dynamixel.inspection import (
 from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.sdk import Sdk, Table
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
@@ -33,7 +33,7 @@ from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
-_SAMPLE_PATIENCE_NS: Final = 40_000_000
+_SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _REPLIES: Final = 5
 """Number of replies whose median decides whether replies come in time"""
@@ -88,7 +88,8 @@ class Startup:
         self._constant = constant
         self.volts = model.voltage
         self.law = torque_law(model, constant, model.voltage)
-        self.table = Table(Sdk(line, settings.baud, settings.id, where), model.registers)
+        name = f"id {settings.id} at {settings.baud} baud on {where}"
+        self.table = Table(link, name, model.registers)
         self._name = f"servo with id {settings.id} on {where}"
         self.list = Checklist(self._name)
 
@@ -99,7 +100,7 @@ class Startup:
             ServoMissingError: No reply.
             UnfitServoError: It refuses.
         """
-        return self.table.sdk.ping()
+        return self.table.ping()
 
     def run(self, number: int, watch: tuple[str, str]) -> Ready:
         """Check everything, set what the driver may set, and enable torque at zero torque.
@@ -235,8 +236,7 @@ class Startup:
 
     def torque_on(self) -> None:
         """Enable torque; the goal is zero."""
-        self.table.write("torque_enable", 1)
-        on = self.table.read("torque_enable") == 1
+        on = self.table.write("torque_enable", 1) == 1
         self.list.add(
             "torque",
             on,
@@ -267,8 +267,7 @@ class Startup:
         """Write a register where it differs, and read it back."""
         before = after = self.table.read(register_name)
         if before != wanted:
-            self.table.write(register_name, wanted)
-            after = self.table.read(register_name)
+            after = self.table.write(register_name, wanted)
         found = str(after) if after == before else f"{before}, set to {after}"
         title = self.table.label(register_name)
         self.list.add(

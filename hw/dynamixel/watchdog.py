@@ -5,10 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
-from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
 
@@ -19,9 +17,6 @@ _MOST_UNITS: Final = 127
 _PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 """Time allowed for each reply of each attempt [ns], without its time on the wire; the last outlasts
 an adapter's 16 ms timer"""
-_LOOK_BYTES: Final = 11
-"""Bytes read from Bus Watchdog on, one more at each attempt: lengths of no other request, so that
-no late reply is taken for the answer"""
 
 
 class Armed(Enum):
@@ -51,49 +46,43 @@ def watchdog_units(settings: DriverSettings) -> int:
     return units
 
 
-def rearm(link: Link, clock: Clock, units: int, *, under_torque: bool) -> Armed:
+def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     """Check whether the servo still accepts goals; arm it again if no torque was lost.
 
     A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return of
     the torque after an unobserved motion would be an impact. It is written only after it was read.
 
     A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
-    nothing to end it: so torque is off meanwhile. Every write is confirmed.
+    nothing to end it: so torque is off meanwhile. Every write is read back.
 
     Args:
         link: The servo.
-        clock: Tells the time.
         units: Its setting [20 ms].
         under_torque: The last goal was not zero.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    now_ns = clock.now_ns
-    result = Armed.UNKNOWN
     steps = arming = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
     after_trip = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *arming, (_TORQUE_ENABLE, 1)]
     begun = False
-    for attempt, least_ns in enumerate(_PATIENCE_NS):
-        size = _LOOK_BYTES + attempt
-        patience = least_ns + link.wire_ns(ASKING_BYTES + size)
-        block = link.read_block(_BUS_WATCHDOG.address, size, now_ns() + patience)
-        if block is None:  # unknown whether there is a torque to lose
+    for patience_ns in _PATIENCE_NS:
+        found = link.read_register(_BUS_WATCHDOG, patience_ns)
+        if found is None:  # unknown whether there is a torque to lose
             continue
-        if block[0] == units and not begun:
+        if found == units and not begun:
             return Armed.YES
-        result = Armed.NO
         if under_torque:
-            break
-        if block[0] == WATCHDOG_TRIPPED:
+            return Armed.NO
+        if found == WATCHDOG_TRIPPED:
             steps = after_trip
         begun = True
-        patience = _PATIENCE_NS[-1] + link.wire_ns(ASKING_BYTES)
         if all(
-            link.write_register(register, value, now_ns() + patience) for register, value in steps
+            link.write_register(register, value, _PATIENCE_NS[-1]) == value
+            for register, value in steps
         ):
             return Armed.YES
-    return result
+    return Armed.UNKNOWN
 
 
 def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:

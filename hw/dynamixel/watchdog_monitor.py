@@ -94,7 +94,7 @@ class WatchdogMonitor:
             ServoLostError: The port is gone, or there is no reply.
             TorqueLostError: The torque is gone.
         """
-        armed = rearm(self._link, self._clock, self._units, under_torque=under_torque)
+        armed = rearm(self._link, self._units, under_torque=under_torque)
         if armed is not Armed.YES:
             raise self.explained(lost(armed, self._name, silence_ns, self._watchdog_s))
 

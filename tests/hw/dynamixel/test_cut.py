@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
@@ -56,6 +56,29 @@ def test_a_reply_under_way_is_not_taken_for_the_confirmation() -> None:
     bench = pushing()
     bench.servo.request()
     assert cut_torque(bench.line, 1) is True
+    assert bench.truth.memory["torque_enable"] == 0
+
+
+@pytest.mark.parametrize("stale", [encode_status(1, 0), encode_status(1, 0, bytes(1))])
+def test_a_late_confirmation_is_not_taken_for_the_cuts(stale: bytes) -> None:
+    """It is the reply to a write of the dead driver; the cut's own first write is lost."""
+    bench = pushing()
+    writes: list[bytes] = []
+    late = [stale]
+
+    class Late(MemoryLine):
+        def write(self, data: bytes) -> None:
+            writes.append(data)
+            if len(writes) > 1:
+                super().write(data)
+
+        def read(self) -> bytes:
+            return (late.pop() if writes and late else b"") + super().read()
+
+        def wait(self, deadline_ns: int) -> bool:
+            return bool(writes and late) or super().wait(deadline_ns)
+
+    assert cut_torque(Late(bench.bus, bench.clock), 1) is True
     assert bench.truth.memory["torque_enable"] == 0
 
 

@@ -22,13 +22,12 @@ from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_a
 from haptic_wall.hw.dynamixel.examine.replies import time_replies
 from haptic_wall.hw.dynamixel.examine.search import search
 from haptic_wall.hw.dynamixel.port import kept_settings, open_port
-from haptic_wall.hw.dynamixel.sdk import Sdk
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.settings import Schedule, TrueServo
 from tests.typed import not_none
 
@@ -79,7 +78,7 @@ class Bus:
         return ServoAccess.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
 
     def set(self, **values: int) -> None:
-        """Set registers as a client would have, by the vendor's SDK."""
+        """Set registers as another client would have."""
         table = self.contact().table
         for name, value in values.items():
             table.write(name, value)
@@ -230,7 +229,8 @@ def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
 def test_a_servo_that_answers_no_reads_is_made_to() -> None:
     bus = Bus()
     table = bus.contact().table
-    table.sdk.write_unanswered(table.registers["status_return_level"], 0)
+    with pytest.raises(ServoLostError):
+        table.write("status_return_level", 0)  # not read back
     change = set_status_level(bus.contact())
     assert change == ("status return level", "no replies to reads", "2", True)
 
@@ -243,7 +243,7 @@ def test_torque_is_never_enabled_by_any_repair() -> None:
             assert mend(bus.contact(), finding.name, repair).verified
     enabled = [f for f in bus.wrote() if f.params[0] == TORQUE_ENABLE and f.params[2] != 0]
     assert enabled == []
-    assert not Sdk(bus, BAUD, 1, "").read(MODELS["XM430-W350"].registers["torque_enable"])
+    assert not bus.contact().table.read("torque_enable")
 
 
 class DoublingBus(Bus):
@@ -268,6 +268,10 @@ class DoublingBus(Bus):
 def test_a_doubled_reply_is_not_taken_for_another_register() -> None:
     bus = DoublingBus(return_delay=0)
     assert all(judgement.finding.ok for judgement in bus.judged())
+    bus.set(drive_mode=1 + 8)
+    for finding, repair in in_order_of_repair(bus.judged()):
+        assert mend(bus.contact(), finding.name, not_none(repair)).verified
+    assert bus.servos[1].memory["drive_mode"] == 0
 
 
 def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong() -> None:

@@ -11,12 +11,12 @@ import dynamixel_sdk as sdk
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
-from haptic_wall.hw.dynamixel.sdk import LinePort
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.settings import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
+from tests.hw.emulated.sdk_port import LinePort
 from tests.typed import not_none
 
 X, X540, SMALL, LOAD = "XM430-W350", "XM540-W270", "XL330-M288", "XL430-W250"

@@ -7,8 +7,8 @@ from typing import Any
 import dynamixel_sdk as sdk
 import pytest
 
-from haptic_wall.hw.dynamixel.sdk import LinePort
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
+from tests.hw.emulated.sdk_port import LinePort
 
 X, SMALL = "XM430-W350", "XL330-M288"
 LED, TORQUE_ENABLE, GOAL_CURRENT, GOAL_POSITION, POSITION, VOLTAGE = 65, 64, 102, 116, 132, 144
