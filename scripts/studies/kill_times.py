@@ -4,8 +4,8 @@
 
 The whole tree of processes on an emulated bus of its own, a hand leaning on the wall, the Bus
 Watchdog at 40 ms as for hardware. From the fault to zero torque by the witness: the true torque
-that acts, recorded every millisecond. The table has the program's message, its exit status, the
-rows missing from the log, and the processes left behind.
+that acts, recorded every millisecond. The table has the exit status, the rows missing from the log,
+and the processes left behind.
 """
 
 import contextlib
@@ -17,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,8 +75,6 @@ class Hit:
     """Process or watchdog that ended the torque"""
     status: int | None
     """Of the program's exit; None: it did not end by itself"""
-    said: str
-    """The stop reason and what the program says of it"""
     lost: int
     """Rows that the loop wrote and the log does not hold"""
     left: int
@@ -116,8 +113,7 @@ def one_fault(fault: Fault, folder: Path) -> Hit | None:
     time_ms, by = torque_of(fault, report, ending, lived=lived)
     assert struck.words is not None  # found, or the fault would not have been injected
     lost = struck.words[Word.HEAD] - len(read_log(struck.log)[1])
-    words = said(fault, report, folder)
-    return Hit(time_ms, by, struck.run.returncode, words, lost, left, stall_ms)
+    return Hit(time_ms, by, struck.run.returncode, lost, left, stall_ms)
 
 
 def torque_of(
@@ -173,19 +169,6 @@ def spoke_after_the_cut(rows: list[BusRow], struck_s: float) -> bool:
     return bool(cuts) and any(row.instruction == Instruction.SYNC_WRITE for row in asked[cuts[0] :])
 
 
-def said(fault: Fault, report: dict[str, Any] | None, folder: Path) -> str:
-    """Shorten the messages for the table; that a run went on until it was asked is left out."""
-    told = [line for line in (folder / "said").read_text().splitlines() if "log" in line]
-    if report is None:
-        return "nothing: it was killed"
-    reason = report["stop_reason"]
-    words = [] if fault.goes_on and reason == ASKED else [f"`{reason}`"]
-    words += [] if report["explanation"] is None else [report["explanation"]]
-    words += told if fault.goes_on else []
-    words += [f"note: {text}" for text in report["warnings"] if not text.startswith("no picture")]
-    return "; ".join(words).replace(f"{folder}/", "") or "nothing"
-
-
 def as_wanted(fault: Fault, hit: Hit) -> bool:
     """Whether a run went on, or its torque ended in time, and nothing was left behind."""
     if hit.left:
@@ -222,17 +205,12 @@ def held(found: Found[tuple[str, int], Hit]) -> bool:
 
 
 def lines(found: Found[tuple[str, int], Hit]) -> list[str]:
-    """A line for each fault, and what the program says of it."""
+    """A line for each fault."""
     names = list(dict.fromkeys(name for (name, _), _ in found))
     hits = {name: [hit for case, hit in found if case[0] == name] for name in names}
-    words = ([name, most_said(hits[name]).replace("|", "/")] for name in names)
     head = ["fault", "median, ms", "longest, ms", "stall, ms", "ended the torque"]
     return [
         *table([*head, "exit", "rows lost", "left"], *(cells(n, hits[n]) for n in names)),
-        "",
-        "The program's messages:",
-        "",
-        *table(["fault", "message"], *words),
         "",
         "Wanted: where the loop is struck or the bus is gone the torque ends within"
         f" {LIMIT_MS:g} ms; a run that must go on does, loses no row, and exits with {INTERRUPTED}"
@@ -254,14 +232,6 @@ def cells(name: str, hits: list[Hit]) -> list[str]:
         f"{max(hit.lost for hit in hits)}",
         f"{max(hit.left for hit in hits)}",
     ]
-
-
-def most_said(hits: list[Hit]) -> str:
-    """Return the most frequent message, and the beginnings of the others."""
-    (most, _), *rest = Counter(hit.said for hit in hits).most_common()
-    begins = most.partition(";")[0]
-    others = {text.partition(";")[0] for text, _ in rest} - {begins}
-    return " ".join([most, *(f"(or {other})" for other in sorted(others))])
 
 
 STUDY = Study(
