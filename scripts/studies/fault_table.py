@@ -53,27 +53,10 @@ FAULTS = (
 )
 
 
-REAL = "emulated-xm430"
-"""The preset with the effects of a real servo"""
-ON_REAL = (
-    "drop:times=1,way=reply",
-    "drop:for=0.008,way=reply",
-    "drop:way=reply",
-    "late:ms=1,times=1,way=reply",
-    "stuck:for=0.02",
-    "jump:counts=500,for=0.0022",
-    "jump:counts=500",
-    "hardware-error:bits=overload",
-    "brown-out",
-    "unplug-adapter",
-)
-"""Faults that are injected on that servo too"""
-
-
-def session(spec: str | None, preset: str = "emulated-ideal") -> MemorySession:
+def session(spec: str | None) -> MemorySession:
     """The session with one fault, or with none."""
     faults = [] if spec is None else [_at(spec)]
-    return run_in_memory(SETTINGS, DURATION_S, faults=faults, preset=preset)
+    return run_in_memory(SETTINGS, DURATION_S, faults=faults)
 
 
 def _at(spec: str) -> str:
@@ -81,20 +64,15 @@ def _at(spec: str) -> str:
 
 
 @cache
-def calm(preset: str) -> dict[int, float]:
+def calm() -> dict[int, float]:
     """The torque of a run without any fault."""
-    return true_torque(session(None, preset))
+    return true_torque(session(None))
 
 
-def line_on_real(fault: tuple[str, str]) -> list[str]:
-    """Describe the effect of one fault on a servo with the effects of a real one."""
-    return line(fault, REAL)
-
-
-def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
+def line(fault: tuple[str, str]) -> list[str]:
     """Describe the effect of one fault, beside a run without any."""
     name, spec = fault
-    found = session(spec, preset)
+    found = session(spec)
     struck_ns = found.given_ns + round(AT_S * 1e9)
     reason = found.result.stop_reason
     counts = found.result.bus or {}
@@ -108,7 +86,7 @@ def line(fault: tuple[str, str], preset: str = "emulated-ideal") -> list[str]:
         failed = int(np.count_nonzero(outcome != Outcome.OK))
         did = f"goes on; {counted}" if counted else "goes on; nothing is counted"
         periods = f"{failed} without a sample"
-        return [name, f"`{spec}`", did, periods, difference(found, calm(preset))]
+        return [name, f"`{spec}`", did, periods, difference(found, calm())]
     trip = reason.label
     ended_ns = int(ticks["deadline_ns"][-1]) + (0 if trip in IN_TICK else PERIOD_NS)
     lasted = -((struck_ns - ended_ns) // PERIOD_NS)
@@ -152,13 +130,6 @@ STUDY = Study(
             line,
             table_of("fault|`--fault`|answer|periods|torque"),
             case_s=0.4,
-        ),
-        Part(
-            "real",
-            lambda _: [fault for fault in FAULTS if fault[1] in ON_REAL],
-            line_on_real,
-            table_of("fault|`--fault`|answer|periods|torque"),
-            case_s=0.6,
         ),
     ),
     everywhere=True,
