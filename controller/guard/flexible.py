@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
+from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -342,21 +342,17 @@ def _scan(
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
         rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
-    grid = np.meshgrid(
-        _ends(belief.inertia),
-        _ends(Bounded(load.value, max(load.low, LIGHTEST * load.high), load.high)),
-        math.tau * rates,
-        _ends(belief.flexible_damping_ratio),
-        indexing="ij",
-    )
-    whole, load_inertia, rate, ratio = (each.ravel() for each in grid)
-    load_inertia = np.minimum(load_inertia, HEAVIEST * whole)
-    m = whole - load_inertia
-    moving = m * load_inertia / whole
+    whole, load, rate = _bodies(belief, math.tau * rates)
+    motor = whole - load
+    moving = motor * load / whole
+    # more damping of the transmission is the less safe together with the least friction only
+    friction, damped = belief.damping, belief.flexible_damping_ratio
+    corners = [(friction.low, damped.high), (friction.low, damped.low), (friction.high, damped.low)]
+    damping, ratio = np.array(list(dict.fromkeys(corners))).T[:, :, None]
     return FlexibleScan(
-        m,
-        np.full(whole.size, belief.damping.low),
-        load_inertia,
+        motor,
+        damping,
+        load,
         moving * rate**2,
         2.0 * ratio * moving * rate,
         period,
@@ -367,5 +363,24 @@ def _scan(
     )
 
 
-def _ends(bounded: Bounded) -> FloatArray:
-    return np.unique([bounded.low, bounded.high])
+def _bodies(belief: Belief, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return whole inertias, loads and rates that stand for the belief [kg·m², kg·m², rad/s].
+
+    With more inertia the transmission takes up more, ``2 zeta rate`` times the whole, but friction
+    less, ``b load / motor``: their sum may be least between the ends.
+    """
+    low, high, loads = belief.inertia.low, belief.inertia.high, belief.load_inertia
+    load = max(loads.low, LIGHTEST * loads.high)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        motor = np.sqrt(0.5 * belief.damping.low * load / belief.flexible_damping_ratio.low / rates)
+    inside = (load + motor > max(low, load / HEAVIEST)) & (load + motor < high)
+    corners = [(w, min(each, HEAVIEST * w)) for w in (low, high) for each in (load, loads.high)]
+    corners = list(dict.fromkeys(corners))
+    pairs = np.concatenate(
+        [
+            np.tile(corners, (rates.size, 1)),
+            np.stack([load + motor[inside], np.full(inside.sum(), load)], axis=1),
+        ]
+    )
+    rate = np.concatenate([np.repeat(rates, len(corners)), rates[inside]])
+    return pairs[:, 0], pairs[:, 1], rate

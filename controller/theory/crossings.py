@@ -75,14 +75,15 @@ class Loops:
         """Return F at frequencies of which ``half`` is exp(j w/2)."""
         moved = 2j * half.imag * half  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        top = moved * half ** (2 * self.whole + 2)
+        found = -moved * half ** (2 * self.whole + 2)
         for i in range(poles.shape[1]):
-            top = top * (moved - poles[:, i, None])
+            found *= moved - poles[:, i, None]
         numerator = self.chains.numerator
-        below = np.zeros_like(moved) + numerator[:, -1, None]
+        below = np.repeat(numerator[:, -1, None].astype(np.complex128), moved.shape[1], axis=1)
         for i in range(numerator.shape[1] - 2, -1, -1):
-            below = below * moved + numerator[:, i, None]
-        found: ComplexArray = -top / below
+            below *= moved
+            below += numerator[:, i, None]
+        found /= below
         return found
 
     def difference(self, w: FloatArray) -> ComplexArray:
