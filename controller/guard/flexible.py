@@ -345,9 +345,8 @@ def _scan(
     whole, load, rate = _bodies(belief, math.tau * rates)
     motor = whole - load
     moving = motor * load / whole
-    # more damping of the transmission is the less safe together with the least friction only
-    friction, damped = belief.damping, belief.flexible_damping_ratio
-    corners = [(friction.low, damped.high), (friction.low, damped.low), (friction.high, damped.low)]
+    b, zeta = belief.damping, belief.flexible_damping_ratio
+    corners = [(b.low, zeta.low), (b.low, zeta.high), (b.high, zeta.high), (b.high, zeta.low)]
     damping, ratio = np.array(list(dict.fromkeys(corners))).T[:, :, None]
     return FlexibleScan(
         motor,

@@ -66,10 +66,15 @@ class Loops:
         return self._inverse(_turned(w / 2))
 
     def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return ``inverse`` and ``difference`` in less time than both of them take."""
+        """Return ``inverse`` and ``difference`` in less time than both of them take.
+
+        ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
+        """
         half = _turned(w / 2)
         turned = half if self.samples == 1 else half**self.samples
-        return self._inverse(half), self._difference(w, turned)
+        every = np.arange(self.period.size).reshape(-1, len(w))
+        inverse = [self.take(part)._inverse(half) for part in every]
+        return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 
     def _inverse(self, half: ComplexArray) -> ComplexArray:
         """Return F at frequencies of which ``half`` is exp(j w/2)."""

@@ -25,7 +25,8 @@ _FLANK = np.geomspace(1e-5, 0.4, 80)
 _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-3
-"""Least frequency of the grid, in periods of one delay and one sample [rad]"""
+"""Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
+lowers it"""
 _NEAR = np.concatenate([-np.geomspace(0.4, 0.001, 16), [0.0], np.geomspace(0.001, 0.5, 16)])
 """Frequencies beside a resonance, relative to it"""
 
@@ -49,7 +50,6 @@ class FlexibleScan:
         """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,)."""
         servo = (inertia, damping, load_inertia, transmission_stiffness, transmission_damping)
         chain, shape = two_masses(*servo, encoder=encoder)
-        ends = 1 if len(shape) == 1 else shape[0]
         late = delay / period
         whole = math.floor(late)
         times = np.full(math.prod(shape), period)
@@ -63,8 +63,8 @@ class FlexibleScan:
         with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
         alone = np.sqrt(transmission_stiffness / load_inertia)
         near = np.stack([with_both, alone], axis=1) * period
-        w = np.tile(_grid(near, late, velocity_filter), (ends, 1))
-        self._parts = _Parts.of(*loops.responses(w), ends)
+        w = _grid(near, late, velocity_filter)
+        self._parts = _Parts.of(*loops.responses(w))
         self._ceiling, self._floor = self._parts.dampings()
 
     def ceilings(self) -> FloatArray:
@@ -106,7 +106,7 @@ class RigidScan:
             chains = sampled(chain.take(part), period[part], fraction)
             loops = Loops(chains, period[part], int(d), samples, velocity_filter)
             w = _grid(np.empty((part.size, 0)), d + 1.0, velocity_filter, _MORE)
-            parts = _Parts.of(*loops.responses(w), 1)
+            parts = _Parts.of(*loops.responses(w))
             self._ceiling[part], self._floor[part] = parts.dampings()
             self._parts.append((part, parts))
 
@@ -132,11 +132,10 @@ class _Parts(NamedTuple):
     d_imag: FloatArray
 
     @classmethod
-    def of(cls, f: ComplexArray, d: ComplexArray, ends: int) -> _Parts:
-        """Return the parts of rows that follow each other by servo, then by damping."""
-        shape = (ends, -1, f.shape[1])
-        parts = (f.real, f.imag, d.real, d.imag)
-        return cls(*(np.ascontiguousarray(each).reshape(shape) for each in parts))
+    def of(cls, f: ComplexArray, d: ComplexArray) -> _Parts:
+        """Return the parts; the rows of F are servos, then the same with other dampings."""
+        parts = (np.ascontiguousarray(each) for each in (f.real, f.imag, d.real, d.imag))
+        return cls(*(each.reshape(-1, *d.shape) for each in parts))
 
     def dampings(self) -> tuple[FloatArray, FloatArray]:
         """Return the least ceiling and the greatest floor of the virtual damping."""
@@ -158,9 +157,8 @@ def _grid(
     few: int = _FEW,
 ) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
-    common = np.concatenate(
-        [np.geomspace(_SLOWEST / (1.0 + late), np.pi, few), np.linspace(0.05, np.pi, _EVEN)]
-    )
+    slowest = min(_SLOWEST / (1.0 + late), 0.5 * np.min(resonances, initial=_SLOWEST))
+    common = np.concatenate([np.geomspace(slowest, np.pi, few), np.linspace(0.05, np.pi, _EVEN)])
     near = (resonances[..., None] * (1.0 + _NEAR)).reshape(len(resonances), -1)
     folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
     if velocity_filter is not None:
