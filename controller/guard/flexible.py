@@ -3,9 +3,10 @@
 The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
 phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too, from the
 shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
-safe one. Between two of the grid
-limits are in proportion to 1 / (T/2 + t_d). ``scripts/study
-flexible_guard`` searches for truths inside the box that the guard's walls make vibrate.
+safe one. Between two of the grid limits are in proportion to 1 / (T/2 + t_d). More friction may be
+the less safe, because a motor that hardly moves lets the load vibrate alone: both ends of friction
+are counted, and what lies between. ``scripts/study flexible_guard`` searches for truths inside the
+box that the guard's walls make vibrate.
 """
 
 from __future__ import annotations
@@ -336,7 +337,6 @@ def _scan(
 ) -> FlexibleScan:
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
-    load = belief.load_inertia
     rates = np.linspace(knot.low, knot.high, count)
     if velocity_filter is not None and _is_notch(velocity_filter):
         middle = velocity_filter.w0 / (math.tau * period)
@@ -375,11 +375,6 @@ def _bodies(belief: Belief, rates: FloatArray) -> tuple[FloatArray, FloatArray, 
     inside = (load + motor > max(low, load / HEAVIEST)) & (load + motor < high)
     corners = [(w, min(each, HEAVIEST * w)) for w in (low, high) for each in (load, loads.high)]
     corners = list(dict.fromkeys(corners))
-    pairs = np.concatenate(
-        [
-            np.tile(corners, (rates.size, 1)),
-            np.stack([load + motor[inside], np.full(inside.sum(), load)], axis=1),
-        ]
-    )
-    rate = np.concatenate([np.repeat(rates, len(corners)), rates[inside]])
-    return pairs[:, 0], pairs[:, 1], rate
+    between = np.stack([load + motor[inside], np.full(inside.sum(), load)], axis=1)
+    whole, loaded = np.concatenate([np.tile(corners, (rates.size, 1)), between]).T
+    return whole, loaded, np.concatenate([np.repeat(rates, len(corners)), rates[inside]])

@@ -47,7 +47,11 @@ class FlexibleScan:
         encoder: str,
         velocity_filter: VelocityFilter | None = None,
     ) -> None:
-        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,)."""
+        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,).
+
+        Both dampings may have the shape (ends, n): each limit is then the least over the servo's
+        dampings, those between one and the next included.
+        """
         servo = (inertia, damping, load_inertia, transmission_stiffness, transmission_damping)
         chain, shape = two_masses(*servo, encoder=encoder)
         late = delay / period
@@ -186,7 +190,8 @@ def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:
         at = np.flatnonzero(positive[:-step] != positive[step:])
         if step == 1:
             at = at[(at + 1) % frequencies != 0]
-        share = imaginary[at] / (imaginary[at] - imaginary[at + step])
-        value = real[at] + share * (real[at + step] - real[at])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = imaginary[at] / (imaginary[at] - imaginary[at + step])
+            value = real[at] + share * (real[at + step] - real[at])
         np.minimum.at(found, at // frequencies % count, np.where(value > 0, value, np.inf))
     return found
