@@ -303,7 +303,8 @@ def _delays(low: float, high: float, period: float, longest: float, every: bool)
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
         after = last.delay + period
-        step = _PHASE / (math.tau * last.high)
+        # limits in proportion to 1 / (T/2 + t_d) hold to a factor of 2 at most
+        step = min(_PHASE / (math.tau * last.high), last.delay + 0.5 * period)
         widened = (1.0 / _SLOWER - 1.0) * after
         if step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
@@ -342,15 +343,16 @@ def _scan(
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
         rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
-    whole, load, rate = _bodies(belief, math.tau * rates)
+    ratios = np.unique([belief.flexible_damping_ratio.low, belief.flexible_damping_ratio.high])
+    bodies = _bodies(belief, math.tau * rates)
+    whole, load, rate = (np.tile(each, ratios.size) for each in bodies)
+    ratio = np.repeat(ratios, bodies[0].size)
+    friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
     moving = motor * load / whole
-    b, zeta = belief.damping, belief.flexible_damping_ratio
-    corners = [(b.low, zeta.low), (b.low, zeta.high), (b.high, zeta.high), (b.high, zeta.low)]
-    damping, ratio = np.array(list(dict.fromkeys(corners))).T[:, :, None]
     return FlexibleScan(
         motor,
-        damping,
+        np.tile(friction[:, None], whole.size),
         load,
         moving * rate**2,
         2.0 * ratio * moving * rate,

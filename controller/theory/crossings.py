@@ -72,7 +72,8 @@ class Loops:
         """
         half = _turned(w / 2)
         turned = half if self.samples == 1 else half**self.samples
-        every = np.arange(self.period.size).reshape(-1, len(w))
+        times = max(self.period.size // max(len(w), 1), 1)
+        every = np.split(np.arange(self.period.size), times)
         inverse = [self.take(part)._inverse(half) for part in every]
         return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 

@@ -27,8 +27,8 @@ _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 _SLOWEST = 1e-3
 """Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
 lowers it"""
-_NEAR = np.concatenate([-np.geomspace(0.4, 0.001, 16), [0.0], np.geomspace(0.001, 0.5, 16)])
-"""Frequencies beside a resonance, relative to it"""
+_BESIDE = 18
+"""Frequencies on either side of a resonance, from 0.4 of it to 0.3 of its damping ratio"""
 
 
 class FlexibleScan:
@@ -49,7 +49,7 @@ class FlexibleScan:
     ) -> None:
         """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,).
 
-        Both dampings may have the shape (ends, n): each limit is then the least over the servo's
+        ``damping`` may have the shape (ends, n): each limit is then the least over the servo's
         dampings, those between one and the next included.
         """
         servo = (inertia, damping, load_inertia, transmission_stiffness, transmission_damping)
@@ -66,8 +66,9 @@ class FlexibleScan:
         )
         with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
         alone = np.sqrt(transmission_stiffness / load_inertia)
-        near = np.stack([with_both, alone], axis=1) * period
-        w = _grid(near, late, velocity_filter)
+        near = np.stack([with_both, alone], axis=1)
+        damper = transmission_damping / transmission_stiffness
+        w = _grid(near * period, late, velocity_filter, 0.5 * damper[:, None] * near)
         self._parts = _Parts.of(*loops.responses(w))
         self._ceiling, self._floor = self._parts.dampings()
 
@@ -109,7 +110,8 @@ class RigidScan:
             fraction = np.maximum(late[part] - d, 0.0)
             chains = sampled(chain.take(part), period[part], fraction)
             loops = Loops(chains, period[part], int(d), samples, velocity_filter)
-            w = _grid(np.empty((part.size, 0)), d + 1.0, velocity_filter, _MORE)
+            none = np.empty((part.size, 0))
+            w = _grid(none, d + 1.0, velocity_filter, none, _MORE)
             parts = _Parts.of(*loops.responses(w))
             self._ceiling[part], self._floor[part] = parts.dampings()
             self._parts.append((part, parts))
@@ -158,12 +160,15 @@ def _grid(
     resonances: FloatArray,
     late: float,
     velocity_filter: VelocityFilter | None,
+    ratios: FloatArray,
     few: int = _FEW,
 ) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
     slowest = min(_SLOWEST / (1.0 + late), 0.5 * np.min(resonances, initial=_SLOWEST))
     common = np.concatenate([np.geomspace(slowest, np.pi, few), np.linspace(0.05, np.pi, _EVEN)])
-    near = (resonances[..., None] * (1.0 + _NEAR)).reshape(len(resonances), -1)
+    beside = np.geomspace(0.4, np.clip(0.3 * ratios, 1e-5, 0.1), _BESIDE, axis=-1)
+    about = np.concatenate([1.0 - beside, np.ones_like(beside[..., :1]), 1.0 + beside], axis=-1)
+    near = (resonances[..., None] * about).reshape(len(resonances), -1)
     folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
     if velocity_filter is not None:
         common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
