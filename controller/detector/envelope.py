@@ -226,5 +226,5 @@ def _means(values: Array, k: int) -> Array:
 def _solved(columns: Array, values: Array, weight: Array) -> Array:
     """Return the weighted least-squares solution, by the few normal equations."""
     heavy = (columns * (weight * weight)[:, None]).T
-    found: Array = np.linalg.lstsq(heavy @ columns, heavy @ values, rcond=1e-14)[0]
-    return found
+    found = np.linalg.lstsq(heavy @ columns, heavy @ values, rcond=1e-14)[0]
+    return np.asarray(found, np.float64)
