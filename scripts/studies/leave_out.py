@@ -325,7 +325,10 @@ def _recording(share: int, i: int, tuning: Tuning) -> Outcome:
     servo = fitted_servo(positions, trace.torque, PERIOD, tuning.recording)
     settings, lag = DetectorSettings(PERIOD, tuning=tuning), 0.0
     if servo is not None:
-        settings, lag = replace(settings, inertia=servo.inertia, damping=0.0), servo.lag()
+        settings, lag = (
+            replace(settings, inertia=servo.inertia, damping=servo.damping(servo.lag())),
+            servo.lag(),
+        )
     times = np.arange(positions.size, dtype=np.float64) * PERIOD
     record = detect(times, positions, trace.torque, settings, lag=lag, wall=wall)
     labels = [
