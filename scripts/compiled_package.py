@@ -21,7 +21,7 @@ from haptic_wall.controller.errors import PlatformError
 from scripts.whole_program import ROOT
 
 PACKAGE = "haptic_wall"
-_NOT_IN_A_TICK = {"__init__", "detection", "servo_fit", "tuning", "wall_fit"}
+_NOT_IN_A_TICK = {"__init__", "detection", "envelope", "servo_fit", "tuning", "wall_fit"}
 """Of the detector"""
 DRIVER = (
     "hw.dynamixel.codec.frames",

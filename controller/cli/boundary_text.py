@@ -91,6 +91,11 @@ def _points(found: Mapping[str, Any]) -> Iterator[str]:
         f"ceiling  no stiffness is stable above a virtual damping of "
         f"{found['max_virtual_damping']:.4g} N·m·s/rad"
     )
+    if found["encoder_damping"] is not None:
+        yield (
+            f"encoder  above {found['encoder_damping']:.4g} N·m·s/rad one count commands more than "
+            "the guard allows"
+        )
     yield (
         f"peak     {peak['stiffness']:.4g} N·m/rad ({of}) at {peak['virtual_damping']:.4g} "
         f"N·m·s/rad, oscillation at {peak['frequency_hz']:.4g} Hz"

@@ -1,21 +1,34 @@
-"""Runs the detector over a record: computes its result at every sample."""
+"""Judges a whole record by its oscillations: computes the result at every sample."""
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.backstop_settings import BackstopSettings, sizes
+from haptic_wall.controller.detector.envelope import Piece, pieces
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings, State
 from haptic_wall.controller.detector.own_motion import OwnMotion
 from haptic_wall.controller.detector.tuning import TUNING, RecordingTuning
 
 Array = NDArray[np.float64]
 
+BORDER: Final = 0.01
+"""Growth of the amplitude's logarithm in a cycle from which it is growth [1]"""
+_NEAR: Final = 0.25
+"""Part of an oscillation's time before and after it that belongs to the same motion"""
+_WHOLE: Final = 0.7
+"""So much of a record is the whole of it"""
+_MANY: Final = 10.0
+"""Cycles that no hand makes so evenly"""
+_UNKNOWN: Final = 8.5
+"""The same where a record has no torque and nothing else"""
 _ROUNDING = 1e-9
 """Steps that are smaller than this fraction of the largest are rounding errors [1]"""
 
@@ -93,16 +106,17 @@ def detect(
     stiffness: ArrayLike = math.nan,
     wall: KnownWall | None = None,
 ) -> DetectionRecord:
-    """Run the detector over a record.
+    """Judge a whole record by its oscillations; see ``pieces``.
 
     Args:
-        times: Times of the samples, increasing, shape (n,) [s]. Missing samples count as skipped
-            periods; after a gap of more than 50 ms the detector restarts.
+        times: Times of the samples, increasing, shape (n,) [s]. After a gap of more than 50 ms the
+            motion is judged anew; shorter ones are interpolated.
         positions: Shape (n,) [rad]; samples with NaN are skipped.
-        torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: at none.
+        torques: Commanded with each sample, shape (n,) [N·m]; NaN where not known; None: those of
+            the wall, if its stiffness is known.
         settings: Known values of the servo; its period is the grid's. A missing position step is
             estimated from the record, if it has one.
-        lag: Delay from a sample until its torque acts, >= 0 [s].
+        lag: Delay from a sample until its torque acts, >= 0 [s]; NaN: not known.
         stiffness: As in ``wall``, where nothing else is known.
         wall: Known parameters of the wall.
 
@@ -117,19 +131,72 @@ def detect(
         )
     if n > 1 and not np.all(np.diff(times) > 0):
         raise ValueError("times do not increase; give the samples in order of time")
+    tuning, period, step = settings.tuning, settings.period, settings.position_step
+    if math.isnan(step):
+        step = position_step(positions, tuning.recording)
+    settings = replace(settings, position_step=step)
     known = wall or KnownWall(stiffness)
-    if math.isnan(settings.position_step):
-        settings = replace(
-            settings, position_step=position_step(positions, settings.tuning.recording)
-        )
-    detector = _detector(settings, known, lag)
-    own = _own_motion(settings, known.side)
-    surface = known.surface if math.isfinite(known.surface) else 0.0
+    stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,))
+    state, frequency, amplitude, growth, alarm = _ticked(
+        times, positions, torques, settings, known, stiff, 0.0 if math.isnan(lag) else lag
+    )
+    judged = np.zeros(n, dtype=np.bool_)
+    found = []
+    seen = np.flatnonzero(np.isfinite(positions))
+    gaps = np.diff(times[seen]) > max(tuning.recording.gap_s, 2.0 * period)
+    for some in np.split(seen, np.flatnonzero(gaps) + 1) if seen.size else ():
+        ticks = (times[some] - times[some[0]]) / period
+        grid = np.arange(round(float(ticks[-1])) + 1.0)
+        x = np.interp(grid, ticks, positions[some])
+        u = None if torques is None else _complete(grid, ticks, torques[some])
+        away = [np.abs(x - end) > 1.5 * step for end in (x[0], x[-1])]
+        moving = x.size - int(np.argmax(away[0])) - int(np.argmax(away[1][::-1]))
+        for piece in pieces(x, u, period, step):
+            pull = piece.pull if u is not None else _rendered(piece, known, stiff[some[0]])
+            verdict = _judged(piece, moving, settings, step, pull, lag)
+            if verdict or piece.growth < BORDER:
+                near = _NEAR * (piece.end - piece.start)
+                judged[some[(ticks > piece.start - near) & (ticks < piece.end + near)]] = True
+            if verdict:
+                inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
+                since = times[inside] - times[some[0]]
+                since -= 0.5 * (piece.start + piece.end - 1) * period
+                found.append(
+                    (piece, verdict, inside, piece.amplitude * np.exp(piece.rate.real * since))
+                )
+    # The envelope decides on all of a motion that it has judged.
+    edges = np.flatnonzero(np.diff(state > State.QUIET)) + 1
+    for some in np.split(np.arange(n), edges):
+        if judged[some].any():
+            state[some], alarm[some], amplitude[some] = State.QUIET, False, 0.0
+            frequency[some] = growth[some] = np.nan
+    for piece, verdict, inside, size in found:
+        state[inside], amplitude[inside] = verdict, size
+        frequency[inside], growth[inside] = piece.rate.imag / math.tau, piece.rate.real
+        large = size >= tuning.belief.alarm_counts * step
+        alarm[inside] = large & (verdict >= State.SUSTAINED)
+    return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+
+
+def _ticked(
+    times: Array,
+    positions: Array,
+    torques: Array | None,
+    settings: DetectorSettings,
+    wall: KnownWall,
+    stiffness: Array,
+    lag: float,
+) -> tuple[NDArray[np.int8], Array, Array, Array, NDArray[np.bool_]]:
+    """Run the detector of a run over the samples: state, frequency, amplitude, growth, alarm."""
+    n = len(times)
+    detector = _detector(settings, wall, lag)
+    own = _own_motion(settings, wall.side)
+    surface = wall.surface if math.isfinite(wall.surface) else 0.0
     acting = ActingTorque(lag / settings.period)
     state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
     frequency, growth, amplitude = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
     commanded = [math.nan] * n if torques is None else np.asarray(torques, float).tolist()
-    stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,)).tolist()
+    stiff = stiffness.tolist()
     when, where = np.asarray(times, float).tolist(), np.asarray(positions, float).tolist()
     last: float | None = None
     for k in range(n):
@@ -150,7 +217,76 @@ def detect(
             # Motion that neither the believed values nor a hand explains.
             state[k] = State.GROWING if own.alarm else State.SUSTAINED
             frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
-    return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+    return state, frequency, amplitude, growth, alarm
+
+
+def _complete(grid: Array, ticks: Array, torques: Array) -> Array | None:
+    """Return torques on a grid, the missing ones interpolated; None: there are hardly any."""
+    fine = np.isfinite(torques)
+    if np.count_nonzero(fine) < 0.5 * torques.size:
+        return None
+    complete: Array = np.interp(grid, ticks[fine], torques[fine])
+    return complete
+
+
+def _rendered(piece: Piece, wall: KnownWall, stiffness: float) -> complex:
+    """Return the torque of a known wall over the position, as phasors [N·m/rad]."""
+    late = np.exp(-piece.rate * wall.inserted)
+    return complex(-(stiffness + wall.virtual_damping * piece.rate) * late)
+
+
+def _judged(
+    piece: Piece,
+    samples: int,
+    settings: DetectorSettings,
+    step: float,
+    pull: complex,
+    lag: float,
+) -> State:
+    """Return the state of an oscillation; quiet: a hand may make it.
+
+    Args:
+        piece: The oscillation.
+        samples: Of the record, without a gap.
+        settings: Known values of the servo.
+        step: Encoder count [rad]; 0: none.
+        pull: Torque over position, as phasors [N·m/rad]; NaN: not known.
+        lag: Delay from a sample until its torque acts [s]; NaN: not known.
+    """
+    known = not cmath.isnan(pull)
+    if known and not _moves(piece, settings, step, pull, lag):
+        return State.QUIET
+    sure = 2.0 * math.tau * piece.error / piece.rate.imag
+    cycles = piece.cycles(settings.period)
+    if piece.growth < -min(BORDER, max(0.5 * BORDER, sure)):
+        return State.DECAYING
+    whole = piece.end - piece.start > _WHOLE * samples
+    many = cycles >= _MANY or (whole and cycles >= _UNKNOWN)
+    if piece.growth > max(BORDER, sure):
+        return State.GROWING if whole or many else State.QUIET
+    return State.SUSTAINED if many or (known and whole) else State.QUIET
+
+
+def _moves(
+    piece: Piece, settings: DetectorSettings, step: float, pull: complex, lag: float
+) -> bool:
+    """Whether the torque moves the servo like this, without a hand.
+
+    ``torque = J a + b v``, for the torque that acts: a sample's is held for a period after the lag.
+    The inertia must be that of the servo, and the torque must not brake a motion that goes on.
+    """
+    rate, late = piece.rate, not math.isnan(lag)
+    growth, speed = rate.real, rate.imag
+    if late:
+        pull *= cmath.exp(-rate * (lag + 0.5 * settings.period))
+    inertia = (growth * pull.imag / speed - pull.real) / abs(rate) ** 2
+    damping = pull.imag / speed - 2.0 * growth * inertia
+    tuning, fine = settings.tuning.energy, step / piece.amplitude
+    room = tuning.inertia_counts * fine
+    share = inertia / settings.inertia if settings.inertia > 0.0 else 1.0
+    moves = inertia > 0.0 and tuning.lightest - room < share < tuning.heaviest + room
+    pays = not late or damping > -(tuning.loss + tuning.loss_counts * fine) * inertia * speed
+    return moves and pays
 
 
 def _own_motion(settings: DetectorSettings, side: int) -> OwnMotion:

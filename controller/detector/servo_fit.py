@@ -26,7 +26,9 @@ class FittedServo:
     speed: float
     """Speed of the oscillation [rad/s]"""
     balance: float
-    """b - J w sin(w t_d): the motion decays above 0, and is fed below [N·m·s/rad]"""
+    """b - J w sin(w (t_d + h)): the motion decays above 0, and is fed below [N·m·s/rad]"""
+    held: float
+    """h, half the period for which a torque is held: it acts later by so much on the mean [s]"""
 
     def lag(self, damping: float = 0.0) -> float:
         """Return the delay from a sample until its torque acts [s].
@@ -35,11 +37,12 @@ class FittedServo:
             damping: b [N·m·s/rad]; neglected friction makes the delay seem shorter.
         """
         sine = (damping - self.balance) / (self.inertia * self.speed)
-        return math.asin(min(1.0, max(0.0, sine))) / self.speed
+        return max(0.0, math.asin(min(1.0, max(0.0, sine))) / self.speed - self.held)
 
     def damping(self, lag: float) -> float:
         """Return b for a known delay [s]; at least 0 [N·m·s/rad]."""
-        return max(0.0, self.balance + self.inertia * self.speed * math.sin(self.speed * lag))
+        late = self.speed * (lag + self.held)
+        return max(0.0, self.balance + self.inertia * self.speed * math.sin(late))
 
 
 def fitted_servo(
@@ -90,7 +93,7 @@ def fitted_servo(
     unexplained = math.sqrt(float(np.mean(left * left))) / spread
     if rank < 3 or unexplained > tuning.servo_unexplained or not inertia > 0.0:
         return None
-    return FittedServo(inertia, math.tau / (cycle * period), balance)
+    return FittedServo(inertia, math.tau / (cycle * period), balance, 0.5 * period)
 
 
 def _whole(values: Array, least: float) -> Array | None:

@@ -9,8 +9,8 @@ from haptic_wall.hw.settings import EncoderSide
 
 LIGHTEST = 1e-3
 """Least load that is counted, as a fraction of the greatest"""
-HEAVIEST = 0.95
-"""Heaviest load that is counted, as a fraction of all that the servo turns"""
+HEAVIEST = 0.99
+"""Heaviest load that is counted, as a fraction of all that the servo turns: 99 times the motor"""
 _FAST = 0.5
 """Cycles per period from which a vibration is fast"""
 _LIGHT = 0.03

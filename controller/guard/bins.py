@@ -125,7 +125,8 @@ def _at(
     interval = situation.period if index == 0 else intervals_ns[index] * 1e-9
     covered = served if situation.belief.is_flexible else (served[0], 1.0)
     inserted = inserted_delays(steps, situation.period, interval, covered)
-    return replace(situation, period=interval, served=served), inserted
+    there = replace(situation, period=interval, sampled=situation.period, served=served)
+    return there, inserted
 
 
 def _decided_ages(

@@ -12,6 +12,7 @@ from haptic_wall.controller.guard.delay_parts import DelayParts
 from haptic_wall.controller.guard.limits import (
     PlantLimits,
     damping_ceiling,
+    encoder_damping,
     evaluate_box,
     passive_over_delays,
     quantisation_limit,
@@ -140,6 +141,8 @@ def _exact_curve(question: Question, damping: FloatArray) -> Curve:
     """Compute ``curve`` with a load on a transmission or a filter; it has no passive limit."""
     p, n = question.plants(damping.size), question.velocity_samples
     acting = p.gain * damping
+    top = np.full(damping.size, ceiling(question))
+    rigid = top if question.load is None else np.full_like(top, np.inf)
     chain, shape = _chain(question, p)
     loop = (acting, p.period, p.delay, n, question.velocity_filter)
     exact = chain_boundary(chain, shape, *loop)
@@ -153,15 +156,19 @@ def _exact_curve(question: Question, damping: FloatArray) -> Curve:
     return Curve(
         virtual_damping=damping,
         found=PlantLimits(
-            ceiling=np.full(damping.size, ceiling(question)),
+            ceiling=top,
             damping=damping,
             linear=linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
             exact=exact.stiffness / p.gain,
             one_sided=one_sided,
             quantisation=quantisation_limit(
-                question.request, EVERY_DAMPING, situation, damping, p.period
+                question.request, EVERY_DAMPING, situation, damping, p.period, rigid
             ),
             passive=None,
+            encoder_damping=encoder_damping(
+                question.request, EVERY_DAMPING, situation, p.period, rigid
+            ),
+            rigid_ceiling=rigid,
         ),
         passive=np.full(damping.size, np.nan),
         frequency=exact.frequency,

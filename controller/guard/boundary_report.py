@@ -16,7 +16,7 @@ from haptic_wall.controller.guard.boundary_curve import (
     curve,
     highest,
 )
-from haptic_wall.controller.guard.decision_report import filter_report
+from haptic_wall.controller.guard.decision_report import filter_report, finite
 from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
 from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
 from haptic_wall.controller.guard.reasons import Change, Improvement
@@ -42,6 +42,7 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
     answered = design(question, points)
     return {
         "max_virtual_damping": ceiling(question),
+        "encoder_damping": finite(float(points.found.encoder_damping[0])),
         "peak": highest(question),
         "points": [_point(points, i) for i in range(len(virtual_damping))],
         "settings": _settings(question),

@@ -31,6 +31,7 @@ def decision_report(
         "commanded": {"stiffness": decision.stiffness, "damping": decision.damping},
         "limit": {f.name: getattr(decision.limits, f.name) for f in fields(Limits)},
         "damping_ceiling": decision.damping_ceiling,
+        "encoder_damping": finite(decision.encoder_damping),
         "margin": decision.margin,
         "binding": None if decision.binding is None else decision.binding.value,
         "reasons": sentences([*decision.reasons, *further], asked),
@@ -38,6 +39,11 @@ def decision_report(
         "interval_s": decision.period,
         "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),
     }
+
+
+def finite(value: float) -> float | None:
+    """Return a value for a report: None for infinity."""
+    return value if math.isfinite(value) else None
 
 
 def filter_report(velocity_filter: VelocityFilter | None, period: float) -> dict[str, Any] | None:

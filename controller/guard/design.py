@@ -98,7 +98,9 @@ def improvements(
         _append(answers, "two_sided", replace(found, one_sided=None))
     if "encoder" in changes and found.quantisation is not None:
         finer = replace(situation, position_step=situation.position_step / FINER)
-        limit = quantisation_limit(request, settings, finer, found.damping, corner.period)
+        limit = quantisation_limit(
+            request, settings, finer, found.damping, corner.period, found.rigid_ceiling
+        )
         _append(answers, "encoder", replace(found, quantisation=limit))
     for change in ("motor_encoder", "stiffer"):
         if change in changes and _applies(change, situation, parts):
@@ -225,7 +227,7 @@ def _promising_damping(
     guide = linear_limit(b, g * tried, t, t_d) / g * (1 - of_ceiling)
     if request.side != "both":
         guide = guide * (1 - of_ceiling)
-    rough = quantisation_limit(request, settings, situation, tried, t)
+    rough = quantisation_limit(request, settings, situation, tried, t, tried + np.inf)
     if rough is not None:
         guide = np.minimum(guide, rough)
     best: FloatArray = tried[np.arange(tried.shape[0]), np.argmax(guide, axis=1)]

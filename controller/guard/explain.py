@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from haptic_wall.controller.guard.delay_parts import DelayParts
+from haptic_wall.controller.guard.limits import count_torque
 from haptic_wall.controller.guard.reasons import (
     Change,
     CoarseCount,
+    CoarseDamping,
     DampingBound,
     DampingTooLow,
     GuardOff,
@@ -99,23 +103,24 @@ def _stiffness(
         decision.request.law,
     )
     if decision.binding == LimitName.QUANTISATION:
-        yield _coarse_count(decision, situation, settings)
+        if not decision.is_coarse:
+            yield _coarse_count(decision, situation, settings)
     elif value == 0:
         highest = settings.damping_cap * decision.damping_ceiling
         yield NothingAllowed(decision.damping, decision.delay, highest)
 
 
 def _coarse_count(decision: Decision, situation: Situation, settings: GuardSettings) -> CoarseCount:
-    samples = decision.request.velocity_samples
-    per_damping = situation.position_step / (samples * situation.period)
-    allowed = settings.quantisation_share * situation.torque_limit
-    highest = allowed * samples * situation.period / situation.position_step
     return CoarseCount(
-        abs(decision.damping) * per_damping,
-        allowed,
-        highest if decision.damping else None,
-        samples,
+        abs(decision.damping) * _per_damping(decision, situation),
+        settings.quantisation_share * situation.torque_limit,
+        decision.encoder_damping if decision.damping else None,
+        decision.request.velocity_samples,
     )
+
+
+def _per_damping(decision: Decision, situation: Situation) -> float:
+    return float(count_torque(decision.request, situation, np.array([decision.period]))[0])
 
 
 def _damping(
@@ -123,6 +128,16 @@ def _damping(
 ) -> Iterator[Reason]:
     asked, given = decision.request.damping, decision.damping
     if given == asked:
+        return
+    if decision.is_coarse:
+        yield CoarseDamping(
+            asked,
+            given,
+            abs(asked) * _per_damping(decision, situation),
+            settings.quantisation_share * situation.torque_limit,
+            decision.request.velocity_samples,
+            commanded,
+        )
         return
     if asked < given:
         lowest = situation.belief.damping.low / situation.belief.torque_gain.high

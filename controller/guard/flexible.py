@@ -3,9 +3,10 @@
 The damping ceiling and the limit depend on the transmission's frequency through the cosine of a
 phase, so that neither is monotone: a grid covers the box. Delays lie on a grid too, from the
 shortest on that is believed with a sample that has just been taken: a shorter delay may be the less
-safe one. Between two of the grid
-limits are in proportion to 1 / (T/2 + t_d). ``scripts/study
-guard`` searches for truths inside the box that the guard's walls make vibrate.
+safe one. Between two of the grid limits are in proportion to 1 / (T/2 + t_d). More friction may be
+the less safe, because a motor that hardly moves lets the load vibrate alone: both ends of friction
+are counted, and what lies between. ``scripts/study guard`` searches for truths inside the
+box that the guard's walls make vibrate.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief, Bounded
+from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -302,7 +303,8 @@ def _delays(low: float, high: float, period: float, longest: float, every: bool)
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
         after = last.delay + period
-        step = _PHASE / (math.tau * last.high)
+        # limits in proportion to 1 / (T/2 + t_d) hold to a factor of 2 at most
+        step = min(_PHASE / (math.tau * last.high), last.delay + 0.5 * period)
         widened = (1.0 / _SLOWER - 1.0) * after
         if step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
@@ -336,27 +338,22 @@ def _scan(
 ) -> FlexibleScan:
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
-    load = belief.load_inertia
     rates = np.linspace(knot.low, knot.high, count)
     if velocity_filter is not None and _is_notch(velocity_filter):
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
         rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
-    grid = np.meshgrid(
-        _ends(belief.inertia),
-        _ends(Bounded(load.value, max(load.low, LIGHTEST * load.high), load.high)),
-        math.tau * rates,
-        _ends(belief.flexible_damping_ratio),
-        indexing="ij",
-    )
-    whole, load_inertia, rate, ratio = (each.ravel() for each in grid)
-    load_inertia = np.minimum(load_inertia, HEAVIEST * whole)
-    m = whole - load_inertia
-    moving = m * load_inertia / whole
+    ratios = np.unique([belief.flexible_damping_ratio.low, belief.flexible_damping_ratio.high])
+    bodies = _bodies(belief, math.tau * rates)
+    whole, load, rate = (np.tile(each, ratios.size) for each in bodies)
+    ratio = np.repeat(ratios, bodies[0].size)
+    friction = np.unique([belief.damping.low, belief.damping.high])
+    motor = whole - load
+    moving = motor * load / whole
     return FlexibleScan(
-        m,
-        np.full(whole.size, belief.damping.low),
-        load_inertia,
+        motor,
+        np.tile(friction[:, None], whole.size),
+        load,
         moving * rate**2,
         2.0 * ratio * moving * rate,
         period,
@@ -367,5 +364,19 @@ def _scan(
     )
 
 
-def _ends(bounded: Bounded) -> FloatArray:
-    return np.unique([bounded.low, bounded.high])
+def _bodies(belief: Belief, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return whole inertias, loads and rates that stand for the belief [kg·m², kg·m², rad/s].
+
+    With more inertia the transmission takes up more, ``2 zeta rate`` times the whole, but friction
+    less, ``b load / motor``: their sum may be least between the ends.
+    """
+    low, high, loads = belief.inertia.low, belief.inertia.high, belief.load_inertia
+    load = max(loads.low, LIGHTEST * loads.high)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        motor = np.sqrt(0.5 * belief.damping.low * load / belief.flexible_damping_ratio.low / rates)
+    inside = (load + motor > max(low, load / HEAVIEST)) & (load + motor < high)
+    corners = [(w, min(each, HEAVIEST * w)) for w in (low, high) for each in (load, loads.high)]
+    corners = list(dict.fromkeys(corners))
+    between = np.stack([load + motor[inside], np.full(inside.sum(), load)], axis=1)
+    whole, loaded = np.concatenate([np.tile(corners, (rates.size, 1)), between]).T
+    return whole, loaded, np.concatenate([np.repeat(rates, len(corners)), rates[inside]])

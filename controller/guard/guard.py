@@ -98,6 +98,7 @@ def decide(
                 stiffness=settings.margin * smallest if bound else request.stiffness,
                 damping=float(found.damping[i]),
                 limits=limits,
+                encoder_damping=float(found.encoder_damping[i]),
                 damping_ceiling=float(found.ceiling[i]),
                 margin=settings.margin,
                 binding=name if bound else None,

@@ -114,6 +114,24 @@ class CoarseCount:
 
 
 @dataclass(frozen=True, slots=True)
+class CoarseDamping:
+    """One encoder count in one sample binds the damping."""
+
+    asked: float
+    """[N·m·s/rad]"""
+    allowed: float
+    """[N·m·s/rad]"""
+    torque: float
+    """Of a count through the damping asked for [N·m]"""
+    most: float
+    """The share of the torque limit that a count may command [N·m]"""
+    samples: int
+    """Samples of the velocity difference"""
+    commanded: bool
+    """As of ``StiffnessBound``"""
+
+
+@dataclass(frozen=True, slots=True)
 class NothingAllowed:
     """No stiffness is allowed at the commanded damping."""
 
@@ -251,6 +269,7 @@ class FromTank:
 Reason = (
     StiffnessBound
     | CoarseCount
+    | CoarseDamping
     | NothingAllowed
     | DampingTooLow
     | DampingBound

@@ -4,17 +4,15 @@ The guard's mathematics takes milliseconds to seconds; a tick has microseconds. 
 therefore computed before the start, for bins of the sample age and bins of the interval between
 executed ticks. The tick only picks the pair of bins.
 
-The interval takes the place of the sampling period in the theory. Over a block of ``RUN_S`` it is
-``sum(D²) / sum(D)``, where D is the time from one tick with a reading to the next. With a sample
-age a, the mean age of the acting torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late
-ticks and failed readings lengthen D. A tick in which no reply is due yet does not: it raises the
-age.
+The interval takes the place of the sampling period in the theory: ``sum(D²) / sum(D)``, where D is
+the time from one tick with a reading to the next. With a sample age a, the mean age of the acting
+torque is then ``a + sum(D²) / (2 sum(D))``. Skipped periods, late ticks and failed readings
+lengthen D. A tick in which no reply is due yet does not: it raises the age. Long intervals may
+always come at the worst phase of an oscillation; ``ServedInterval`` counts that.
 
-The same rule smooths both. A high percentile over a window picks the bin. A run of observations
-above the bin lowers the gains at once, without waiting for the window; a single old sample has no
-effect. Raising the gains needs ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of
-contact or at the surface, because raising K at penetration x puts the energy ΔK x²/2 into the
-spring.
+A longer age or interval lowers the gains, at once if it lasts; a single old sample has no effect.
+Raising the gains needs ``RAISE_WINDOWS`` whole windows that allow it, and a moment out of contact
+or at the surface, because raising K at penetration x puts the energy ΔK x²/2 into the spring.
 
 See docs/decisions/served-interval.md.
 """
@@ -23,7 +21,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from haptic_wall.controller.guard.types import WITHIN
@@ -40,8 +40,14 @@ SETTLE = 50
 """Number of ages that is enough to settle the schedule at the start."""
 RAISE_WINDOWS = 5
 """Consecutive windows that must allow a lower bin before it is taken."""
-RUN_BLOCKS = 2
-"""Consecutive blocks above the bin that lower the gains at once: one stall lies in one block."""
+AT_ONCE = 0.9
+"""Fraction of the interval of two blocks that lowers the gains at once; the margin covers the rest
+until the sums over the windows have found it"""
+LEFT_OUT = 1.75
+"""Shortest interval that counts as one that left out a tick [periods]"""
+FORGIVEN = 20.0
+"""Longest stall, one in the windows, that is not counted [periods]: at 0.8 of the limit one in 5 s
+cannot feed an oscillation"""
 INTERVAL_BINS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 60.0)
 """Upper ends of the bins of the served interval [periods]."""
 NARROW_BINS = (
@@ -144,7 +150,6 @@ class BinFilter:
         window: Observations in a window.
         run: Consecutive observations above the bin that lower the gains at once.
         settle: Observations that ``settle`` needs before it takes a lower bin.
-        spare: Observations that a window, however short, always leaves uncovered.
     """
 
     __slots__ = (
@@ -157,20 +162,16 @@ class BinFilter:
         "_run_length",
         "_seen",
         "_settle",
-        "_spare",
         "_window",
         "bin",
     )
 
-    def __init__(
-        self, bins: int, percentile: float, window: int, run: int, settle: int, spare: int = 0
-    ) -> None:
+    def __init__(self, bins: int, percentile: float, window: int, run: int, settle: int) -> None:
         self._counts = [0] * bins
         self._percent_above = 100.0 - percentile
         self._window = window
         self._run_length = run
         self._settle = settle
-        self._spare = spare
         self._seen = 0
         self._run = 0
         self._run_bin = 0
@@ -212,7 +213,7 @@ class BinFilter:
         self._run = self._raise_windows = 0
 
     def _percentile_bin(self) -> int:
-        allowed = max(self._seen * self._percent_above / 100.0, self._spare)
+        allowed = self._seen * self._percent_above / 100.0
         above = 0
         for found in range(len(self._counts) - 1, -1, -1):
             above += self._counts[found]
@@ -236,6 +237,150 @@ class BinFilter:
         self._raise_windows += 1
 
 
+@dataclass(slots=True)
+class Served:
+    """Sums over intervals D between ticks with a reading."""
+
+    sum_ns: float = 0.0
+    squares: float = 0.0
+    """[ns²]"""
+    count: float = 0.0
+    late: float = 0.0
+    """Of D (D - period), over the intervals that left out a tick [ns²]"""
+    longest_ns: float = 0.0
+
+    def add(self, other: Served, times: float = 1.0) -> None:
+        """Add other sums, or take them away with -1; the longest interval stays."""
+        self.sum_ns += times * other.sum_ns
+        self.squares += times * other.squares
+        self.count += times * other.count
+        self.late += times * other.late
+
+    def counted_ns(self, period_ns: int, least_ns: float, forgiven: float) -> float:
+        """Return the interval that counts, without the longest stall [ns].
+
+        With M = sum(D²) / sum(D), a wall of the counted period M is stable on the average over the
+        phases of its oscillation. Where the long intervals always begin at the wall's surface they
+        feed it twice as much: by 2 M - E[D], which is M where all intervals are alike. Late ticks
+        that leave out none cannot do so.
+
+        Args:
+            period_ns: Period of the grid [ns].
+            least_ns: Time over which the sums are filled up with whole periods [ns].
+            forgiven: Longest stall that is left out, or part of it [periods].
+        """
+        stall, rest = min(self.longest_ns, forgiven * period_ns), least_ns - self.sum_ns
+        sum_ns, squares, count, late = self.sum_ns, self.squares, self.count, self.late
+        if rest > 0.0:
+            sum_ns, squares, count = least_ns, squares + rest * period_ns, count + rest / period_ns
+        if count > 1.0 and sum_ns > stall:
+            sum_ns, squares, count = sum_ns - stall, squares - stall * stall, count - 1.0
+            late -= stall * (stall - period_ns) if stall > LEFT_OUT * period_ns else 0.0
+        mean_square = squares / sum_ns
+        return mean_square + min(mean_square - sum_ns / count, late / sum_ns)
+
+
+class ServedInterval:
+    """Counts the interval between ticks with a reading, and picks its bin.
+
+    The sums run over ``RAISE_WINDOWS`` windows, the present one the last, without their longest
+    stall. As soon as they reach a higher bin, however good the rest may be, they lower the gains.
+    Two blocks in a row in which M is higher lower the gains at once: one stall lies in one block.
+    The end of a window may allow a lower bin: that of the sums in it and of each window alone.
+
+    Args:
+        intervals_ns: Upper ends of the bins, the period first [ns].
+        block_ns: Length of a block [ns].
+        window_ns: Length of a window [ns].
+    """
+
+    __slots__ = (
+        "_block",
+        "_block_ns",
+        "_edges",
+        "_last_block",
+        "_lower",
+        "_now",
+        "_peak",
+        "_period_ns",
+        "_sums",
+        "_window_ns",
+        "_windows",
+        "bin",
+    )
+
+    def __init__(self, intervals_ns: Sequence[int], block_ns: int, window_ns: int) -> None:
+        self._edges = [WITHIN * each for each in intervals_ns]
+        self._period_ns = intervals_ns[0]
+        self._block_ns, self._window_ns = block_ns, window_ns
+        self.bin = 0
+        self._restart()
+
+    def _restart(self) -> None:
+        self._block, self._now, self._sums = Served(), Served(), Served()
+        self._windows: deque[Served] = deque()
+        self._last_block = 0.0
+        self._lower: int | None = None  # the bin that the last windows allow
+        self._peak = 0  # highest bin of the sums in this window
+
+    def observe(self, interval_ns: int) -> None:
+        """Count one interval [ns]."""
+        block, period_ns = self._block, self._period_ns
+        block.sum_ns += interval_ns
+        block.squares += float(interval_ns) * interval_ns
+        block.count += 1.0
+        if interval_ns > LEFT_OUT * period_ns:
+            block.late += float(interval_ns) * (interval_ns - period_ns)
+        self._now.longest_ns = max(self._now.longest_ns, interval_ns)
+        if block.sum_ns >= self._block_ns:
+            self._end_block()
+
+    def take_raise(self) -> None:
+        """Take the lower bin if the windows allow it; call with an unloaded spring."""
+        if self._lower is not None:
+            self.bin, self._lower = min(self.bin, self._lower), None
+
+    def settle(self) -> None:
+        """Take the bin of the intervals so far, without the longest: one stall; and restart."""
+        self._sums.add(self._block)
+        if self._sums.count > 1.0:
+            self.bin = self._counted_bin(self._sums, 0.0, math.inf)
+        self._restart()
+
+    def _counted_bin(self, sums: Served, least_ns: float, forgiven: float = FORGIVEN) -> int:
+        sums.longest_ns = max([self._now.longest_ns, *(each.longest_ns for each in self._windows)])
+        return self._bin_of(sums.counted_ns(self._period_ns, least_ns, forgiven))
+
+    def _end_block(self) -> None:
+        block, self._block = self._block, Served()
+        mean_square = block.squares / block.sum_ns
+        found = self._bin_of(AT_ONCE * min(mean_square, self._last_block))
+        self._last_block = mean_square
+        self._now.add(block)
+        self._sums.add(block)
+        counted = self._counted_bin(self._sums, RAISE_WINDOWS * self._window_ns)
+        self._peak = max(self._peak, counted)
+        found = max(found, counted)
+        if found > self.bin:
+            self.bin, self._lower = found, None
+        if self._now.sum_ns >= self._window_ns:
+            self._end_window()
+
+    def _end_window(self) -> None:
+        windows = self._windows
+        windows.append(self._now)
+        self._now = Served()
+        self._lower = None
+        if len(windows) == RAISE_WINDOWS:
+            alone = (each.counted_ns(self._period_ns, 0.0, FORGIVEN) for each in windows)
+            self._lower = max(self._peak, self._bin_of(max(alone)))
+            self._sums.add(windows.popleft(), -1.0)
+        self._peak = 0
+
+    def _bin_of(self, interval_ns: float) -> int:
+        return min(bisect_left(self._edges, interval_ns), len(self._edges) - 1)
+
+
 class GainSchedule:
     """Picks the decision that holds for the observed ages and intervals.
 
@@ -244,7 +389,7 @@ class GainSchedule:
             ``len(ages_ns)``.
         ages_ns: The ages of the decisions [ns], rising.
         intervals_ns: The intervals of the decisions [ns], rising, the period first.
-        percentile: Percentile of a window that the bins must cover [%].
+        percentile: Percentile of the ages in a window that their bin must cover [%].
         window: Ticks in a window.
         run: Consecutive ages above the bin that lower the gains at once; also the periods in a
             block of intervals.
@@ -264,14 +409,9 @@ class GainSchedule:
         self._intervals = intervals_ns
         self._percentile, self._window, self._run = percentile, window, run
         self._oldest = len(ages_ns) - 1
-        self._longest = len(intervals_ns) - 1
-        self._edges = [WITHIN * each for each in intervals_ns]
         self._age = BinFilter(len(ages_ns), percentile, window, run, SETTLE)
-        blocks = max(RUN_BLOCKS, window // run)
-        self._interval = BinFilter(len(intervals_ns), percentile, blocks, RUN_BLOCKS, 1, spare=1)
-        self._block_ns = run * intervals_ns[0]
-        self._span_ns = 0
-        self._squares = 0.0
+        period_ns = intervals_ns[0]
+        self._interval = ServedInterval(intervals_ns, run * period_ns, window * period_ns)
         self.decision = decisions[0][0]
 
     def anew(self) -> GainSchedule:
@@ -329,10 +469,8 @@ class GainSchedule:
         """
         age, interval = self._age, self._interval
         age.observe(min(bisect_left(self._ages, age_ns), self._oldest))
-        self._span_ns += interval_ns
-        self._squares += float(interval_ns) * interval_ns
-        if self._span_ns >= self._block_ns:
-            self._end_block()
+        if interval_ns:
+            interval.observe(interval_ns)
         if may_raise:
             age.take_raise()
             interval.take_raise()
@@ -348,8 +486,3 @@ class GainSchedule:
         self._age.settle()
         self._interval.settle()
         self.decision = self._rows[self._interval.bin][self._age.bin]
-
-    def _end_block(self) -> None:
-        counted = self._squares / self._span_ns
-        self._span_ns, self._squares = 0, 0.0
-        self._interval.observe(min(bisect_left(self._edges, counted), self._longest))

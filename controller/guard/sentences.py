@@ -8,6 +8,7 @@ from haptic_wall.controller.guard.delay_parts import HOLD, SAMPLE_AGE, SHORT_TIM
 from haptic_wall.controller.guard.design import FINER
 from haptic_wall.controller.guard.reasons import (
     CoarseCount,
+    CoarseDamping,
     DampingBound,
     DampingTooLow,
     Derated,
@@ -66,8 +67,8 @@ def _sentence(reason: Reason, asked: bool) -> str:
                 f"{_damping(reason)}: at {reason.lowest:.4g} or below it cancels all damping of "
                 "the servo, and no stiffness is stable"
             )
-        case DampingBound():
-            said = _ceiling(reason)
+        case DampingBound() | CoarseDamping():
+            said = _damping_bound(reason)
         case WouldRaise():
             said = _remedy(reason)
         case GuardOff():
@@ -138,19 +139,35 @@ def _coarse_count(reason: CoarseCount) -> str:
         return said
     return (
         f"{said}: only virtual damping below {reason.highest_damping:.3g} N·m·s/rad leaves torque "
-        f"for the stiffness; a velocity over more than {reason.samples} "
-        f"sample{'s' if reason.samples > 1 else ''} raises this bound in proportion"
+        f"for the stiffness; {_more_samples(reason.samples)}"
     )
 
 
-def _damping(reason: DampingTooLow | DampingBound) -> str:
+def _coarse_damping(reason: CoarseDamping) -> str:
+    return (
+        f"{_damping(reason)}: one encoder count in one sample would command {reason.torque:.3g} "
+        f"N·m, and may command {reason.most:.3g} N·m, a fraction of the torque limit; "
+        f"{_more_samples(reason.samples)}"
+    )
+
+
+def _more_samples(samples: int) -> str:
+    return (
+        f"a velocity over more than {samples} sample{'s' if samples > 1 else ''} raises this bound "
+        "in proportion"
+    )
+
+
+def _damping(reason: DampingTooLow | DampingBound | CoarseDamping) -> str:
     return (
         f"the guard {_verb(reason.commanded)} {reason.allowed:.4g} instead of {reason.asked:.4g} "
         "N·m·s/rad"
     )
 
 
-def _ceiling(reason: DampingBound) -> str:
+def _damping_bound(reason: DampingBound | CoarseDamping) -> str:
+    if isinstance(reason, CoarseDamping):
+        return _coarse_damping(reason)
     above = "the wall is not passive" if reason.passive else "no stiffness is stable"
     said = (
         f"{_damping(reason)}: {reason.share:g} of the ceiling {reason.ceiling:.4g}, above "

@@ -87,6 +87,9 @@ class Situation:
     inserted: float = 0.0
     """The part of the delay that is not the sample's age, without the device's own lag [s]: an age
     may be shorter than what is counted"""
+    sampled: float = math.inf
+    """Shortest interval between two samples, where it is shorter than ``period`` [s]: a velocity is
+    their difference over it"""
     served: tuple[float, float] = (1.0, WITHIN)
     """Shortest and longest interval between ticks that a decision must hold for, over ``period``.
     Only a flexible servo needs it: for a rigid one the longest is the least safe"""
@@ -145,6 +148,9 @@ class Decision:
     damping: float
     """Commanded B [N·m·s/rad]"""
     limits: Limits
+    encoder_damping: float
+    """Commanded damping, either way, above which one encoder count commands too much torque; inf
+    without an encoder [N·m·s/rad]"""
     damping_ceiling: float
     """Commanded damping above which no stiffness fulfils the mode's promise [N·m·s/rad]"""
     margin: float
@@ -158,3 +164,9 @@ class Decision:
     """The ceiling is that of the load's vibration on its transmission"""
     inserted: float = 0.0
     """The part of ``delay`` that was inserted [s]"""
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether one encoder count binds the damping."""
+        reduced = self.damping != self.request.damping
+        return reduced and abs(self.damping) >= self.encoder_damping

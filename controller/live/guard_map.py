@@ -49,8 +49,7 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     (decision,) = decide(request, settings, situation, [before], min(inserted, before))
     least = -0.95 * belief.damping.low / belief.torque_gain.high
     most = decision.damping_ceiling
-    if step:  # beyond this damping alone, a count commands more than is allowed
-        most = min(most, settings.quantisation_share * situation.torque_limit * period / step)
+    most = min(most, decision.encoder_damping)
     most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
     damping = np.linspace(least, most, POINTS)
     found = evaluate_box(

@@ -114,6 +114,26 @@ _CLOCK_S = 86_400.0
 """A first time from here on comes from a clock that did not start with the record [s]"""
 
 
+_SLOW_S = 0.2
+"""A longer time between samples is more likely in milliseconds [s]"""
+_FAR = 4.0 * math.pi
+"""A motion over a wider range is more likely in degrees or counts [rad]"""
+
+
+def _units(whole: Part, period: float) -> Iterator[str]:
+    """Ask for the units of a record that hardly is in s and rad."""
+    if period > _SLOW_S:
+        yield (
+            f"the samples are {period:.4g} s apart: if time_s is in milliseconds, divide it by 1000"
+        )
+    moved = float(np.ptp(whole.positions[np.isfinite(whole.positions)]))
+    if moved > _FAR:
+        yield (
+            f"the positions range over {moved:.4g} rad: if position_rad is in degrees or encoder"
+            " counts, convert it"
+        )
+
+
 def recordings_of_csv(path: Path) -> Iterator[Recording]:
     """Yield the motion in a CSV with the columns ``time_s``, ``position_rad``, ``torque_nm``.
 
@@ -132,6 +152,7 @@ def recordings_of_csv(path: Path) -> Iterator[Recording]:
     of = -(-whole.times.size // WINDOW)
     for number, group in enumerate(groups):
         period = float(np.average([s.period for s in group], weights=[s.size for s in group]))
+        notes += _units(whole, period) if not number else ()
         if number:
             since = whole.times[group[0].start]
             notes.append(f"from {seconds(since)} s on the samples are {1e3 * period:.4g} ms apart")

@@ -163,11 +163,10 @@ def with_fit(told: Mapping[str, float], found: FittedServo | None) -> dict[str, 
     if found is not None and math.isnan(known["inertia"]):
         known["inertia"] = found.inertia
         late, damping = not math.isnan(known["lag"]), known["damping"]
-        if math.isnan(damping):
-            known["damping"] = found.damping(known["lag"]) if late else 0.0
         if not late:
-            known["lag"] = found.lag(known["damping"])
-    known["lag"] = 0.0 if math.isnan(known["lag"]) else known["lag"]
+            known["lag"] = found.lag(0.0 if math.isnan(damping) else damping)
+        if math.isnan(damping):
+            known["damping"] = found.damping(known["lag"])
     return known
 
 

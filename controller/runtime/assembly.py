@@ -172,9 +172,7 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
     samples = config.wall.velocity_samples
     best = peak(at.inertia, at.damping, periods, at.delay, samples).virtual_damping / at.gain
-    if step := situation.position_step:
-        share = config.guard.quantisation_share * situation.torque_limit
-        best = np.minimum(best, share * samples * periods / step)
+    best = np.minimum(best, [decision.encoder_damping for decision in decisions])
     if situation.belief.is_flexible:
         ceilings = np.array([decision.damping_ceiling for decision in decisions])
         best = np.minimum(best, config.guard.damping_cap * ceilings)

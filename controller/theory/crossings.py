@@ -66,23 +66,30 @@ class Loops:
         return self._inverse(_turned(w / 2))
 
     def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return ``inverse`` and ``difference`` in less time than both of them take."""
+        """Return ``inverse`` and ``difference`` in less time than both of them take.
+
+        ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
+        """
         half = _turned(w / 2)
         turned = half if self.samples == 1 else half**self.samples
-        return self._inverse(half), self._difference(w, turned)
+        times = max(self.period.size // max(len(w), 1), 1)
+        every = np.split(np.arange(self.period.size), times)
+        inverse = [self.take(part)._inverse(half) for part in every]
+        return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 
     def _inverse(self, half: ComplexArray) -> ComplexArray:
         """Return F at frequencies of which ``half`` is exp(j w/2)."""
         moved = 2j * half.imag * half  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        top = moved * half ** (2 * self.whole + 2)
+        found = -moved * half ** (2 * self.whole + 2)
         for i in range(poles.shape[1]):
-            top = top * (moved - poles[:, i, None])
+            found *= moved - poles[:, i, None]
         numerator = self.chains.numerator
-        below = np.zeros_like(moved) + numerator[:, -1, None]
+        below = np.repeat(numerator[:, -1, None].astype(np.complex128), moved.shape[1], axis=1)
         for i in range(numerator.shape[1] - 2, -1, -1):
-            below = below * moved + numerator[:, i, None]
-        found: ComplexArray = -top / below
+            below *= moved
+            below += numerator[:, i, None]
+        found /= below
         return found
 
     def difference(self, w: FloatArray) -> ComplexArray:

@@ -8,6 +8,7 @@ servos of a belief and one delay take milliseconds.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,9 +25,10 @@ _FLANK = np.geomspace(1e-5, 0.4, 80)
 _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
 _SLOWEST = 1e-3
-"""Least frequency of the grid, in periods of one delay and one sample [rad]"""
-_NEAR = np.concatenate([-np.geomspace(0.4, 0.001, 16), [0.0], np.geomspace(0.001, 0.5, 16)])
-"""Frequencies beside a resonance, relative to it"""
+"""Least frequency of the grid, in periods of one delay and one sample [rad]; a slower resonance
+lowers it"""
+_BESIDE = 18
+"""Frequencies on either side of a resonance, from 0.4 of it to 0.3 of its damping ratio"""
 
 
 class FlexibleScan:
@@ -45,20 +47,18 @@ class FlexibleScan:
         encoder: str,
         velocity_filter: VelocityFilter | None = None,
     ) -> None:
-        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,)."""
-        chain, _ = two_masses(
-            inertia,
-            damping,
-            load_inertia,
-            transmission_stiffness,
-            transmission_damping,
-            encoder=encoder,
-        )
+        """Prepare; arguments as of ``flexible.flexible_boundary``, the first five of shape (n,).
+
+        ``damping`` may have the shape (ends, n): each limit is then the least over the servo's
+        dampings, those between one and the next included.
+        """
+        servo = (inertia, damping, load_inertia, transmission_stiffness, transmission_damping)
+        chain, shape = two_masses(*servo, encoder=encoder)
         late = delay / period
         whole = math.floor(late)
-        times = np.full(inertia.size, period)
+        times = np.full(math.prod(shape), period)
         loops = Loops(
-            sampled(chain, times, np.full(inertia.size, late - whole)),
+            sampled(chain, times, np.full(times.size, late - whole)),
             times,
             whole,
             samples,
@@ -66,12 +66,11 @@ class FlexibleScan:
         )
         with_both = np.sqrt(transmission_stiffness * (1.0 / inertia + 1.0 / load_inertia))
         alone = np.sqrt(transmission_stiffness / load_inertia)
-        near = np.stack([with_both, alone], axis=1) * period
-        w = _grid(near, late, velocity_filter)
-        self._inverse, self._difference = loops.responses(w)
-        ratio = self._inverse / self._difference
-        self._ceiling = _least(ratio.imag, ratio.real)
-        self._floor = -_least(ratio.imag, -ratio.real)
+        near = np.stack([with_both, alone], axis=1)
+        damper = transmission_damping / transmission_stiffness
+        w = _grid(near * period, late, velocity_filter, 0.5 * damper[:, None] * near)
+        self._parts = _Parts.of(*loops.responses(w))
+        self._ceiling, self._floor = self._parts.dampings()
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -84,9 +83,8 @@ class FlexibleScan:
             virtual_damping: Virtual damping of all, or of each servo [N·m·s/rad].
         """
         big_b = np.broadcast_to(virtual_damping, self._ceiling.shape)
-        left = self._inverse - big_b[:, None] * self._difference
         stable = (big_b < self._ceiling) & (big_b > self._floor)
-        return np.where(stable, _least(left.imag, left.real), 0.0)
+        return np.where(stable, self._parts.stiffness(big_b), 0.0)
 
 
 class RigidScan:
@@ -105,19 +103,18 @@ class RigidScan:
         late = delay / period
         whole = np.floor(late + 1e-12)
         chain, _ = one_mass(inertia, damping)
-        self._parts: list[tuple[IntArray, ComplexArray, ComplexArray]] = []
+        self._parts: list[tuple[IntArray, _Parts]] = []
         self._ceiling, self._floor = np.zeros(inertia.size), np.zeros(inertia.size)
         for d in np.unique(whole).tolist():
             part = np.flatnonzero(whole == d)
             fraction = np.maximum(late[part] - d, 0.0)
             chains = sampled(chain.take(part), period[part], fraction)
             loops = Loops(chains, period[part], int(d), samples, velocity_filter)
-            w = _grid(np.empty((part.size, 0)), d + 1.0, velocity_filter, _MORE)
-            inverse, difference = loops.responses(w)
-            ratio = inverse / difference
-            self._ceiling[part] = _least(ratio.imag, ratio.real)
-            self._floor[part] = -_least(ratio.imag, -ratio.real)
-            self._parts.append((part, inverse, difference))
+            none = np.empty((part.size, 0))
+            w = _grid(none, d + 1.0, velocity_filter, none, _MORE)
+            parts = _Parts.of(*loops.responses(w))
+            self._ceiling[part], self._floor[part] = parts.dampings()
+            self._parts.append((part, parts))
 
     def ceilings(self) -> FloatArray:
         """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
@@ -126,24 +123,52 @@ class RigidScan:
     def limits(self, virtual_damping: FloatArray) -> FloatArray:
         """Return the stiffness up to which every stiffness from 0 on is stable [N·m/rad]."""
         found = np.zeros(self._ceiling.size)
-        for part, inverse, difference in self._parts:
-            left = inverse - virtual_damping[part, None] * difference
-            found[part] = _least(left.imag, left.real)
+        for part, parts in self._parts:
+            found[part] = parts.stiffness(virtual_damping[part])
         stable = (virtual_damping < self._ceiling) & (virtual_damping > self._floor)
         return np.where(stable, found, 0.0)
+
+
+class _Parts(NamedTuple):
+    """Real and imaginary parts of F and D; dampings × servos × frequencies."""
+
+    f_real: FloatArray
+    f_imag: FloatArray
+    d_real: FloatArray
+    d_imag: FloatArray
+
+    @classmethod
+    def of(cls, f: ComplexArray, d: ComplexArray) -> _Parts:
+        """Return the parts; the rows of F are servos, then the same with other dampings."""
+        parts = (np.ascontiguousarray(each) for each in (f.real, f.imag, d.real, d.imag))
+        return cls(*(each.reshape(-1, *d.shape) for each in parts))
+
+    def dampings(self) -> tuple[FloatArray, FloatArray]:
+        """Return the least ceiling and the greatest floor of the virtual damping."""
+        square = self.d_real**2 + self.d_imag**2
+        real = (self.f_real * self.d_real + self.f_imag * self.d_imag) / square
+        imaginary = (self.f_imag * self.d_real - self.f_real * self.d_imag) / square
+        return _least(imaginary, real), -_least(imaginary, -real)
+
+    def stiffness(self, virtual_damping: FloatArray) -> FloatArray:
+        """Return the least stiffness at which a pole is on the unit circle."""
+        big_b = virtual_damping[:, None]
+        return _least(self.f_imag - big_b * self.d_imag, self.f_real - big_b * self.d_real)
 
 
 def _grid(
     resonances: FloatArray,
     late: float,
     velocity_filter: VelocityFilter | None,
+    ratios: FloatArray,
     few: int = _FEW,
 ) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
-    common = np.concatenate(
-        [np.geomspace(_SLOWEST / (1.0 + late), np.pi, few), np.linspace(0.05, np.pi, _EVEN)]
-    )
-    near = (resonances[..., None] * (1.0 + _NEAR)).reshape(len(resonances), -1)
+    slowest = min(_SLOWEST / (1.0 + late), 0.5 * np.min(resonances, initial=_SLOWEST))
+    common = np.concatenate([np.geomspace(slowest, np.pi, few), np.linspace(0.05, np.pi, _EVEN)])
+    beside = np.geomspace(0.4, np.clip(0.3 * ratios, 1e-5, 0.1), _BESIDE, axis=-1)
+    about = np.concatenate([1.0 - beside, np.ones_like(beside[..., :1]), 1.0 + beside], axis=-1)
+    near = (resonances[..., None] * about).reshape(len(resonances), -1)
     folded = np.abs((near + np.pi) % (2.0 * np.pi) - np.pi)
     if velocity_filter is not None:
         common = np.concatenate([common, np.minimum(velocity_filter.w0 * _ABOUT, np.pi)])
@@ -156,12 +181,22 @@ def _grid(
 
 
 def _least(imaginary: FloatArray, real: FloatArray) -> FloatArray:
-    """Return the least positive real part where the imaginary part is 0; infinite: nowhere."""
-    before, after = imaginary[:, :-1], imaginary[:, 1:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = before / (before - after)
-        at = real[:, :-1] + share * (real[:, 1:] - real[:, :-1])
-    at = np.where((before > 0) != (after > 0), at, np.inf)
-    at = np.concatenate([at, real[:, -1:]], axis=1)  # at pi all is real
-    found: FloatArray = np.where(at > 0, at, np.inf).min(axis=1)
+    """Return each servo's least positive real part where the imaginary part is 0, or infinity.
+
+    F is affine in the servo's damping, nearly so where torques are held: so real and imaginary part
+    are interpolated between dampings as they are between frequencies.
+    """
+    _, count, frequencies = real.shape
+    last = real[..., -1]  # at pi all is real
+    found: FloatArray = np.where(last > 0, last, np.inf).min(axis=0)
+    real, imaginary = real.ravel(), imaginary.ravel()
+    positive = imaginary > 0
+    for step in (1, count * frequencies):
+        at = np.flatnonzero(positive[:-step] != positive[step:])
+        if step == 1:
+            at = at[(at + 1) % frequencies != 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = imaginary[at] / (imaginary[at] - imaginary[at + step])
+            value = real[at] + share * (real[at + step] - real[at])
+        np.minimum.at(found, at // frequencies % count, np.where(value > 0, value, np.inf))
     return found

@@ -125,7 +125,7 @@ def test_commanded_is_margin_times_the_smallest_limit_and_no_less(cases: list[Ca
         assert getattr(d.limits, d.binding) == least
 
 
-def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling(
+def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling_or_of_a_count(
     cases: list[Case],
 ) -> None:
     b = [case.situation.belief for case in cases]
@@ -138,7 +138,8 @@ def test_commanded_damping_is_what_was_asked_or_the_share_of_the_ceiling(
     ) / [x.torque_gain.high for x in b]
     asked = np.array([case.decision.request.damping for case in cases])
     given = np.array([case.decision.damping for case in cases])
-    np.testing.assert_allclose(given, np.minimum(asked, CAP * ceiling), rtol=1e-3)
+    most = np.array([case.decision.encoder_damping for case in cases])
+    np.testing.assert_allclose(given, np.min([asked, CAP * ceiling, most], axis=0), rtol=1e-3)
     assert 0.2 < np.mean(given < asked) < 0.9
 
 

@@ -305,3 +305,11 @@ def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path: Path) -> 
         path.write_bytes(b"time_s,position_rad\n" + RNG.bytes(size))
         with pytest.raises(UserError):
             read_recording(path)
+
+
+def test_units_that_are_hardly_s_and_rad_are_asked_for(tmp_path: Path) -> None:
+    times = np.arange(100.0)
+    path = write(tmp_path / "a.csv", time_s=times, position_rad=13.0 * np.cos(times))
+    notes = " ".join(read_recording(path).notes)
+    assert "milliseconds" in notes
+    assert "degrees or encoder counts" in notes
