@@ -42,6 +42,7 @@ def report(found: Identified) -> dict[str, Any]:
         "effects": found.effects,
         "vibration": vibration_report(found.vibration),
         "residual_rad": found.residual,
+        "noise_rad": found.noise,
         "rounding_rad": found.rounding,
         "warnings": list(found.warnings),
         "logs": [str(log) for log in found.logs],
