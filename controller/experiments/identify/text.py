@@ -105,7 +105,7 @@ def text(answer: dict[str, Any], found: Identified | None) -> str:
             )
         lines += [f"  {line}" for line in vibration_lines(found.vibration)]
         lines.append(
-            f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding"
+            f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise"
         )
         lines = ["found, with standard errors", *lines]
         lines += [f"warning: {warning}" for warning in found.warnings]
