@@ -89,7 +89,8 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     if identified.backlash is not None and config.velocity_filter() is None:
         backlash = identified.backlash
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
-    structured = is_structured(identified.residual, identified.noise, identified.rounding)
+    plain = not identified.fit.effects.fitted
+    structured = is_structured(identified.residual, identified.noise, identified.rounding, plain)
     units = _units(model["inertia"], before, gain)
     for name in sorted(model.keys() - {"torque_gain"}, key="coulomb".__eq__):
         if name == "coulomb" and identified.fit.friction is not None and not structured:

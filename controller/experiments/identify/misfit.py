@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from haptic_wall.controller.experiments.identify.fitting import Fit
 
-STRUCTURED = 1.1
-"""Residual without the readings' noise, over that of rounding, above which it is reported and no
-belief is narrowed"""
+STRUCTURED, _PLAIN = 1.5, 1.2
+"""Residual without noise, over the rounding's, above which it is reported, and narrows no belief;
+and the same where no effect was fitted, because a fit with effects may have failed"""
 _SHARE = 0.02
 """Least reported torque, as a fraction of the Coulomb friction; and least fraction of the load"""
 _UNEVEN = 0.05
@@ -19,9 +19,17 @@ _STUCK = 1.15
 END = "the bounds cover this effect, the model lacks it"
 
 
-def is_structured(residual: float, noise: float, rounding: float) -> bool:
-    """Whether a residual has more than the readings' noise: what the model lacks [all in rad]."""
-    return residual**2 - noise**2 > (STRUCTURED * rounding) ** 2
+def is_structured(residual: float, noise: float, rounding: float, plain: bool) -> bool:
+    """Whether a residual has more than the readings' noise: what the model lacks [all in rad].
+
+    Args:
+        residual: Root mean square of the residual.
+        noise: The same of noise and rounding of the readings.
+        rounding: The same of rounding alone.
+        plain: No effect was fitted.
+    """
+    most = _PLAIN if plain else STRUCTURED
+    return residual**2 - noise**2 > (most**2 - 1.0) * rounding**2
 
 
 def misfit(fit: Fit, noise: float, rounding: float) -> Iterator[str]:
@@ -34,7 +42,7 @@ def misfit(fit: Fit, noise: float, rounding: float) -> Iterator[str]:
     """
     yield from (f"{text}; {END}" for text in _frictions(fit))
     yield from (f"{text}; {END}" for text in _torques(fit))
-    if is_structured(fit.residual, noise, rounding):
+    if is_structured(fit.residual, noise, rounding, not fit.effects.fitted):
         yield (
             f"the residual is {1e3 * fit.residual:.2g} mrad, of which noise and rounding explain"
             f" {1e3 * noise:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"

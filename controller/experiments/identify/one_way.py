@@ -50,7 +50,7 @@ _STALL = 4.5
 _ROUGH = ("gear", "dead_band", "sine", "cosine")
 """Effects without which an inertia can be far off"""
 _ROUNDED = 1.05
-"""Squares that noise explains, over those of the readings' noise alone"""
+"""Squares without noise that rounding explains, over those of rounding alone"""
 _FADINGS, _GEAR_FADINGS = (0.1, 0.5, 2.0), (0.7, 2.0)
 """Tried speeds over which friction fades [rad/s]; and over which that of the gear's load does"""
 _MOST_PERIODS = 200
@@ -97,7 +97,7 @@ def fit_one_way(
     best = regression.solved(plain.values, [name for group in ALWAYS for name in group])
     sure = _SURE / regression.count
     noise = max(regression.white_part(plain), step / math.sqrt(12.0))
-    rounded = plain.cost < _ROUNDED * regression.count * noise**2
+    rounded = plain.cost / regression.count - noise**2 < (_ROUNDED - 1.0) * step**2 / 12.0
     if plain.cost - best.cost <= sure * best.cost and rounded:
         return regression.fit(plain)
     searches = [(FADING, _fadings), (COGGING, regression.coggings)]
