@@ -377,7 +377,7 @@ def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identi
     far = replace(torn, inertia=Estimated(0.006, 1e-5))
     assert identified_model(far, config)["inertia"]["high"] == pytest.approx(0.0051)
     # Noise of the readings is no structure.
-    noisy = replace(torn, noise=math.sqrt(8.0) * found.rounding)
+    noisy = replace(torn, noise=math.sqrt(8.8) * found.rounding)
     assert identified_model(noisy, config)["inertia"]["low"] > before.inertia.low
 
 
