@@ -66,5 +66,5 @@ def _fitted(ax: Axes, below: Axes, found: Identified, begin: float) -> None:
 
 def _title(found: Identified, name: str) -> str:
     rows = [row_text(found, key) for key in ("inertia", "damping", "coulomb", "delay")]
-    left = f"residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding alone"
+    left = f"residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise"
     return f"{style.titled(name)}: {rows[0]}, {rows[1]},\n{rows[2]}, {rows[3]}; {left}"

@@ -109,25 +109,27 @@ class Config(Sections):
         most = self.safety.max_speed
         if most is not None:
             return most
-        return DRIVEN_SHARE * self._no_load_speed or JUMP_SPEED
+        real = self.servo.kind == "hardware"
+        return (real and DRIVEN_SHARE * self._no_load_speed) or JUMP_SPEED
 
     @property
     def planned_speed(self) -> float:
         """Return the speed of which an experiment plans at most a fraction of 0.4 [rad/s].
 
-        Where the limit comes from the model it is 0.8 of ``driven_speed``: the plan is not exceeded
-        within the bounds of the belief.
+        Where the limit comes from the model it is 0.8 of a real servo's ``driven_speed``: the plan
+        is not exceeded within the bounds of the belief. An emulated servo is planned for like a
+        real one.
         """
         if self.safety.max_speed is None and self._no_load_speed:
-            return 2.0 * self.driven_speed
+            return 2.0 * DRIVEN_SHARE * self._no_load_speed
         return self.driven_speed
 
     @property
     def _no_load_speed(self) -> float:
-        """Return the no-load speed of a real servo's model [rad/s]; 0: unknown, or not real."""
+        """Return the no-load speed of a servo's model [rad/s]; 0: unknown, or simulated."""
         servo = self.servo
         models = backend(servo.backend).models
-        if servo.kind != "hardware" or servo.model is None or models is None:
+        if servo.kind == "simulated" or servo.model is None or models is None:
             return 0.0
         return models()[servo.model].no_load_speed
 

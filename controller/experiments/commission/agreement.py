@@ -123,7 +123,8 @@ def _ends(
     # Backlash and delay help the softest corner in their largest size.
     slack, lag = ((value, high, low) for value, low, high in (slack, lag))
     gain = belief.torque_gain.value
-    beside = _commanded(effects, gain)
+    # The belief's Coulomb friction is that of slow motion, which contains what fades.
+    beside = {**_commanded(effects, gain), "excess": 0.0}
     found = []
     for inertia, damping, coulomb, backlash, late in zip(m, b, c, slack, lag, strict=True):
         servo = Lossy(inertia / gain, damping / gain, coulomb / gain, backlash, **beside)
@@ -139,10 +140,12 @@ def _commanded(effects: Mapping[str, float], gain: float) -> dict[str, float]:
     return {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
 
 
-def _bent(device: Device, points: BoundaryPoints, effects: Mapping[str, float]) -> bool:
+def _bent(
+    device: Device, points: BoundaryPoints, coulomb: float, effects: Mapping[str, float]
+) -> bool:
     """Whether more than Coulomb friction decides where the measured boundary lies."""
-    friction = Lossy(device.inertia, device.damping, device.coulomb)
-    servo = Lossy(device.inertia, device.damping, device.coulomb, device.backlash, **effects)
+    friction = Lossy(device.inertia, device.damping, coulomb)
+    servo = Lossy(device.inertia, device.damping, coulomb, device.backlash, **effects)
     for damping, delay, kick in zip(points.virtual_damping, points.delay, points.kick, strict=True):
         if math.isfinite(kick):
             loop = float(damping), device.period, float(delay), float(kick)
@@ -178,7 +181,7 @@ def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, 
     try:
         points = read_points(sweep)[0]
         effects = _commanded(identify.get("effects") or {}, gain)
-        if _bent(Device.of(config), points, effects):
+        if _bent(Device.of(config), points, loop.coulomb, effects):
             return {"reason": "backlash, or friction other than Coulomb's, bends the boundary"}
         fit = fit_boundary(points, loop)
     except ValueError as error:  # too few points, or impossible figures

@@ -51,16 +51,27 @@ _ROUNDING = 1.0 / math.sqrt(12.0)
 _UNQUANTISED = 1e-5
 """Largest negligible residual of a servo without an encoder step [rad]"""
 _LOADED, _BETTER = 1.2, 0.9
-"""Residual, as a multiple of the rounding's, from which effects are fitted; and the largest
+"""Residual without noise, over the rounding's, from which effects are fitted; and the largest
 fraction of it that they may leave where a backlash explains it too"""
 SPOILT = 3.0
-"""Residual, as a multiple of the rounding's, from which a motion is repeated: the shaft was
+"""Residual without noise, over the rounding's, from which a motion is repeated: the shaft was
 disturbed"""
 
 
 def rounding_of(bounds: Bounds) -> float:
     """Return the root mean square residual of rounding alone [rad]."""
     return _ROUNDING * bounds.step or _UNQUANTISED
+
+
+def noise_of(fit: Fit, bounds: Bounds) -> float:
+    """Return the root mean square residual of noise and rounding of the readings [rad]."""
+    return max(fit.noise, rounding_of(bounds))
+
+
+def smooth_part(fit: Fit, bounds: Bounds) -> float:
+    """Return the root mean square residual as if the readings had no noise but rounding [rad]."""
+    more = max(fit.residual**2 - noise_of(fit, bounds) ** 2, 0.0)
+    return math.sqrt(more + rounding_of(bounds) ** 2)
 
 
 class UnidentifiableError(HapticWallError):
@@ -176,7 +187,7 @@ class Bench:
             if furthest > bounds.reach:
                 guess, amplitude = self.corrected(fit), _SOFTER * amplitude
                 continue
-            if best is not None or fit.residual <= SPOILT * rounding_of(bounds):
+            if best is not None or smooth_part(fit, bounds) <= SPOILT * rounding_of(bounds):
                 return min((best or (played, fit), (played, fit)), key=lambda b: b[1].residual)
             best = (played, fit)
             self._tell(
@@ -213,14 +224,14 @@ class Bench:
             return start
         if start is None or not start.effects.fitted:
             plain = fit_motion(motion, step)
-            explained = plain.residual <= _LOADED * rounding_of(self._bounds)
+            explained = smooth_part(plain, self._bounds) <= _LOADED * rounding_of(self._bounds)
             hints = hinted(plain) if explained else ()
             if start is None or (explained and not hints):
                 return plain
             fit = fit_loaded(motion, step, start, self._priors, hints)
             return plain if fit.residual > _BETTER * plain.residual and plain.backlash else fit
         fit = fit_loaded(motion, step, start, self._priors)
-        unexplained = fit.residual > _LOADED * rounding_of(self._bounds)
+        unexplained = smooth_part(fit, self._bounds) > _LOADED * rounding_of(self._bounds)
         if unexplained and "gear_rest" in start.effects.fitted:
             # gear_rest may stand for what the model lacks, and end far from any minimum.
             with suppress(NoFitError):

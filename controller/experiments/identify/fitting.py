@@ -8,10 +8,13 @@ smoothed data, which assumes only the form of the model.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from haptic_wall.controller.experiments.identify.effects import NONE, Effects
@@ -38,11 +41,26 @@ _LEAST_BACKLASH, _MOST_BACKLASH = 1e-6, 0.1
 """Smallest and largest backlash [rad]: stretches of one direction fit any"""
 _SURE = (5e-4, 5e-4, 5e-4, 0.0, 0.0)
 """Least relative uncertainty of each value: the spring's reaction contains rounding too"""
+_SPEEDS = np.linspace(0.02, 1.0, 25)
+"""Speeds at which friction is computed, over the largest of the motion"""
+_WHITE = 20.0
+"""Sum of the squares of the third difference's weights"""
 NAMES = ("inertia", "damping", "coulomb", "delay", "backlash")
 
 
 class NoFitError(Exception):
     """The motion does not show what the model needs; the message says what is missing."""
+
+
+class Friction(NamedTuple):
+    """Friction of the motor at some speeds: arrays of shape (n,)."""
+
+    speed: FloatArray
+    """[rad/s]"""
+    value: FloatArray
+    """[N·m]"""
+    stderr: FloatArray
+    """[N·m]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +92,28 @@ class Fit:
     least: float | None = None
     """Damping at least, where friction that fades with the speed may hide more [N·m·s/rad]; None:
     the standard error says how far off it may be"""
+    friction: Friction | None = None
+    """Over the speeds of the motion, where the sum is known better than its parts; the gear's share
+    of the load comes in addition. None: not computed"""
+
+    @property
+    def noise(self) -> float:
+        """Return the root mean square of the residual that changes at each sample [rad].
+
+        It is the noise and the rounding of the readings: a motion that the model lacks is smooth.
+        """
+        return white_part(self.fitted - self.pieces.position, self.pieces.held)
+
+
+def white_part(left: FloatArray, held: NDArray[np.bool_]) -> float:
+    """Return the root mean square of what changes at each sample, by third differences.
+
+    Args:
+        left: Residuals in pieces, shape (s, n).
+        held: True: a sample; False: padding.
+    """
+    changes = np.diff(left, 3, axis=1)[held[:, 3:]]
+    return math.sqrt(float(np.mean(changes**2)) / _WHITE) if changes.size else 0.0
 
 
 def fit_motion(motion: Motion, step: float) -> Fit:
@@ -264,7 +304,22 @@ def made(start: Fit, model: OutputError, values: FloatArray, speeds: FloatArray)
         speeds=speeds,
         effects=effects,
         weaker=_weaker(model.names, every, covariance, stderr[1]),
+        friction=_friction(model.names, every, covariance, _SPEEDS * float(np.abs(speeds).max())),
     )
+
+
+def _friction(
+    names: tuple[str, ...], values: Mapping[str, float], covariance: FloatArray, speed: FloatArray
+) -> Friction:
+    """Return the friction at some speeds, both directions' mean."""
+    slopes = {"coulomb": np.ones_like(speed), "damping": speed, "drag": speed**2}
+    if "excess" in names:
+        slopes["excess"] = np.exp(-speed / values["fading"])
+        slopes["fading"] = values["excess"] * slopes["excess"] * speed / values["fading"] ** 2
+    rows = np.array([slopes.get(name, np.zeros_like(speed)) for name in names])
+    value = sum(values[n] * slopes[n] for n in slopes if n in names and n != "fading")
+    stderr = np.sqrt(np.maximum(np.einsum("iv,ij,jv->v", rows, covariance, rows), 0.0))
+    return Friction(speed, np.asarray(value), stderr)
 
 
 def _weaker(

@@ -19,6 +19,7 @@ from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify.bench import (
     Bench,
     UnidentifiableError,
+    noise_of,
     rounding_of,
 )
 from haptic_wall.controller.experiments.identify.excitation import Bounds, Guess
@@ -54,8 +55,8 @@ _FADING = (1.8, 0.8)
 """Speed over which friction fades, and its deviation [rad/s]: 1.1 to 2.6 in bam's fits"""
 _BENDS = 0.01
 """Least relative standard error of the inertia with a vibration"""
-_LEAST = 1e-12
-"""Least deviation of a prior"""
+_LEAST, _WARMS = 1e-12, 0.05
+"""Least deviation of a prior; that of the damping over its mean, because servos warm up"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +85,10 @@ class Identified:
     for it"""
     residual: float
     """Root mean square of measured minus fitted position [rad]"""
+    noise: float
+    """Part of it that comes from noise and rounding of the readings [rad]"""
     rounding: float
-    """Part of it that comes from rounding [rad]"""
+    """The same from rounding alone [rad]"""
     warnings: tuple[str, ...]
     fit: Fit
     played: Played
@@ -199,7 +202,8 @@ def _believed(config: Config) -> Guess:
 def _priors(config: Config, bounds: Bounds) -> dict[str, Prior]:
     """Return priors for values that a short motion hardly determines."""
     belief = config.belief()
-    damping = Prior(belief.damping.value, max(belief.damping.high - belief.damping.low, _LEAST))
+    mean, width = belief.damping.value, belief.damping.high - belief.damping.low
+    damping = Prior(mean, max(width, _WARMS * mean, _LEAST))
     drag = _DROOP * bounds.torque / (bounds.speed / _DRIVEN) ** 2
     gain = belief.torque_gain.value
     return {
@@ -228,8 +232,8 @@ def _judged(
     mode: Mode | None,
     heaviest: float,
 ) -> Identified:
-    rounding = rounding_of(bounds)
-    warnings = tuple(misfit(fit, rounding))
+    noise, rounding = noise_of(fit, bounds), rounding_of(bounds)
+    warnings = tuple(misfit(fit, noise, rounding))
     if fit.inertia <= _ERRORS * fit.stderr[0]:
         raise UnidentifiableError(
             f"{'; '.join(warnings)}: the motion in {played.log} does not determine the inertia",
@@ -260,6 +264,7 @@ def _judged(
         backlash=Estimated(fit.backlash, fit.stderr[4]) if fit.backlash > 0.0 else None,
         vibration=vibration,
         residual=fit.residual,
+        noise=noise,
         rounding=rounding,
         warnings=warnings,
         fit=fit,

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 
+import numpy as np
 import yaml
 
 from haptic_wall.controller.experiments.estimated import Estimated
+from haptic_wall.controller.experiments.identify.fitting import Friction
 from haptic_wall.controller.experiments.identify.identification import Identified
-from haptic_wall.controller.experiments.identify.misfit import STRUCTURED
+from haptic_wall.controller.experiments.identify.misfit import is_structured
 from haptic_wall.controller.experiments.identify.vibration import (
     believed_vibration,
     vibration_lines,
 )
+from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.config import Config
 
 _ERRORS = 3.0
@@ -23,6 +27,8 @@ _LEAST = 0.05
 """Lower bound of the inertia as a fraction, which the guard needs above zero"""
 _BACKLASH_FLOOR = 0.1
 """Least relative distance of the backlash's bounds"""
+_SLOW = 0.2
+"""Speed of the Coulomb friction's value [rad/s]"""
 _HEAVIEST = 0.95
 """Largest inertia of the load, as a fraction of the whole inertia"""
 DELAY_FLOOR = 0.05
@@ -47,8 +53,8 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
         f"Bounds: {_ERRORS:g} standard errors, at least {floors}, {DELAY_FLOOR:g} periods of the"
         " delay.",
         f"Inertia and friction are in the unit of the {unit}.",
-        f"Residual of the fit: {1e3 * identified.residual:.3g} mrad, of which rounding leaves"
-        f" {1e3 * identified.rounding:.3g}.",
+        f"Residual of the fit: {1e3 * identified.residual:.3g} mrad, of which noise and rounding"
+        f" leave {1e3 * identified.noise:.3g}.",
         *vibration_lines(identified.vibration),
         *identified.warnings,
     ]
@@ -59,40 +65,41 @@ def identified_config(config: Config, identified: Identified, source: str) -> st
 def identified_model(identified: Identified, config: Config) -> dict[str, dict[str, float]]:
     """Return value and bounds of each quantity of the model section that was found.
 
-    Where the residual has structure, the bounds contain those that were believed before: what
-    shifts the motion shifts the values by more than their standard errors.
+    The bounds are those that both the belief before and the motion allow, where these do not
+    contradict each other. Where the residual has structure they are those believed before, in
+    their unit: what shifts the motion shifts the values by more than their standard errors.
 
     Args:
         identified: The result.
         config: Its configuration, for the period and for what was believed before.
     """
     gain = identified.torque_gain.value
+    before = config.belief()
     model = {
         name: _bounded(getattr(identified, name), share * getattr(identified, name).value)
         for name, share in FLOORS.items()
     }
     model["inertia"]["low"] = max(model["inertia"]["low"], _LEAST * model["inertia"]["value"])
-    before = config.belief()
-    scale = gain / before.torque_gain.value
-    believed = scale * before.damping.low, scale * before.damping.high
     if identified.damping_least is not None:
-        most = max(model["damping"]["high"], believed[1])
+        most = max(model["damping"]["high"], gain / before.torque_gain.low * before.damping.high)
         model["damping"] |= {"low": _short(identified.damping_least), "high": _short(most)}
-    unsure = identified.damping_least is not None or identified.fit.effects.excess > 0.0
-    model["damping"] = _at_least(
-        _not_wider(model["damping"], *believed, unsure=unsure), FLOORS["damping"]
-    )
     model["delay"] = _bounded(identified.delay, DELAY_FLOOR * config.period_s)
     # The other values are in its unit: their bounds contain the uncertainty of the ratio.
     model["torque_gain"] = {"value": gain, "low": gain, "high": gain}
     if identified.backlash is not None and config.velocity_filter() is None:
         backlash = identified.backlash
         model["backlash"] = _bounded(backlash, _BACKLASH_FLOOR * backlash.value)
-    if identified.residual > STRUCTURED * identified.rounding:
-        for name in model.keys() - {"torque_gain"}:
-            unit = 1.0 if name in ("delay", "backlash") else scale
-            bounds = getattr(before, name)
-            model[name] = _containing(model[name], unit * bounds.low, unit * bounds.high)
+    plain = not identified.fit.effects.fitted
+    structured = is_structured(identified.residual, identified.noise, identified.rounding, plain)
+    units = _units(model["inertia"], before, gain)
+    for name in sorted(model.keys() - {"torque_gain"}, key="coulomb".__eq__):
+        if name == "coulomb" and identified.fit.friction is not None and not structured:
+            model[name] = _friction(identified.fit.friction, gain, model["damping"])
+        far = _ERRORS * getattr(identified, name).stderr
+        kept = before.torque_gain.value / gain if structured else None
+        model[name] = _narrowed(name, model[name], far, before, units, kept)
+    if structured:
+        model["torque_gain"] = asdict(before.torque_gain)
     if identified.vibration is not None:
         model |= believed_vibration(identified.vibration, before)
     if "load_inertia" in model:
@@ -103,36 +110,82 @@ def identified_model(identified: Identified, config: Config) -> dict[str, dict[s
     return model
 
 
-def _not_wider(
-    found: dict[str, float], low: float, high: float, *, unsure: bool
-) -> dict[str, float]:
-    """Return the bounds within those believed before, where the motion tells less than these.
+def _friction(found: Friction, gain: float, damping: dict[str, float]) -> dict[str, float]:
+    """Return the Coulomb friction beside the damping's bounds, by the sum that was measured.
+
+    Friction that fades with the speed cannot be told from viscous friction, but in slow motion
+    their sum is well known. With each end of the damping the Coulomb friction is such that the sum
+    is at no speed above, or below, the measured one, so that the bounds hold it jointly.
 
     Args:
-        found: Value and bounds of the motion.
-        low: Bound that was believed.
-        high: Bound that was believed.
-        unsure: Friction that fades with the speed hides the damping.
+        found: In commanded units.
+        gain: Measured over commanded torque.
+        damping: Value and bounds of the damping, in measured units.
     """
-    apart = found["high"] <= low or found["low"] >= high
-    if apart or not (unsure or found["high"] - found["low"] > high - low):
+    sums, errors = gain * found.value, gain * _ERRORS * found.stderr
+    rests = {end: sums - at * found.speed for end, at in damping.items()}
+    slow = max(float(np.interp(_SLOW, found.speed, rests["value"])), 0.0)
+    errors = np.maximum(errors, FLOORS["coulomb"] * rests["value"].clip(0.0))
+    low = max(float(np.min(rests["low"] - errors)), 0.0)
+    high = float(np.max(rests["high"] + errors))
+    slow = max(slow, low)
+    return {"value": _short(slow), "low": _short(low), "high": _short(max(high, slow))}
+
+
+def _units(inertia: dict[str, float], before: Belief, gain: float) -> tuple[float, float]:
+    """Return the least and the largest measured per believed torque.
+
+    The motion tells inertia and friction per commanded torque. So the true gain may lie anywhere in
+    its bounds, but not where the inertia would be outside of its own.
+
+    Args:
+        inertia: Bounds of the motion, in measured units.
+        before: The belief.
+        gain: Measured over commanded torque.
+    """
+    least, most = gain / before.torque_gain.high, gain / before.torque_gain.low
+    low = max(least, inertia["low"] / before.inertia.high)
+    high = min(most, inertia["high"] / before.inertia.low)
+    return (low, high) if low <= high else (least, most)
+
+
+def _narrowed(
+    name: str,
+    found: dict[str, float],
+    far: float,
+    before: Belief,
+    units: tuple[float, float],
+    kept: float | None,
+) -> dict[str, float]:
+    """Return the bounds that the belief allows too, unless the motion contradicts it.
+
+    Args:
+        name: Name of the value.
+        found: Value and bounds of the motion.
+        far: Distance from the belief's bounds from which the value contradicts them.
+        before: The belief.
+        units: As ``_units``.
+        kept: Believed per measured torque, to keep all that was believed in its unit; None: the
+            motion narrows it.
+    """
+    bounds: Bounded = getattr(before, name)
+    torque = name not in ("delay", "backlash")
+    least, most = units if torque else (1.0, 1.0)
+    low, high = least * bounds.low, most * bounds.high
+    promised = bounds.low < bounds.high
+    if name == "damping" and not promised and kept is None:
+        promised = True
+        low, high = (1.0 - FLOORS[name]) * low, (1.0 + FLOORS[name]) * high
+    agrees = promised and low - far <= found["value"] <= high + far
+    if kept is not None:
+        found = {end: kept * each if torque else each for end, each in found.items()}
+        ends = [bounds.low, bounds.high, *(() if agrees else (found["low"], found["high"]))]
+        low, high = _short(min(ends)), _short(max(ends))
+    elif agrees:
+        low, high = (_short(min(max(found[end], low), high)) for end in ("low", "high"))
+    else:
         return found
-    low, high = _short(max(low, found["low"])), _short(min(high, found["high"]))
-    return {"value": min(max(found["value"], low), high), "low": low, "high": high}
-
-
-def _containing(found: dict[str, float], low: float, high: float) -> dict[str, float]:
-    """Return the bounds, wider where they do not contain these."""
-    low, high = min(found["low"], _short(low)), max(found["high"], _short(high))
-    return {**found, "low": low, "high": high}
-
-
-def _at_least(found: dict[str, float], share: float) -> dict[str, float]:
-    """Return the bounds, wider where they are closer together than a relative distance allows."""
-    value = found["value"]
-    if found["high"] - found["low"] >= 2.0 * share * value:
-        return found
-    return {"value": value, "low": _short((1 - share) * value), "high": _short((1 + share) * value)}
+    return {"value": min(max(_short(found["value"]), low), high), "low": low, "high": high}
 
 
 def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:

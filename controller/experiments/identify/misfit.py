@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 from haptic_wall.controller.experiments.identify.fitting import Fit
 
-STRUCTURED = 1.5
-"""Residual over the rounding's, above which it is reported and no belief is narrowed"""
+STRUCTURED, _PLAIN = 1.5, 1.2
+"""Residual without noise, over the rounding's, above which it is reported, and narrows no belief;
+and the same where no effect was fitted, because a fit with effects may have failed"""
 _SHARE = 0.02
 """Least reported torque, as a fraction of the Coulomb friction; and least fraction of the load"""
 _UNEVEN = 0.05
@@ -18,21 +19,34 @@ _STUCK = 1.15
 END = "the bounds cover this effect, the model lacks it"
 
 
-def misfit(fit: Fit, rounding: float) -> Iterator[str]:
+def is_structured(residual: float, noise: float, rounding: float, plain: bool) -> bool:
+    """Whether a residual has more than the readings' noise: what the model lacks [all in rad].
+
+    Args:
+        residual: Root mean square of the residual.
+        noise: The same of noise and rounding of the readings.
+        rounding: The same of rounding alone.
+        plain: No effect was fitted.
+    """
+    most = _PLAIN if plain else STRUCTURED
+    return residual**2 - noise**2 > (most**2 - 1.0) * rounding**2
+
+
+def misfit(fit: Fit, noise: float, rounding: float) -> Iterator[str]:
     """Yield sentences, without their full stop.
 
     Args:
         fit: Fit of the servo.
-        rounding: Root mean square of the rounding's residual [rad].
+        noise: Root mean square of noise and rounding of the readings [rad].
+        rounding: The same of rounding alone [rad].
     """
     yield from (f"{text}; {END}" for text in _frictions(fit))
     yield from (f"{text}; {END}" for text in _torques(fit))
-    if fit.residual > STRUCTURED * rounding:
+    if is_structured(fit.residual, noise, rounding, not fit.effects.fitted):
         yield (
-            f"the residual is {1e3 * fit.residual:.2g} mrad, of which rounding explains"
-            f" {1e3 * rounding:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"
-            " a changing friction), or the readings are noisy; so the bounds contain those"
-            " believed before, too"
+            f"the residual is {1e3 * fit.residual:.2g} mrad, of which noise and rounding explain"
+            f" {1e3 * noise:.2g} mrad: an unknown effect moves the shaft (a loose horn, a hand,"
+            " a changing friction); so the bounds are those believed before"
         )
 
 

@@ -30,6 +30,7 @@ from haptic_wall.controller.experiments.identify.fitting import (
     NoFitError,
     smoothed,
     start_of,
+    white_part,
 )
 from haptic_wall.controller.experiments.identify.motion_model import Motion, Pieces
 from haptic_wall.controller.experiments.identify.output_error import NO_PRIOR, Prior
@@ -49,7 +50,7 @@ _STALL = 4.5
 _ROUGH = ("gear", "dead_band", "sine", "cosine")
 """Effects without which an inertia can be far off"""
 _ROUNDED = 1.05
-"""Squares that rounding explains, over those of rounding alone"""
+"""Squares without noise that rounding explains, over those of rounding alone"""
 _FADINGS, _GEAR_FADINGS = (0.1, 0.5, 2.0), (0.7, 2.0)
 """Tried speeds over which friction fades [rad/s]; and over which that of the gear's load does"""
 _MOST_PERIODS = 200
@@ -95,8 +96,9 @@ def fit_one_way(
     plain = regression.solved(values, [])
     best = regression.solved(plain.values, [name for group in ALWAYS for name in group])
     sure = _SURE / regression.count
-    rounding = regression.count * step**2 / 12.0
-    if plain.cost - best.cost <= sure * best.cost and plain.cost < _ROUNDED * rounding:
+    noise = max(regression.white_part(plain), step / math.sqrt(12.0))
+    rounded = plain.cost / regression.count - noise**2 < (_ROUNDED - 1.0) * step**2 / 12.0
+    if plain.cost - best.cost <= sure * best.cost and rounded:
         return regression.fit(plain)
     searches = [(FADING, _fadings), (COGGING, regression.coggings)]
     if gear_fades:
@@ -362,6 +364,10 @@ class _Regression:
             if explained > most:
                 most, best = explained, float(periods)
         yield {**values, "periods": best}
+
+    def white_part(self, found: _Solved) -> float:
+        """Return the root mean square of what is left that changes at each sample [rad]."""
+        return white_part(found.left, self._held)
 
     def fit(self, found: _Solved) -> Fit:
         """Return the values as a fit of the stretches."""

@@ -42,6 +42,7 @@ def report(found: Identified) -> dict[str, Any]:
         "effects": found.effects,
         "vibration": vibration_report(found.vibration),
         "residual_rad": found.residual,
+        "noise_rad": found.noise,
         "rounding_rad": found.rounding,
         "warnings": list(found.warnings),
         "logs": [str(log) for log in found.logs],
@@ -104,7 +105,7 @@ def text(answer: dict[str, Any], found: Identified | None) -> str:
             )
         lines += [f"  {line}" for line in vibration_lines(found.vibration)]
         lines.append(
-            f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.rounding:.3g} by rounding"
+            f"  residual {1e3 * found.residual:.3g} mrad, {1e3 * found.noise:.3g} by noise"
         )
         lines = ["found, with standard errors", *lines]
         lines += [f"warning: {warning}" for warning in found.warnings]

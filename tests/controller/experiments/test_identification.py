@@ -19,7 +19,12 @@ from haptic_wall.controller.experiments.identify import (
 from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
 from haptic_wall.controller.experiments.identify.effects import NONE
 from haptic_wall.controller.experiments.identify.excitation import Guess
-from haptic_wall.controller.experiments.identify.fitting import Fit, NoFitError, fit_motion
+from haptic_wall.controller.experiments.identify.fitting import (
+    Fit,
+    Friction,
+    NoFitError,
+    fit_motion,
+)
 from haptic_wall.controller.experiments.identify.identification import (
     Identified,
     bounds_of,
@@ -359,17 +364,76 @@ def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_dam
 
 def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identified]) -> None:
     config, found = usual
-    found = replace(found, torque_gain=Estimated(1.3, 0.01))
-    model = identified_model(found, config)
-    torn = identified_model(replace(found, residual=3.0 * found.rounding), config)
+    raw = config.model_dump(mode="json")
+    raw["model"]["torque_gain"] = {"value": 1.0, "low": 0.7, "high": 1.4}
+    config = Config.model_validate(raw)
     before = config.belief()
-    scale = 1.3 / before.torque_gain.value
-    for name, unit in (("inertia", scale), ("damping", scale), ("coulomb", scale), ("delay", 1.0)):
+    torn = replace(found, torque_gain=Estimated(1.2, 0.01), residual=3.0 * found.rounding)
+    model = identified_model(torn, config)
+    for name in (*NAMES, "torque_gain"):
         believed = getattr(before, name)
-        low, high = unit * believed.low, unit * believed.high
-        assert torn[name]["value"] == model[name]["value"]
-        assert torn[name]["low"] == pytest.approx(min(low, model[name]["low"]), rel=1e-5)
-        assert torn[name]["high"] == pytest.approx(max(high, model[name]["high"]), rel=1e-5)
+        assert (model[name]["low"], model[name]["high"]) == (believed.low, believed.high)
+    # A value that contradicts the belief widens it.
+    far = replace(torn, inertia=Estimated(0.006, 1e-5))
+    assert identified_model(far, config)["inertia"]["high"] == pytest.approx(0.0051)
+    # Noise of the readings is no structure.
+    noisy = replace(torn, noise=math.sqrt(8.8) * found.rounding)
+    assert identified_model(noisy, config)["inertia"]["low"] > before.inertia.low
+
+
+def test_what_changes_at_each_sample_is_noise_and_what_is_smooth_is_not(
+    usual: tuple[Config, Identified],
+) -> None:
+    _, found = usual
+    fit = found.fit
+    assert found.noise == pytest.approx(found.rounding, rel=0.05)
+    added = np.random.default_rng(1).normal(0.0, 5e-4, fit.fitted.shape)
+    noisy = replace(fit, fitted=fit.fitted + added)
+    assert noisy.noise == pytest.approx(math.hypot(found.noise, 5e-4), rel=0.03)
+    swings = 5e-3 * np.sin(0.1 * np.arange(fit.fitted.shape[1]))
+    assert replace(fit, fitted=fit.fitted + swings).noise == pytest.approx(fit.noise, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_bounds_are_inside_of_those_believed_and_hold_the_friction_as_a_sum(
+    usual: tuple[Config, Identified], seed: int
+) -> None:
+    """For whatever values and errors a fit gives, as long as they do not contradict the belief."""
+    config, found = usual
+    random = np.random.default_rng(seed)
+    raw = config.model_dump(mode="json")
+    raw["model"]["torque_gain"] = {"value": 1.0, "low": 0.7, "high": 1.4}
+    raw["model"]["backlash"] = {"value": 0.002, "low": 0.0, "high": 0.004}
+    config = Config.model_validate(raw)
+    belief = config.belief()
+    drawn = {}
+    for name in (*NAMES, "backlash"):
+        bounds = getattr(belief, name)
+        value = float(random.uniform(bounds.low, bounds.high))
+        drawn[name] = Estimated(value, float(random.uniform(0.0, bounds.high)))
+    drawn["inertia"] = Estimated(drawn["inertia"].value, 1e-6)
+    speed = np.linspace(0.1, 4.0, 20)
+    fading = np.exp(-speed / random.uniform(0.5, 3.0))
+    sums = drawn["coulomb"].value * (1.0 + random.uniform(0.0, 1.5) * fading)
+    sums = sums + drawn["damping"].value * speed
+    friction = Friction(speed, sums, np.full(20, 1e-5))
+    gain = float(random.uniform(0.8, 1.2))
+    unsure = replace(
+        found, fit=replace(found.fit, friction=friction), torque_gain=Estimated(gain, 0.0), **drawn
+    )
+    model = identified_model(unsure, config)
+    inertia = model["inertia"]
+    # In commanded units; the guard's corner believes the highest gain.
+    for name in ("damping", "coulomb"):
+        least = getattr(belief, name).low / belief.torque_gain.high
+        assert model[name]["low"] / gain >= 0.99999 * least
+    assert inertia["low"] / gain >= belief.inertia.low / belief.torque_gain.high
+    for name in ("delay", "backlash"):
+        assert model[name]["high"] <= getattr(belief, name).high
+    assert all(each["low"] <= each["value"] <= each["high"] for each in model.values())
+    low = model["coulomb"]["low"] + model["damping"]["low"] * speed
+    believed = belief.coulomb.low + belief.damping.low * speed
+    assert np.all(low <= np.maximum(gain * sums, believed) + 1e-9)
 
 
 def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(

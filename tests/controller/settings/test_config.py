@@ -57,8 +57,10 @@ def test_an_emulated_servo_has_what_a_real_one_has_and_the_ideal_one_does_not() 
     assert [name for name in effects if not getattr(true, name)] == []
     assert [name for name in effects if getattr(ideal, name)] == []
     belief = loaded("emulated-xm430").belief()
-    assert belief.backlash.high == true.backlash
-    assert belief.delay.low > 1.0 / (math.tau * true.current_bandwidth)
+    assert belief == loaded("xm430-w350").belief(), "what is known before it is identified"
+    for name in ("inertia", "damping", "coulomb", "backlash"):
+        assert getattr(belief, name).low <= getattr(true, name) <= getattr(belief, name).high
+    assert 1.0 / (math.tau * true.current_bandwidth) < belief.delay.high
 
 
 def test_simulated_belief_defaults_to_the_truth() -> None:
