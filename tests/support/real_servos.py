@@ -208,3 +208,27 @@ def _effects(
         every = (*EFFECTS, *shapes)
         return {name: value for each in every for name, value in fields[each].items()}
     return {} if effect == IDEAL else fields[effect]
+
+
+def truth_of(kind: Kind, config: Config) -> tuple[float, float, float]:
+    """Return inertia, damping and delay as the guard must not overestimate what they allow.
+
+    The damping is that in the direction where it is less. A current loop counts as half its period
+    of delay, and by what it makes of the motion: with the back-EMF k that it takes away after its
+    time constant tau, ::
+
+        tau u' = command - u - k tau x'',    m x'' = u
+        x / command = 1 / (s² (m + k tau) (1 + tau m / (m + k tau) s))
+
+    so it is k tau of inertia, and a lag of tau m / (m + k tau).
+    """
+    servo = config.servo
+    damping, inertia = servo.damping, servo.inertia
+    assert damping is not None and inertia is not None, "the drawn servo has both"
+    back = damping if servo.damping_back is None else servo.damping_back
+    bandwidth = servo.current_bandwidth or 0.0
+    lag = 1.0 / (math.tau * bandwidth) if bandwidth else 0.0
+    motor = kind.torque_limit / kind.no_load_speed if servo.back_emf else 0.0
+    whole = inertia + motor * lag
+    delay = (servo.delay or 0.0) + lag * inertia / whole + 0.5 * (servo.current_period or 0.0)
+    return whole, min(damping, back), delay

@@ -16,10 +16,9 @@ from haptic_wall.controller.experiments.identify.identified_config import identi
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.dynamixel.tables.models import MODELS
-from scripts.kicked_walls import kicked, least_bad
-from scripts.real_servos import KINDS, believed_servo
-from scripts.studies.identify_check import truth_of
 from scripts.trials.truth import COUNT
+from tests.support.kicked_walls import kicked, least_bad
+from tests.support.real_servos import KINDS, believed_servo, truth_of
 from tests.typed import not_none
 
 AGE = 1.05e-4
@@ -119,6 +118,7 @@ def assert_no_loss(case: Case) -> None:
     assert all(b >= 0.9999 * a for a, b in zip(case.before, case.after, strict=True))
 
 
+@pytest.mark.whole
 def test_the_emulated_servo_is_identified_as_it_is_shipped() -> None:
     """Its encoder's noise is no structure, and friction that fades is known where it is slow."""
     sets = ["loop.clock=simulated", "wall.side=both"]

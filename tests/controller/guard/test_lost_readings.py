@@ -11,7 +11,7 @@ from haptic_wall.controller.guard.bins import decide_bins
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import GainSchedule, interval_bins_ns
 from haptic_wall.controller.theory import max_virtual_damping
-from scripts.irregular_loop import PERIOD, QUARTERS, Loop, Matrix, interval_matrix
+from tests.support.irregular_loop import PERIOD, QUARTERS, Loop, Matrix, interval_matrix
 
 NS = 1_000_000
 SECONDS = 25

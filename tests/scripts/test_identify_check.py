@@ -18,10 +18,9 @@ from scripts.studies.identify_check import (
     effect_identified,
     holds,
     identified,
-    truth_of,
 )
 from scripts.study import table
-from tests.support.real_servos import ALL, EFFECTS, drawn_servo
+from tests.support.real_servos import ALL, EFFECTS, drawn_servo, truth_of
 from tests.support.real_servos import KINDS as REAL_KINDS
 from tests.support.real_servos import Kind as RealKind
 from tests.typed import not_none
