@@ -17,7 +17,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.dynamixel.tables.models import MODELS
 from scripts.trials.truth import COUNT
-from tests.support.kicked_walls import kicked, least_bad
+from tests.support.kicked import kicked, least_bad
 from tests.support.real_servos import KINDS, believed_servo, truth_of
 from tests.typed import not_none
 
