@@ -20,7 +20,6 @@ from haptic_wall.controller.settings.fields import fields
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from scripts import readme_output
 from tests.docs.pages import PAGES, ROOT, broken, name_of, text_of
 from tests.docs.test_commands import call, folder  # noqa: F401 - a fixture
 from tests.typed import not_none
@@ -75,16 +74,6 @@ def test_every_page_of_evidence_is_in_its_list() -> None:
     listed = re.findall(r"^\| \[.*?\]\(([^)#]+)\) \|", text, re.M)
     pages = {page.name for page in (ROOT / "docs" / "evidence").glob("*.md")}
     assert sorted(listed) == sorted(pages - {"README.md"})
-
-
-@pytest.mark.usefixtures("folder")
-def test_what_is_shown_is_what_the_program_says() -> None:
-    stale = [
-        page.name
-        for page in readme_output.pages()
-        if readme_output.renewed(page, False) != page.read_text()
-    ]
-    assert not stale, "run scripts/study readme_output"
 
 
 def test_measured_parts_are_filled() -> None:

@@ -11,7 +11,6 @@ import numpy as np
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from scripts.trials.truth import BackEmf, RealEffects, Truth
 from tests.support.real_servos import (
     BACKWARD,
     BANDWIDTH,
@@ -29,6 +28,7 @@ from tests.support.real_servos import (
     STATIC,
     STRIBECK,
 )
+from tests.support.truth import BackEmf, RealEffects, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""
@@ -237,4 +237,10 @@ def _within(bounds: tuple[float, float], random: np.random.Generator) -> float:
     low, high = bounds
     if low <= 0.0:
         return float(random.uniform(low, high))
+    return log_uniform(bounds, random)
+
+
+def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float:
+    """Draw log-uniformly; both ends > 0."""
+    low, high = ends
     return float(math.exp(random.uniform(math.log(low), math.log(high))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final, Literal
 
 BackEmf = Literal["none", "current", "voltage"]
@@ -96,40 +96,23 @@ class Truth:
     """The program's own plant moves the servo, with these; not with a transmission"""
 
     def __post_init__(self) -> None:
-        above = ("inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed")
-        for name in above:
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value}; give a finite value above 0")
-        for name in (
-            "damping",
-            "coulomb",
-            "delay",
-            "current_bandwidth",
-            "torque_step",
-            "counts_per_rev",
-            "backlash",
-            "load_inertia",
-            "transmission_damping",
-            "transmission_backlash",
-            "load_friction",
-        ):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value}; give a finite value from 0 up")
+        above = ["inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed"]
+        if self.load_inertia:
+            above.append("transmission_stiffness")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, (int, float)):
+                continue
+            if not 0.0 <= value < math.inf or (field.name in above and value == 0.0):
+                least = "above 0" if field.name in above else "from 0 up"
+                raise ValueError(f"{field.name} is {value}; give a finite value {least}")
         if self.load_friction > 1.0:
             raise ValueError(f"load_friction is {self.load_friction}; give a fraction, 0 to 1")
-        if self.load_inertia:
-            if not self.load_inertia < self.inertia:
-                raise ValueError(
-                    f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less"
-                    f" than {self.inertia}"
-                )
-            if not 0.0 < self.transmission_stiffness < math.inf:
-                raise ValueError(
-                    f"transmission_stiffness is {self.transmission_stiffness}; with a load_inertia"
-                    " give a finite value above 0"
-                )
+        if not self.load_inertia < self.inertia:
+            raise ValueError(
+                f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less than"
+                f" {self.inertia}"
+            )
 
     @property
     def flexible(self) -> bool:

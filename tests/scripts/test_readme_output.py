@@ -1,0 +1,16 @@
+"""The output that pages show is what the program says."""
+
+import pytest
+
+from scripts import readme_output
+from tests.docs.test_commands import folder  # noqa: F401 - a fixture
+
+
+@pytest.mark.usefixtures("folder")
+def test_what_is_shown_is_what_the_program_says() -> None:
+    stale = [
+        page.name
+        for page in readme_output.pages()
+        if readme_output.renewed(page, False) != page.read_text()
+    ]
+    assert not stale, "run scripts/study readme_output"
