@@ -196,8 +196,8 @@ def _wall_cells(some: list[Tried]) -> list[object]:
     return [
         sum(each.drawn for each in some),
         n,
-        f"{in_time} (>{100.0 * lower_bound(in_time, n):.0f} %)" if n else "",
-        f"{max(late):.2f} s" if late else "",
+        f"{in_time} (>{lower_bound(in_time, n):.2g})" if n else "",
+        f"{max(late):.2f}" if late else "",
         sum(one.never for one in found),
         sum(one.unseen for one in found),
         sum(one.trip is not None for one in found),

@@ -82,8 +82,8 @@ def test_lines_count_what_is_late_and_what_grows_and_examples_run_again() -> Non
         (there, Tried(3, [answered(after=0.3)])),
     ]
     lines = list(part.lines(found))
-    assert lines[2].startswith(f"|{PRESETS[0]}|3|2|1 (>3 %)|0.50 s|0|0|0|2/2|")
-    assert lines[-1].startswith("|all|6|3|2 (>14 %)|0.50 s|0|0|0|2/3|")
+    assert lines[2].startswith(f"|{PRESETS[0]}|3|2|1 (>0.025)|0.50|0|0|0|2/2|")
+    assert lines[-1].startswith("|all|6|3|2 (>0.14)|0.50|0|0|0|2/3|")
     assert len({line.count("|") for line in lines}) == 1
     assert part.examples is not None
     told = dict(part.examples(found))
