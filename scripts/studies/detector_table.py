@@ -249,7 +249,8 @@ def _lines(found: Found[Job, Tried], names: tuple[str, ...]) -> Iterator[str]:
 def _faults(found: Found[Job, Tried]) -> Iterator[tuple[str, object]]:
     """Yield what is wrong with each case at fault, and the case."""
     for _, row in found:
-        for one in (*row.walls, *row.hands):
+        both: list[Answered | Held] = [*row.walls, *row.hands]
+        for one in both:
             if one.faults:
                 yield one.faults, one.case
 

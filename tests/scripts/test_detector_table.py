@@ -13,6 +13,7 @@ from haptic_wall.controller.settings.load import load_config
 from scripts.rates import lower_bound, most_per_hour, upper_bound
 from scripts.studies.detector_table import KINDS_TRIED, STUDY, Tried, jobs, tried
 from scripts.study import Kept, usual
+from tests.scripts.computed import stale
 from tests.support.cases_drawn import KINDS, LAGS, LAWS, PRESETS, draw_law, draw_servo
 from tests.support.trial import Case, WallAsked
 from tests.support.truth import RealEffects, Truth
@@ -118,3 +119,8 @@ def test_a_section_runs_and_its_rows_are_kept(name: str, tmp_path: Path) -> None
     again = Kept(tmp_path / "rows").rows(part, [job])[0]
     assert repr(again) == repr(row)
     assert len(list(part.lines([(job, row)]))) > 2
+
+
+@pytest.mark.whole
+def test_the_page_is_what_is_computed() -> None:
+    assert stale(STUDY, ["limit"], walls=4, hours=0.1) == [], "run scripts/study detector_table"

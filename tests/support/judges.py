@@ -98,8 +98,8 @@ class OwnOscillation:
     """End of the trial [s]"""
     tripped: bool
     """A trip has ended it"""
-    final: float
-    """Amplitude of the last half-cycle that began in the last quarter; 0: there was none [rad]"""
+    largest: float
+    """Amplitude of the largest half-cycle; those below a quarter of the threshold are 0 [rad]"""
     stiffness: float
     """Commanded at the onset [N·m/rad]; NaN: there was no onset"""
 
@@ -133,7 +133,6 @@ def own_oscillation(trial: Trial, belief: Belief, *, counts_per_rev: int = 4096)
     cycles = half_cycles(trial, 0.0, _RIPPLE * threshold)
     ended = trial.output.size * trial.period
     above = cycles.amplitude > threshold
-    final = cycles.amplitude[cycles.begin_s > 0.75 * ended]
     kept_on = np.zeros_like(above)
     kept_on[:-2] = cycles.sustained[2:]
     begins = above & kept_on
@@ -152,7 +151,7 @@ def own_oscillation(trial: Trial, belief: Belief, *, counts_per_rev: int = 4096)
         deadline_s=deadline,
         ended_s=ended,
         tripped=trial.trip is not None,
-        final=float(final[-1]) if final.size else 0.0,
+        largest=float(cycles.amplitude.max(initial=0.0)),
         stiffness=stiffness,
     )
 
@@ -175,8 +174,6 @@ class Ending:
     amplitude: float
     """Amplitude of the smallest half-cycle in the window [rad]; 0 where there were fewer than
     four"""
-    frequency_hz: float
-    """NaN where there were fewer than four"""
     quiet: float
     """Fraction of the window's ticks in which the detector says quiet or decaying [1]"""
 
@@ -196,13 +193,13 @@ def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -
     # The first one begins anywhere; gaps longer than twice the usual mean rest.
     amplitude, end_s = cycles.amplitude[1:], cycles.end_s[1:]
     if amplitude.size < 4:
-        return Ending(0.0, math.nan, quiet)
+        return Ending(0.0, quiet)
     length = np.diff(end_s)
     rests = float(np.max(length)) > 3.0 * float(np.median(length))
     left = trial.output.size * trial.period - float(end_s[-1])
     stopped = left > 3.0 * float(np.median(length))
     smallest = 0.0 if rests or stopped else float(amplitude.min())
-    return Ending(smallest, 0.5 / float(np.median(length)), quiet)
+    return Ending(smallest, quiet)
 
 
 def small(trial_counts: int = 4096) -> float:

@@ -95,6 +95,7 @@ def oscillation(case: Case) -> Answered | None:
     if not own.judged or not own.in_time:
         trial = replace(case, duration_s=case.duration_s + _LONGER_S).run()
         own = own_oscillation(trial, belief, counts_per_rev=counts)
+    at_alarm, after = _grown(trial)
     over = own.ended_s if own.tripped else own.decays_s
     return Answered(
         case=case,
@@ -103,7 +104,9 @@ def oscillation(case: Case) -> Answered | None:
         never=not (own.in_time or own.tripped) and own.decays_s > own.ended_s - WINDOW_S,
         trip=trial.trip,
         unseen=unseen(trial),
-        **_alarm(trial),
+        alarm_s=trial.first_alarm_s,
+        at_alarm=at_alarm,
+        after=after,
     )
 
 
@@ -117,6 +120,7 @@ def small_cycle(case: Case) -> Answered | None:
     trial = replace(case, duration_s=_SMALL_CYCLE_S).run()
     deadline_s = trial.output.size * trial.period - WINDOW_S
     below_s = time_above_s(trial, small())
+    at_alarm, after = _grown(trial)
     in_time = trial.trip is None and below_s < deadline_s
     return Answered(
         case=case,
@@ -125,7 +129,9 @@ def small_cycle(case: Case) -> Answered | None:
         never=trial.trip is None and not in_time,
         trip=trial.trip,
         unseen=unseen(trial),
-        **_alarm(trial),
+        alarm_s=trial.first_alarm_s,
+        at_alarm=at_alarm,
+        after=after,
         unseen_s=longest_unseen_s(trial),
         named=bool(trial.oscillation["backlash"]),
     )
@@ -143,19 +149,18 @@ def controlled(case: Case) -> Answered:
     late = float(away[round(_CYCLES * cycle) :].max(initial=0.0))
     saturated = bool(np.any(trial.saturated[round(0.5 * cycle) :]))
     held = trial.trip is None and not saturated and late <= WORSE * case.position
-    return Answered(
-        case, held, 0.0, not held and trial.trip is None, trial.trip, False, **_alarm(trial)
-    )
+    never = not held and trial.trip is None
+    alarm = (trial.first_alarm_s, *_grown(trial))
+    return Answered(case, held, 0.0, never, trial.trip, False, *alarm)
 
 
-def _alarm(trial: Trial) -> dict[str, float]:
-    """Return the time of the alarm, and the largest distance from the surface before and after."""
+def _grown(trial: Trial) -> tuple[float, float]:
+    """Return the largest distance from the surface until the alarm, and after it [rad]."""
     if math.isnan(trial.first_alarm_s):
-        return {"alarm_s": math.nan, "at_alarm": math.nan, "after": math.nan}
+        return math.nan, math.nan
     away = np.abs(trial.output)
     at = min(max(1, round(trial.first_alarm_s / trial.period)), away.size)
-    largest, after = float(away[:at].max()), float(away[at:].max(initial=0.0))
-    return {"alarm_s": trial.first_alarm_s, "at_alarm": largest, "after": after}
+    return float(away[:at].max()), float(away[at:].max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)
