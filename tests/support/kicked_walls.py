@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,12 +17,9 @@ from tests.support.operators import draw_grips, wanted_motion
 from tests.support.truth import COUNT
 
 PERIOD = 1e-3
-_TOGETHER = 80
-"""Walls of similar frequency simulated together: the slowest sets the duration."""
 _LOOK = 400
 _FAR = 1e12
 """Counts beyond which a diverging motion is no longer followed."""
-_MOST_PERIODS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,47 +34,65 @@ class Trace:
     """True position of the shaft a period later [rad]"""
 
 
+Drive = Callable[[int, IntArray, FloatArray, FloatArray], FloatArray]
+"""Torque of operators [N·m], from the period, who they are, position [rad] and velocity [rad/s]"""
+
+
 def kicked(walls: Walls, kick: FloatArray, cycles: float, until: float = np.inf) -> list[Trace]:
     """Release servos at rest, ``kick`` from the wall, and record them.
 
     Args:
         walls: Walls with an encoder and stiffness > 0.
         kick: > 0 [rad].
-        cycles: Oscillations of the undamped spring to record.
+        cycles: Oscillations of the slowest undamped spring to record.
         until: Amplitude in kicks (but at least 20 counts) at which the recording may end.
     """
-    cycle = 2.0 * np.pi * np.sqrt(walls.inertia / walls.stiffness) / walls.period
-    order = np.argsort(cycle)
+    slowest = 2.0 * np.pi * np.sqrt(np.max(walls.inertia / walls.stiffness)) / PERIOD
+    enough = np.maximum(until * kick, 20.0 / walls.counts_per_radian)
+    return _recorded(walls, int(cycles * slowest + 500), kick, enough)
+
+
+def handled(walls: Walls, hand: str, periods: int, random: np.random.Generator) -> list[Trace]:
+    """Record walls that operators of a kind (``operators.HANDS``) move, from rest."""
+    spring, damper = draw_grips(walls.inertia, random)
+    wanted = wanted_motion(hand, walls.size, periods, random)
+    speed = np.diff(wanted, axis=0, append=wanted[-1:]) / PERIOD
+
+    def drive(k: int, who: IntArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        drag: FloatArray = damper[who] * (speed[k, who] - velocity)
+        return drag + spring[who] * (wanted[k, who] - position)
+
+    return _recorded(walls, periods, np.zeros(walls.size), np.full(walls.size, np.inf), drive)
+
+
+def _recorded(
+    walls: Walls, periods: int, kick: FloatArray, enough: FloatArray, drive: Drive | None = None
+) -> list[Trace]:
+    """Record each wall until its amplitude is enough [rad]."""
     traces: dict[int, Trace] = {}
-    for part in np.array_split(order, -(-walls.size // _TOGETHER)):
-        some = walls.take(part)
-        for index in blocks(some):
-            who = part[index]
-            length = int(min(cycles * cycle[who].max() + 500, _MOST_PERIODS))
-            enough = np.maximum(until * kick[who], 20.0 / walls.counts_per_radian[who])
-            recorded = _record(Loops(some.take(index), kick[who].copy()), length, enough)
-            traces.update(zip(who.tolist(), recorded, strict=True))
+    for who in blocks(walls):
+        loops = Loops(walls.take(who), kick[who].copy())
+        rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+
+        def watch(loops: Loops = loops, rows: list[Any] = rows) -> None:
+            place = loops.bodies.position.copy()
+            rows.append((loops.measured / COUNT, loops.torque.copy(), place))
+
+        ends = np.full(who.size, periods)
+        with np.errstate(over="ignore", invalid="ignore"):  # what has grown out of all bounds
+            while loops.k < periods and (ends == periods).any():
+                if drive is not None:
+                    bodies = loops.bodies
+                    loops.hand = drive(loops.k, who, bodies.position, bodies.velocity)
+                begin = loops.k
+                loops.run(min(_LOOK if drive is None else 1, periods - begin), watch)
+                reached = np.max(np.abs([row[2] for row in rows[begin:]]), axis=0) > enough[who]
+                ends[(ends == periods) & reached] = loops.k
+        counts, torques, positions = np.array(rows).transpose(1, 2, 0)
+        whole = np.rint(np.clip(np.nan_to_num(counts), -_FAR, _FAR)).astype(np.int64)
+        for i, end in enumerate(ends.tolist()):
+            traces[int(who[i])] = Trace(whole[i, :end], torques[i, :end], positions[i, :end])
     return [traces[i] for i in range(walls.size)]
-
-
-def _record(loops: Loops, length: int, enough: FloatArray) -> list[Trace]:
-    counts, torques, positions = [], [], []
-    ends = np.full(enough.size, length)
-    open_ = np.ones(enough.size, dtype=np.bool_)
-
-    def watch() -> None:
-        counts.append(loops.measured.copy())
-        torques.append(loops.torque.copy())
-        positions.append(loops.bodies.position.copy())
-
-    with np.errstate(over="ignore", invalid="ignore"):  # what has grown out of all bounds
-        while loops.k < length and open_.any():
-            begin = loops.k
-            loops.run(min(_LOOK, length - begin), watch)
-            reached = np.max(np.abs(positions[begin:]), axis=0) > enough
-            ends[open_ & reached] = loops.k
-            open_ &= ~reached
-    return as_traces(loops, counts, torques, positions, ends)
 
 
 def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
@@ -97,88 +114,6 @@ def steady_oscillation(position: FloatArray, period: float) -> tuple[float, floa
         return None
     frequency = (crossings.size - 1) / ((crossings[-1] - crossings[0]) * period)
     return float(frequency), float(0.5 * spans.mean())
-
-
-def as_traces(
-    loops: Loops,
-    counts: list[FloatArray],
-    torques: list[FloatArray],
-    positions: list[FloatArray],
-    ends: IntArray,
-) -> list[Trace]:
-    """Return traces of the walls, recorded period by period, each until its end."""
-    per_radian = loops.walls.counts_per_radian
-    columns = np.nan_to_num(np.array(counts).T * per_radian[:, None])
-    whole = np.rint(np.clip(columns, -_FAR, _FAR)).astype(np.int64)
-    return [
-        Trace(whole[i, :end], torque[:end], position[:end])
-        for i, (torque, position, end) in enumerate(
-            zip(np.array(torques).T, np.array(positions).T, ends.tolist(), strict=True)
-        )
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class Hands:
-    """An operator on each wall: a spring and damper toward a moving reference."""
-
-    spring: FloatArray
-    """Shape (n,) [N·m/rad]"""
-    damper: FloatArray
-    """Shape (n,) [N·m·s/rad]"""
-    wanted: FloatArray
-    """Its reference, shape (periods, n) [rad]"""
-    speed: FloatArray
-    """Speed of the reference, the same shape [rad/s]"""
-
-    def torque(
-        self, k: int, who: IntArray, position: FloatArray, velocity: FloatArray
-    ) -> FloatArray:
-        """Return the torque of the operators ``who`` in period ``k`` [N·m]."""
-        drag: FloatArray = self.damper[who] * (self.speed[k, who] - velocity)
-        drag += self.spring[who] * (self.wanted[k, who] - position)
-        return drag
-
-
-def draw_hands(walls: Walls, hand: str, periods: int, random: np.random.Generator) -> Hands:
-    """Draw an operator for each wall.
-
-    Args:
-        walls: Their inertia decides an operator's strength.
-        hand: One of ``HANDS``: voluntary motion of several frequencies up to 10 Hz; one rhythm of
-            1 to 10 Hz; tremor of 8 to 12 Hz while leaning; tapping; leaning.
-        periods: Duration of the motion.
-        random: Draws properties and changes.
-    """
-    spring, damper = draw_grips(walls.inertia, random)
-    wanted = wanted_motion(hand, walls.size, periods, random)
-    speed = np.diff(wanted, axis=0, append=wanted[-1:]) / walls.period
-    return Hands(spring, damper, wanted, speed)
-
-
-def handled(walls: Walls, hands: Hands) -> list[Trace]:
-    """Record walls that operators move, from rest.
-
-    Args:
-        walls: Walls with an encoder and stiffness > 0.
-        hands: One for each.
-    """
-    periods = hands.wanted.shape[0]
-    traces: dict[int, Trace] = {}
-    for index in blocks(walls):
-        loops = Loops(walls.take(index), np.zeros(index.size))
-        counts, torques, positions = [], [], []
-        for k in range(periods):
-            bodies = loops.bodies
-            loops.hand = hands.torque(k, index, bodies.position, bodies.velocity)
-            loops.run(1)
-            counts.append(loops.measured.copy())
-            torques.append(loops.torque.copy())
-            positions.append(bodies.position.copy())
-        ends = np.full(index.size, periods)
-        recorded = as_traces(loops, counts, torques, positions, ends)
-        traces.update(zip(index.tolist(), recorded, strict=True))
-    return [traces[i] for i in range(walls.size)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,6 @@ from haptic_wall.hw.clock import SimulatedClock
 from tests.cases import sampled
 from tests.support.kicked_walls import (
     Trace,
-    draw_hands,
     handled,
     kicked,
     listen,
@@ -180,8 +179,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
 @pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
-    hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
-    for i, trace in enumerate(handled(walls, hands)):
+    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(8))):
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
@@ -189,8 +187,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
 def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
     walls = some_walls(0.6)
     walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
-    hands = draw_hands(walls, hand, 6000, np.random.default_rng(3))
-    for i, trace in enumerate(handled(walls, hands)):
+    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(3))):
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
