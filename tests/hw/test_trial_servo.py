@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
 from tests.support.operators import NOBODY, Operator, operator_of
 from tests.support.trial_servo import TrialServo
-from tests.support.truth import COUNT, RealEffects, Truth
+from tests.support.truth import COUNT, Truth
 
 SERVO = Truth(0.012, 0.012, 0.09, counts_per_rev=0, torque_limit=100.0)
 Torque = Callable[[float], float]
@@ -86,15 +85,7 @@ def test_a_lag_is_kept_to_the_nanosecond() -> None:
 
 def test_with_every_effect_it_is_the_same_servo_where_they_are_nothing() -> None:
     truth = Truth(0.011, 0.012, 0.06, torque_gain=1.2, delay=2.3e-3, counts_per_rev=0)
-    sizes: dict[str, Any] = {
-        **{field.name: 0 for field in fields(RealEffects)},
-        "stribeck_exponent": 1.0,
-        "damping_back": truth.damping,
-        "cogging_periods": 1.0,
-        "torque_ripple_periods": 1.0,
-        "current_bandwidth": 5000.0,
-    }
-    real = replace(truth, real=RealEffects(**sizes))
+    real = replace(truth, real={"current_bandwidth": 5000.0})
     hand = operator_of(6.0, 0.1, 0.3 * np.sin(np.arange(400) * 0.03), push=0.2)
     ends = [
         run(one, lambda time: 0.5 * math.sin(50.0 * time), 600, hand, position=0.1)

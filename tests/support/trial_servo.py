@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import asdict
+from typing import Any
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.plant.mechanism import Mechanism
@@ -18,7 +18,7 @@ from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import TrueServo
 from tests.support.body import Body
 from tests.support.operators import NOBODY, NOTHING, Operator
-from tests.support.truth import RealEffects, Truth
+from tests.support.truth import Truth
 
 _OK = Outcome.OK
 _NEVER_NS = 1 << 62
@@ -85,7 +85,7 @@ class TrialServo:
             if operator.mass:
                 raise ValueError(f"the operator's mass is {operator.mass}; the plant takes none")
             self._plant = Mechanism(
-                true_servo(truth, truth.real, position),
+                true_servo(truth, position),
                 self._time_ns,
                 velocity=velocity,
                 operator=_Rows(operator) if operator.rows else None,
@@ -124,26 +124,12 @@ class TrialServo:
         self._reading = Reading(_OK, position, counts, now_ns, math.nan, False)
 
     def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
-        """The sample of the last ``request``, at once.
-
-        Raises:
-            RuntimeError: There was no request.
-        """
-        reading = self._reading
-        if reading is None:
-            raise RuntimeError("a reading was collected without a request; call request first")
-        self._reading = None
-        return reading
+        """Return the sample of the last ``request``, at once."""
+        assert self._reading is not None, "call request first"
+        return self._reading
 
     def write(self, torque: float) -> float:
-        """Command a torque [N·m]; it acts ``truth.delay`` later.
-
-        Returns:
-            The torque after limit and rounding [N·m].
-
-        Raises:
-            ValueError: The torque is not a finite number.
-        """
+        """Command a torque that acts ``truth.delay`` later; return it limited and rounded [N·m]."""
         truth = self.truth
         if self._plant is not None:
             gain = truth.torque_gain
@@ -213,12 +199,13 @@ class TrialServo:
             self._next_ns = _NEVER_NS
 
 
-def true_servo(truth: Truth, real: RealEffects, position: float) -> TrueServo:
+def true_servo(truth: Truth, position: float) -> TrueServo:
     """Return the plant's description of a servo at a position [rad].
 
     The lag of the current loop is a part of ``truth.delay``.
     """
-    lag = 1.0 / (math.tau * real.current_bandwidth)
+    real: dict[str, Any] = truth.real or {}
+    lag = 1.0 / (math.tau * real["current_bandwidth"])
     return TrueServo(
         inertia=truth.inertia,
         damping=truth.damping,
@@ -231,7 +218,7 @@ def true_servo(truth: Truth, real: RealEffects, position: float) -> TrueServo:
         back_emf=truth.back_emf == "current",
         no_load_speed=truth.no_load_speed,
         position=position,
-        **asdict(real),
+        **real,
     )
 
 

@@ -15,35 +15,6 @@ COUNT: Final = math.tau / COUNTS_PER_REV
 
 
 @dataclass(frozen=True, slots=True)
-class RealEffects:
-    """Effects of a real servo, by the names and in the units of ``haptic_wall.hw.settings``."""
-
-    static_friction: float
-    stribeck_speed: float
-    stribeck_exponent: float
-    damping_back: float
-    load_friction: float
-    load_friction_at_rest: float
-    gravity: float
-    gravity_angle: float
-    cogging: float
-    cogging_periods: float
-    cogging_phase: float
-    torque_ripple: float
-    torque_ripple_periods: float
-    torque_ripple_phase: float
-    encoder_eccentricity: float
-    encoder_phase: float
-    encoder_noise: float
-    noise_seed: int
-    current_bandwidth: float
-    """Above 0"""
-    current_period: float
-    current_droop: float
-    dead_band: float
-
-
-@dataclass(frozen=True, slots=True)
 class Truth:
     """A servo: rigid, or a motor and a load joined by a flexible transmission.
 
@@ -92,8 +63,9 @@ class Truth:
     """Fraction of both frictions that acts on the load instead of the motor [1]"""
     encoder: Encoder = "output"
     """Side of the transmission with the encoder. An operator and the output are on the load"""
-    real: RealEffects | None = None
-    """The program's own plant moves the servo, with these; not with a transmission"""
+    real: dict[str, int | float] | None = None
+    """The program's own plant moves the servo, with these values of ``haptic_wall.hw.settings``, a
+    current bandwidth above 0 among them; not with a transmission"""
 
     def __post_init__(self) -> None:
         above = ["inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed"]

@@ -28,7 +28,7 @@ from tests.support.real_servos import (
     STATIC,
     STRIBECK,
 )
-from tests.support.truth import BackEmf, RealEffects, Truth
+from tests.support.truth import BackEmf, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""
@@ -109,30 +109,30 @@ def draw_real(
     delay = draw_lag(bench, lags, random)
     periods = random.integers(*PERIODS, 2, endpoint=True).astype(np.float64).tolist()
     phases = random.uniform(-math.pi, math.pi, 4).tolist()
-    real = RealEffects(
-        static_friction=truth.coulomb * random.uniform(*STATIC),
-        stribeck_speed=random.uniform(*STRIBECK),
-        stribeck_exponent=random.uniform(*EXPONENT),
-        damping_back=truth.damping * _within(BACKWARD, random),
-        load_friction=random.uniform(*LOAD),
-        load_friction_at_rest=random.uniform(*LOAD_AT_REST),
-        gravity=truth.coulomb * random.uniform(0.0, 0.8),
-        gravity_angle=phases[0],
-        cogging=truth.coulomb * random.uniform(0.0, COGGING),
-        cogging_periods=periods[0],
-        cogging_phase=phases[1],
-        torque_ripple=random.uniform(0.0, RIPPLE),
-        torque_ripple_periods=periods[1],
-        torque_ripple_phase=phases[2],
-        encoder_eccentricity=random.uniform(0.0, ECCENTRICITY),
-        encoder_phase=phases[3],
-        encoder_noise=random.uniform(0.0, NOISE),
-        noise_seed=int(random.integers(1 << 31)),
-        current_bandwidth=_within(BANDWIDTH, random),
-        current_period=random.uniform(0.0, LOOP_PERIOD),
-        current_droop=random.uniform(0.0, DROOP),
-        dead_band=bench.torque_limit * random.uniform(0.0, DEAD_BAND),
-    )
+    real: dict[str, int | float] = {
+        "static_friction": truth.coulomb * random.uniform(*STATIC),
+        "stribeck_speed": random.uniform(*STRIBECK),
+        "stribeck_exponent": random.uniform(*EXPONENT),
+        "damping_back": truth.damping * _within(BACKWARD, random),
+        "load_friction": random.uniform(*LOAD),
+        "load_friction_at_rest": random.uniform(*LOAD_AT_REST),
+        "gravity": truth.coulomb * random.uniform(0.0, 0.8),
+        "gravity_angle": phases[0],
+        "cogging": truth.coulomb * random.uniform(0.0, COGGING),
+        "cogging_periods": periods[0],
+        "cogging_phase": phases[1],
+        "torque_ripple": random.uniform(0.0, RIPPLE),
+        "torque_ripple_periods": periods[1],
+        "torque_ripple_phase": phases[2],
+        "encoder_eccentricity": random.uniform(0.0, ECCENTRICITY),
+        "encoder_phase": phases[3],
+        "encoder_noise": random.uniform(0.0, NOISE),
+        "noise_seed": int(random.integers(1 << 31)),
+        "current_bandwidth": _within(BANDWIDTH, random),
+        "current_period": random.uniform(0.0, LOOP_PERIOD),
+        "current_droop": random.uniform(0.0, DROOP),
+        "dead_band": bench.torque_limit * random.uniform(0.0, DEAD_BAND),
+    }
     backlash = random.uniform(0.0, bench.belief.backlash.high or _ARC_MINUTES)
     return replace(truth, delay=delay, backlash=backlash, real=real)
 
