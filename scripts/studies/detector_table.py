@@ -219,7 +219,8 @@ def _hand_cells(some: list[Tried]) -> list[object]:
 
 
 def _hourly(events: int, hours: float) -> str:
-    return f"{events / hours:.2g} (<{most_per_hour(events, hours):.2g})"
+    most = most_per_hour(events, hours)
+    return f"{events / hours:.2g} (<{f'{most:.2g}' if most < 10.0 else round(most)})"
 
 
 def _table(found: Found[Job, Tried], name: str) -> Iterator[str]:

@@ -60,7 +60,8 @@ def handled(walls: Walls, hand: str, periods: int, random: np.random.Generator) 
 
     def drive(k: int, who: IntArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
         drag: FloatArray = damper[who] * (speed[k, who] - velocity)
-        return drag + spring[who] * (wanted[k, who] - position)
+        drag += spring[who] * (wanted[k, who] - position)
+        return drag
 
     return _recorded(walls, periods, np.zeros(walls.size), np.full(walls.size, np.inf), drive)
 
