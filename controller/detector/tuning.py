@@ -1023,7 +1023,7 @@ class StreakTuning:
         0.525,
         "counts",
         "and by this much more, by the amplitude.",
-        "measured: finished-investigations, after a kick: half as much again as `energy.loss_counts`",
+        "measured: finished-investigations, after a kick: 1.5 times `energy.loss_counts`",
         off=0.0,
     )
     inertia: float = tuned(
