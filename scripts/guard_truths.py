@@ -29,10 +29,10 @@ from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
+from scripts.rates import upper_bound
 from scripts.study import Found, Given, Part, table
-from scripts.trials.rates import upper_bound
-from scripts.trials.truth import COUNT
 from tests.support.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
+from tests.support.truth import COUNT
 
 PERIOD = 1e-3
 COUNTS = 4

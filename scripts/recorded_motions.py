@@ -12,7 +12,7 @@ from haptic_wall.controller.experiments.recorded.estimate import Pendulum
 from haptic_wall.controller.experiments.recorded.record import Stretch, read_record
 from haptic_wall.controller.experiments.recorded.swing import Pieces, positions
 from haptic_wall.controller.theory.checks import FloatArray
-from scripts.trials.truth import COUNT
+from tests.support.truth import COUNT
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "xl330-pendulum"
 PENDULUM = Pendulum(0.49, 0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -95,3 +96,12 @@ def test_the_theory_loads_nothing_of_the_hardware() -> None:
     assert [
         module for module in outside if not module.startswith("haptic_wall.controller.theory")
     ] == ["haptic_wall.controller"]
+
+
+def test_only_tests_of_the_scripts_import_scripts() -> None:
+    found = [
+        str(path.relative_to(ROOT))
+        for path in (ROOT / "tests").rglob("*.py")
+        if re.search(r"^\s*(from|import) (scripts|tests\.scripts)\b", path.read_text(), re.M)
+    ]
+    assert [path for path in found if not path.startswith("tests/scripts/")] == []

@@ -29,9 +29,9 @@ WALLS = "measured: detector-table, Walls that oscillate by themselves"
 HANDS = "measured: detector-table, Hours of operators"
 WALLS_HANDS = "measured: detector-table, Walls that oscillate by themselves and Hours of operators"
 BACKLASH = "measured: detector-table, Small limit cycles of backlash"
-KICKS = "measured: detector-table, After a kick"
-KICKS_HANDS = "measured: detector-table, After a kick and Hands on walls at nine tenths"
-CYCLES = "measured: detector-table, Sustained oscillations and Hands on walls at nine tenths"
+KICKS = "measured: finished-investigations, after a kick"
+KICKS_HANDS = "measured: finished-investigations, after a kick and believed hands"
+CYCLES = "measured: finished-investigations, sustained oscillations and believed hands"
 ANSWERS = (
     "measured: of 96 answers of walls 95 are so, of 24 longer ones of hands 6 (leaving out that of"
     " a motion that became smaller)"
@@ -39,7 +39,7 @@ ANSWERS = (
 CONTACT_ANSWERS = (
     "measured: of 19 answers of bouncing walls 16 are so, of 17 longer ones of hands 6"
 )
-RECORDINGS = "measured: detector-table, Recordings made elsewhere"
+RECORDINGS = "measured: finished-investigations, recordings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +253,7 @@ class EvidenceTuning:
         "No hand gives the wall more power than this over the cube of the frequency: 40 W at 7 Hz,"
         " 14 W at 10 Hz. The torque of a muscle, and the distance that the mass of a hand goes,"
         " both fall with the frequency.",
-        "measured: detector-table, Hours of operators: up to 23 W at 7 Hz in thirty hours",
+        "measured: finished-investigations, hours of operators: up to 23 W at 7 Hz in thirty hours",
         off=ANY,
     )
 
@@ -915,7 +915,7 @@ class BeliefTuning:
         "1",
         "The last half-cycle grows by at least this fraction of the mean: a hand's motion grows and"
         " then stays.",
-        "measured: detector-table, Hands on walls at nine tenths of their limit",
+        "measured: finished-investigations, believed hands",
         off=-ANY,
     )
     grown_evenly: tuple[tuple[int, float], ...] = tuned(
@@ -1023,7 +1023,7 @@ class StreakTuning:
         0.525,
         "counts",
         "and by this much more, by the amplitude.",
-        "measured: detector-table, After a kick: half as much again as `energy.loss_counts`",
+        "measured: finished-investigations, after a kick: 1.5 times `energy.loss_counts`",
         off=0.0,
     )
     inertia: float = tuned(
@@ -1115,7 +1115,7 @@ class EnergyTuning:
         0.35,
         "counts",
         "and to this much more, by the amplitude.",
-        "measured: detector-table, After a kick",
+        "measured: finished-investigations, after a kick",
         off=0.0,
     )
 

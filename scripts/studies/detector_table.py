@@ -1,197 +1,291 @@
-"""Tries the oscillation detector on walls and hands drawn at random.
+"""Tries the oscillation detector on walls, laws, links and operators drawn at random.
 
     scripts/study detector_table
 
-The thresholds were chosen on the walls and hands of some seeds; a later seed had no part in it.
+The thresholds were chosen on the draws of seeds up to 71: judge a change of the detector by a seed
+that no change was made for. ``--examples`` writes each case at fault. It runs again with the
+names of ``tests.support``: ``oscillation(case)`` or ``held(case)`` of ``verdicts``.
 """
 
+from __future__ import annotations
+
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from scripts.rates import lower_bound, most_per_hour
 from scripts.study import Found, Given, Option, Part, Study
-from scripts.trials.beyond_ceiling import CEILING
-from scripts.trials.beyond_limit import LIMIT
-from scripts.trials.bouncing import BOUNCES
-from scripts.trials.detector_trials import (
-    NAMES,
-    HandTrial,
-    KickTrial,
-    SustainedTrial,
-    hand_trials,
-    kick_trials,
-    sustained_trials,
+from tests.support import cases_drawn, links_drawn
+from tests.support.cases_drawn import KINDS, LAGS, LAW_HANDS, LAWS, PRESETS, WALLS
+from tests.support.links_drawn import PLANTS, SHARES
+from tests.support.operators import HANDS, HARDER
+from tests.support.trial import Case
+from tests.support.verdicts import (
+    WORSE,
+    Answered,
+    Held,
+    controlled,
+    held,
+    oscillation,
+    small_cycle,
 )
-from scripts.trials.hand_hours import HOURS
-from scripts.trials.hands import HANDS
-from scripts.trials.laws import LAW_ROWS
-from scripts.trials.own_walls import WALLS
-from scripts.trials.real_rows import REAL
-from scripts.trials.recordings import RECORDINGS
-from scripts.trials.sections import HOURS_TRIED, WALLS_TRIED
-from scripts.trials.small_cycles import BACKLASH_CYCLES
-from scripts.trials.truth import COUNT
 
-KICKS, KEPT = "kicks", "sustained"
-SHARES = (0.6, 0.9, 1.2, 1.5, 2.0, 3.0)
-WALLS_A_TASK, HANDS_A_TASK, HAND_S = 50, 20, 60.0
-TASKS, QUICK_TASKS = (6, 2, 4), (2, 1, 1)
-"""Parts of kicks, of sustained oscillations, and of each hand"""
-CHOSEN_ON, SEED = (1, 2), 3
-"""Seeds whose walls and hands the detector's thresholds were chosen on, and one that had no part in
-it; after a threshold is changed because of its results, it must be another one."""
-QUICK = 5
-"""By what a part of the quick run has fewer walls, and shorter hands"""
-
-Trials = list[KickTrial] | list[SustainedTrial] | list[HandTrial]
-Task = tuple[str, int, int, float]
-"""Kicks, sustained oscillations, or a hand; number of walls, seed, and length of a trial [s]"""
+_HAND_S, _LAW_HAND_S = 60.0, 45.0
+"""Longest trials with an operator [s]"""
+_HARDER, _REAL, _LAW = 0.1, 0.2, 0.1
+"""Hours of a harder operator, on servos with every effect, and on a law, relative to ``--hours``"""
 
 
-def tasks(given: Given) -> Iterator[Task]:
-    """Yield the tasks; the same for the same seed."""
-    fewer = QUICK if given.quick else 1
-    seeds = iter(range(1000 * given.seed, 1000 * given.seed + 1000))
-    kick_tasks, kept_tasks, hand_tasks = QUICK_TASKS if given.quick else TASKS
-    for kind, count in ((KICKS, kick_tasks), (KEPT, kept_tasks)):
-        yield from ((kind, WALLS_A_TASK // fewer, next(seeds), 0.0) for _ in range(count))
-    for hand in HANDS:
-        for _ in range(hand_tasks):
-            yield hand, HANDS_A_TASK, next(seeds), HAND_S / fewer
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Some cases of a kind; what is drawn depends on these values alone."""
+
+    kind: str
+    values: tuple[Any, ...]
+    """Of the kind's axes"""
+    count: int
+    seconds: float
+    """Longest trial with an operator [s]"""
+    seed: tuple[int, ...]
 
 
-def tried(task: Task) -> Trials:
-    """Do a task."""
-    kind, count, seed, seconds = task
-    if kind == KICKS:
-        return kick_trials(count, seed, SHARES)
-    if kind == KEPT:
-        return sustained_trials(count, seed)
-    return hand_trials(count, seed, kind, seconds)
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """The results of a job."""
+
+    drawn: int
+    walls: list[Answered] = field(default_factory=list)
+    """Those that oscillate by themselves"""
+    hands: list[Held] = field(default_factory=list)
 
 
-def lines(found: Found[Task, Trials]) -> list[str]:
-    """The part of the page on the detector that uses the believed servo."""
-    every = [trial for _, trials in found for trial in trials]
-    kicks = [trial for trial in every if isinstance(trial, KickTrial)]
-    sustained = [trial for trial in every if isinstance(trial, SustainedTrial)]
-    hands = [trial for trial in every if isinstance(trial, HandTrial)]
-    others = " and ".join(map(str, CHOSEN_ON))
-    drawn = (
-        "The detector's thresholds were chosen on these very draws: on others it does worse."
-        if found[0][0][2] // 1000 in CHOSEN_ON
-        else f"The detector's thresholds were chosen on the draws of seeds {others}; these had no"
-        " part in it."
-    )
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Cases that are drawn and judged in the same way."""
+
+    number: int
+    """A part of the seeds"""
+    axes: tuple[Sequence[Any], ...]
+    """Values for which cases are drawn: all combinations"""
+    draw: Callable[..., Case]
+    """Called with the random generator, a value of each axis, and for operators the seconds"""
+    judge: Callable[[Case], Answered | Held | None]
+    together: int = 15
+    """Cases in a job"""
+    walls: Callable[[tuple[int, ...]], int] = lambda _: 1
+    """Walls for each of ``--walls``, by the indices in the axes"""
+    tries: int = 1
+    """Walls drawn for each that oscillates, at most: they are drawn until enough oscillate"""
+    hours: Callable[[tuple[Any, ...]], float] | None = None
+    """Hours for each of ``--hours``, by the values of the axes; None: no operator"""
+    longest_s: float = _HAND_S
+
+
+def _by_lag(indices: tuple[int, ...]) -> int:
+    return indices[-1] + 1
+
+
+KINDS_TRIED = {
+    "walls": Kind(
+        1, (PRESETS, tuple(KINDS), tuple(LAGS)), cases_drawn.draw_wall, oscillation, walls=_by_lag
+    ),
+    "limit": Kind(
+        3, (PRESETS, tuple(LAGS)), cases_drawn.draw_limit, oscillation, walls=lambda _: 2
+    ),
+    "bounces": Kind(4, (PRESETS, WALLS, tuple(LAGS)), cases_drawn.draw_bounces, oscillation),
+    "backlash": Kind(
+        5,
+        (PRESETS,),
+        cases_drawn.draw_small_cycle,
+        small_cycle,
+        together=10,
+        walls=lambda _: 4,
+    ),
+    "real": Kind(
+        7,
+        (PRESETS, tuple(LAGS)),
+        cases_drawn.draw_real_wall,
+        oscillation,
+        together=5,
+        walls=_by_lag,
+    ),
+    "real hands": Kind(
+        8,
+        (PRESETS, HANDS),
+        partial(cases_drawn.draw_held, real=True),
+        held,
+        together=1,
+        hours=lambda _: _REAL,
+    ),
+    "laws": Kind(
+        22, (PRESETS, LAWS), cases_drawn.draw_law_beyond, oscillation, together=5, tries=8
+    ),
+    "law hands": Kind(
+        21,
+        (PRESETS, LAWS, LAW_HANDS),
+        cases_drawn.draw_law_held,
+        held,
+        together=5,
+        hours=lambda _: _LAW,
+        longest_s=_LAW_HAND_S,
+    ),
+    "ceiling": Kind(13, (PRESETS, SHARES), links_drawn.draw_link, oscillation, together=6),
+    "passivity": Kind(31, (PLANTS,), links_drawn.draw_controlled, controlled),
+    "hands": Kind(
+        2,
+        (PRESETS, (*HANDS, *HARDER)),
+        cases_drawn.draw_held,
+        held,
+        together=5,
+        hours=lambda values: _HARDER if values[1] in HARDER else 1.0,
+    ),
+}
+
+
+def jobs(name: str, given: Given) -> Iterator[Job]:
+    """Yield the jobs of a kind of cases, from the options."""
+    kind = KINDS_TRIED[name]
+    seconds, together = kind.longest_s, kind.together
+    if kind.hours is not None and kind.longest_s == _HAND_S:
+        seconds = min(seconds, 3600.0 * given.hours)
+        together = max(1, round(together * _HAND_S / seconds)) if together > 1 else 1
+    for numbered in itertools.product(*map(enumerate, kind.axes)):
+        indices, values = zip(*numbered, strict=True)
+        if kind.hours is None:
+            count = max(1, kind.walls(indices) * int(given.walls))
+        else:
+            count = max(1, round(kind.hours(values) * given.hours * 3600.0 / seconds))
+        # Every share of the ceiling meets the same servos.
+        drawn = indices[:1] if name == "ceiling" else indices
+        for part in range(-(-count // together)):
+            some = min(together, count - part * together)
+            yield Job(name, values, some, seconds, (given.seed, kind.number, *drawn, part))
+
+
+def tried(job: Job) -> Tried:
+    """Draw the cases of a job, and judge them."""
+    kind, random = KINDS_TRIED[job.kind], np.random.default_rng(list(job.seed))
+    values = job.values if kind.hours is None else (*job.values, job.seconds)
+    made = Tried(0)
+    walls, hands, drawn = made.walls, made.hands, 0
+    while drawn < kind.tries * job.count and len(walls) < job.count:
+        case = kind.draw(random, *values)
+        drawn += 1
+        found = kind.judge(case)
+        if isinstance(found, Answered):
+            walls.append(found)
+        elif found is not None:
+            hands.append(found)
+    return Tried(drawn, walls, hands)
+
+
+def _line(*cells: object) -> str:
+    return f"|{'|'.join(map(str, cells))}|"
+
+
+def _wall_cells(some: list[Tried]) -> list[object]:
+    found = [one for each in some for one in each.walls]
+    n, in_time = len(found), sum(one.in_time for one in found)
+    late = [one.late_s for one in found if not (one.in_time or one.never)]
+    alarms = [one for one in found if not math.isnan(one.alarm_s)]
     return [
-        drawn,
-        "",
-        "## After a kick",
-        "",
-        "| K / limit for this kick | walls | motion grows or lasts | alarm | before twice the "
-        "kick | alarm, but the motion dies | amplitude / kick until the alarm, median and "
-        "95 % |",
-        "|---|---|---|---|---|---|---|",
-        *(_kick_row(share, [t for t in kicks if t.share == share]) for share in SHARES),
-        "",
-        "At 1.2 times the limit and above, by servo:",
-        "",
-        "| | walls | alarm | before twice the kick |",
-        "|---|---|---|---|",
-        *(_servo_row(name, [t for t in kicks if t.name == name]) for name in NAMES),
-        _servo_row("B = 0", [t for t in kicks if t.undamped]),
-        _servo_row("kick up to 20 counts", [t for t in kicks if t.kick < 20 * COUNT]),
-        "",
-        "## Sustained oscillations",
-        "",
-        *_sustained(sustained),
-        "",
-        "## Hands on walls at nine tenths of their limit",
-        "",
-        "| hand | walls | hours | alarms | of these, motion goes on without the hand | false |"
-        " walls with a false one | sustained, but too small for an alarm: walls | of these,"
-        " motion goes on without the hand |",
-        "|---|---|---|---|---|---|---|---|---|",
-        *(_hand_row(hand, [t for t in hands if t.hand == hand]) for hand in HANDS),
-        "",
-        "The simulation tells whether the motion goes on. At the alarm the hand lets go, holds"
-        " still, or keeps pushing with its mean force, none of which feeds an oscillation. The"
-        " motion goes on if after one of them at least half of the amplitude is left, and no more"
-        " than 7 % is lost in the last twelve of 60 cycles.",
+        sum(each.drawn for each in some),
+        n,
+        f"{in_time} (>{lower_bound(in_time, n):.2g})" if n else "",
+        f"{max(late):.2f}" if late else "",
+        sum(one.never for one in found),
+        sum(one.unseen for one in found),
+        sum(one.trip is not None for one in found),
+        f"{sum(one.growth <= WORSE for one in alarms)}/{len(alarms)}",
     ]
 
 
-def _percent(part: int, whole: int) -> str:
-    return f"{100.0 * part / whole:.1f} %" if whole else "none"
-
-
-def _kick_row(share: float, trials: list[KickTrial]) -> str:
-    n = len(trials)
-    reached = [t.reached for t in trials if t.alarm]
-    median, most = np.percentile(reached, [50, 95]) if reached else (math.nan, math.nan)
-    early = _percent(sum(t.early for t in trials), n) if share > 1.0 else ""
-    spread = f"{median:.2f}, {most:.2f}" if share > 1.0 else ""
-    return (
-        f"| {share} | {n} | {sum(t.lasts for t in trials)} |"
-        f" {_percent(sum(t.alarm for t in trials), n)} | {early} |"
-        f" {sum(t.alarm and not t.lasts for t in trials)} | {spread} |"
-    )
-
-
-def _servo_row(name: str, trials: list[KickTrial]) -> str:
-    some = [t for t in trials if t.share > 1.0]
-    n = len(some)
-    alarms, early = sum(t.alarm for t in some), sum(t.early for t in some)
-    return f"| {name} | {n} | {_percent(alarms, n)} | {_percent(early, n)} |"
-
-
-def _sustained(trials: list[SustainedTrial]) -> list[str]:
-    n = len(trials)
-    frequency = [abs(t.frequency_error) for t in trials if t.alarm]
-    amplitude = [abs(t.amplitude_error) for t in trials if t.alarm]
-    counts = [t.counts for t in trials]
-    silent = [t for t in trials if not t.alarm]
-    why = (
-        f" Of the {len(silent)} without an alarm {sum(t.shrinks for t in silent)} were said to"
-        " decay: they came down to their amplitude from above, by some thousandths a swing, until"
-        " shortly before the record ended."
-        if silent
-        else ""
-    )
+def _hand_cells(some: list[Tried]) -> list[object]:
+    found = [one for each in some for one in each.hands]
+    hours = sum(one.seconds for one in found) / 3600.0
+    innocent = [one for one in found if not one.goes_on]
     return [
-        f"{n} oscillations of {min(counts):.0f} to {max(counts):.0f} counts that a torque limit"
-        f" sustains: alarm in {n - len(silent)}; frequency within 3 % in"
-        f" {sum(e <= 0.03 for e in frequency)} (largest error {100 * max(frequency):.1f} %),"
-        f" amplitude within 20 % in {sum(e <= 0.2 for e in amplitude)} (largest"
-        f" {100 * max(amplitude):.1f} %).{why}"
+        f"{hours:.2f}",
+        f"{sum(one.probes for one in found) / hours:.0f}",
+        _hourly(sum(one.softened for one in innocent), hours),
+        sum(one.suspected for one in innocent),
+        _hourly(sum(one.trip is not None for one in found), hours),
     ]
 
 
-def _hand_row(hand: str, trials: list[HandTrial]) -> str:
-    hours = sum(t.seconds for t in trials) / 3600.0
-    alarms, real = sum(t.alarms for t in trials), sum(t.real for t in trials)
-    return (
-        f"| {hand} | {len(trials)} | {hours:.2f} | {alarms} | {real} | {alarms - real} |"
-        f" {sum(t.alarms > t.real for t in trials)} | {sum(t.small for t in trials)} |"
-        f" {sum(t.small_real for t in trials)} |"
+def _hourly(events: int, hours: float) -> str:
+    most = most_per_hour(events, hours)
+    return f"{events / hours:.2g} (<{f'{most:.2g}' if most < 10.0 else round(most)})"
+
+
+def _table(found: Found[Job, Tried], name: str) -> Iterator[str]:
+    """Yield a table of a kind: a row for each value of an axis, over all others, and one of all."""
+    kind = KINDS_TRIED[name]
+    here = [(job, row) for job, row in found if job.kind == name]
+    if kind.hours is None:
+        head, cells = "drawn|oscillate|in time|late by|never|unseen|trips|grow little", _wall_cells
+    else:
+        head, cells = "hours|probes/h|softened/h|suspected|trips/h", _hand_cells
+    yield _line(name, head)
+    yield "|".join(["", *["---"] * (head.count("|") + 2), ""])
+    for place, axis in enumerate(kind.axes):
+        for value in axis if len(axis) > 1 else ():
+            if some := [row for job, row in here if job.values[place] == value]:
+                yield _line(value, *cells(some))
+    if here:
+        yield _line("all", *cells([row for _, row in here]))
+
+
+def _lines(found: Found[Job, Tried], names: tuple[str, ...]) -> Iterator[str]:
+    for number, name in enumerate(names):
+        yield from [""] if number else []
+        yield from _table(found, name)
+
+
+def _faults(found: Found[Job, Tried]) -> Iterator[tuple[str, object]]:
+    """Yield what is wrong with each case at fault, and the case."""
+    for _, row in found:
+        both: list[Answered | Held] = [*row.walls, *row.hands]
+        for one in both:
+            if one.faults:
+                yield one.faults, one.case
+
+
+def _part(case_s: float, *names: str) -> Part[Job, Tried]:
+    """Return the part of the page with these kinds of cases; ``case_s``: about a job's time [s]."""
+    return Part(
+        names[0],
+        lambda given: [job for name in names for job in jobs(name, given)],
+        tried,
+        lambda found: _lines(found, names),
+        case_s,
+        examples=_faults,
     )
 
 
 STUDY = Study(
     "evidence/detector-table.md",
     (
-        Part("belief", tasks, tried, lines, case_s=50.0),
-        WALLS,
-        HOURS,
-        LIMIT,
-        CEILING,
-        BOUNCES,
-        BACKLASH_CYCLES,
-        LAW_ROWS,
-        REAL,
-        RECORDINGS,
+        _part(4.0, "walls"),
+        _part(4.0, "limit"),
+        _part(4.0, "bounces"),
+        _part(3.0, "backlash"),
+        _part(12.0, "real", "real hands"),
+        _part(25.0, "laws", "law hands"),
+        _part(20.0, "ceiling"),
+        _part(2.0, "passivity"),
+        _part(6.0, "hands"),
     ),
-    (Option("seed", SEED, "seed of all draws"), WALLS_TRIED, HOURS_TRIED),
+    (
+        Option("seed", 101, "seed of all draws"),
+        Option("walls", 25, "walls in each row with a believed lag", quick=0),
+        Option("hours", 3.0, "hours of each operator on each servo", quick=1.0 / 720.0),
+    ),
+    everywhere=True,
     compilable=True,
 )

@@ -26,8 +26,8 @@ from haptic_wall.controller.experiments.identify.identification import Identifie
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
+from scripts.rates import lower_bound
 from scripts.study import Found, Option, Part, Study, table
-from scripts.trials.rates import lower_bound
 from tests.support.real_servos import ALL, EFFECTS, IDEAL, SHAPES, WHOLE, drawn_servo, truth_of
 from tests.support.real_servos import KINDS as REAL_KINDS
 from tests.support.real_servos import Kind as RealKind

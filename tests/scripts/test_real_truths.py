@@ -12,7 +12,7 @@ from scripts.guard_truths import (
     goes_on,
     truths,
 )
-from scripts.trials.truth import COUNT
+from tests.support.truth import COUNT
 
 WINDOWS = np.arange(10)
 MIDDLE = np.full(len(BELIEVED), 0.5)

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from haptic_wall.controller.detector.backstop import Backstop, Phase
 from haptic_wall.controller.detector.backstop_settings import BackstopSettings
 from haptic_wall.controller.laws.wall import Side
-from scripts.trials.draws import bench_of
-from scripts.trials.judges import own_oscillation
-from scripts.trials.operators import NOBODY, Operator, draw_operator, operator_of
-from scripts.trials.run import Trial, WallAsked, run_trial
-from scripts.trials.truth import Truth
 from tests.cases import sampled
-from tests.scripts.trial_help import called_quiet
+from tests.support.judges import called_quiet, own_oscillation
+from tests.support.operators import NOBODY, Operator, draw_operator, operator_of
+from tests.support.trial import Trial, WallAsked, run_trial
+from tests.support.truth import Truth
+from tests.support.truths_drawn import bench_of
 
 BENCH = bench_of("xm430-w350")
 RIGID = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.006)

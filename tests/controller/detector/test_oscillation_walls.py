@@ -17,11 +17,16 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
-from scripts.trials.detector_trials import kick_trials
-from scripts.trials.hands import HANDS, draw_hands, goes_on, handled
-from scripts.trials.listening import COUNT, listen
-from scripts.trials.watched import Trace, kicked, steady_oscillation
 from tests.cases import sampled
+from tests.support.kicked_walls import (
+    Trace,
+    handled,
+    kicked,
+    listen,
+    steady_oscillation,
+)
+from tests.support.operators import HANDS
+from tests.support.truth import COUNT
 from tests.typed import not_none
 
 M, B_SERVO, T = 0.011951, 0.011692, 1e-3
@@ -83,17 +88,6 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     first = listen(walls, 0, trace, EXACTLY, once=True).alarms[0]
     # It began 50 counts from that middle.
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
-
-
-@pytest.mark.whole
-def test_whether_motion_goes_on_without_the_hand() -> None:
-    # A hand's own motion ends with it; what the wall feeds stays.
-    damping = 0.2
-    limit = float(critical_stiffness(M, B_SERVO, damping, T, 2 * T))
-    for share, lasts in ((0.6, False), (1.5, True)):
-        walls = one_wall(share * limit, damping, one_sided=False)
-        hands = draw_hands(walls, "rhythm", 600, np.random.default_rng(2))
-        assert goes_on(walls, hands, 0, [400, 550]) == [lasts, lasts]
 
 
 @pytest.mark.whole
@@ -185,8 +179,7 @@ def test_motion_that_dies_is_no_alarm() -> None:
 @pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
-    hands = draw_hands(walls, hand, 6000, np.random.default_rng(8))
-    for i, trace in enumerate(handled(walls, hands)):
+    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(8))):
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
@@ -194,8 +187,7 @@ def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
 def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
     walls = some_walls(0.6)
     walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
-    hands = draw_hands(walls, hand, 6000, np.random.default_rng(3))
-    for i, trace in enumerate(handled(walls, hands)):
+    for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(3))):
         assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
 
 
@@ -215,17 +207,6 @@ def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) 
         assert detector.amplitude == pytest.approx(truth[1], rel=0.2)
         measured += 1
     assert measured >= 5
-
-
-def test_trials_of_the_page(thorough: bool) -> None:
-    """What docs/evidence/detector-table.md is made of, with few walls unless thorough."""
-    if not thorough:
-        pytest.skip("takes minutes; run with --thorough")
-    trials = kick_trials(60, 7, (0.6, 0.9, 1.2, 2.0))
-    unstable = [trial for trial in trials if trial.share > 1.0]
-    assert np.mean([trial.alarm for trial in unstable]) >= 0.97
-    assert np.mean([trial.early for trial in unstable]) >= 0.93
-    assert sum(trial.alarm and not trial.lasts for trial in trials) <= 0.01 * len(trials)
 
 
 def test_belief_without_numbers_makes_none_of_the_estimates_invalid() -> None:

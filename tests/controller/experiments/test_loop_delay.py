@@ -20,9 +20,9 @@ from haptic_wall.controller.experiments.steps.step_fit import lost_motion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from scripts.trials.servo import TrialServo
-from scripts.trials.truth import Truth
 from tests.cases import sampled
+from tests.support.trial_servo import TrialServo
+from tests.support.truth import Truth
 from tests.typed import not_none
 
 SMALL = (

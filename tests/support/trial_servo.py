@@ -1,32 +1,38 @@
 """A servo for trials behind the servo interface: fast, in-process, and as bad as its truth.
 
 It models its ``Truth``, an operator on the output, and the exact instant at which a torque begins
-to act. It does *not* model a bus (reading and writing take no time, nothing is lost), a current
-sensor, or temperature.
+to act. With ``truth.real`` the program's own plant moves it, with every effect. It does *not* model
+a bus (reading and writing take no time, nothing is lost), a current sensor, or temperature.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.plant.operator_model import ReferenceStretch
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
-from scripts.trials.body import Body
-from scripts.trials.operators import NOBODY, NOTHING, Operator
-from scripts.trials.truth import Truth
+from haptic_wall.hw.settings import TrueServo
+from tests.support.body import Body
+from tests.support.operators import NOBODY, NOTHING, Operator
+from tests.support.truth import Truth
 
 _OK = Outcome.OK
 _NEVER_NS = 1 << 62
 _LOOP_NS = 250_000
 """Longest time over which the torque of a current loop is held at its mean [ns]"""
+_SOFT = 1e-3
+"""Spring of an operator that only pushes the plant, toward a reference far away [N·m/rad]"""
 
 
 class TrialServo:
     """A simulated servo; see the module.
 
     Attributes:
-        body: The moving body.
+        body: The moving body; not with ``truth.real``.
         outputs: True position of the output at each request [rad]; grows by one per request.
     """
 
@@ -38,6 +44,7 @@ class TrialServo:
         *,
         position: float = 0.0,
         velocity: float = 0.0,
+        struck: float = 0.0,
         step_s: float | None = None,
     ) -> None:
         """Create a servo without torque.
@@ -48,7 +55,11 @@ class TrialServo:
             operator: Moves the output, from now on.
             position: Position of both masses [rad]; the encoder is in the middle of its backlash.
             velocity: Velocity of both masses [rad/s].
+            struck: Velocity that the load behind a transmission has in addition [rad/s].
             step_s: Longest step of the computation [s]; None: the usual one.
+
+        Raises:
+            ValueError: The truth has the effects of a real servo, and the operator a mass.
         """
         self.truth = truth
         self.facts = Facts(
@@ -69,7 +80,19 @@ class TrialServo:
         self._goal = self._made = 0.0
         self._reading: Reading | None = None
 
+        self._plant: Mechanism | None = None
+        if truth.real is not None:
+            if operator.mass:
+                raise ValueError(f"the operator's mass is {operator.mass}; the plant takes none")
+            self._plant = Mechanism(
+                true_servo(truth, position),
+                self._time_ns,
+                velocity=velocity,
+                operator=_Rows(operator) if operator.rows else None,
+            )
+            return
         self.body = body = Body(truth, position, velocity, step_s)
+        body.velocity += struck
         self._per_radian = truth.counts_per_rev / math.tau
         self._rows = operator.rows
         self._row_ns = operator.row_ns
@@ -84,6 +107,12 @@ class TrialServo:
     def request(self) -> None:
         """Sample the position now."""
         now_ns = self._now_ns()
+        plant = self._plant
+        if plant is not None:
+            plant.advance(now_ns)
+            self.outputs.append(plant.position)
+            self._reading = Reading(_OK, *plant.measured(), now_ns, math.nan, False)
+            return
         self._advance(now_ns)
         body, per_radian = self.body, self._per_radian
         self.outputs.append(body.position)
@@ -95,27 +124,16 @@ class TrialServo:
         self._reading = Reading(_OK, position, counts, now_ns, math.nan, False)
 
     def collect(self, deadline_ns: int) -> Reading:  # noqa: ARG002 - nothing to wait for
-        """The sample of the last ``request``, at once.
-
-        Raises:
-            RuntimeError: There was no request.
-        """
-        reading = self._reading
-        if reading is None:
-            raise RuntimeError("a reading was collected without a request; call request first")
-        self._reading = None
-        return reading
+        """Return the sample of the last ``request``, at once."""
+        assert self._reading is not None, "call request first"
+        return self._reading
 
     def write(self, torque: float) -> float:
-        """Command a torque [N·m]; it acts ``truth.delay`` later.
-
-        Returns:
-            The torque after limit and rounding [N·m].
-
-        Raises:
-            ValueError: The torque is not a finite number.
-        """
+        """Command a torque that acts ``truth.delay`` later; return it limited and rounded [N·m]."""
         truth = self.truth
+        if self._plant is not None:
+            gain = truth.torque_gain
+            return self._plant.command(gain * torque, self._now_ns()) / gain
         limit, step = truth.torque_limit, truth.torque_step
         if not -limit <= torque <= limit:
             if not math.isfinite(torque):
@@ -131,6 +149,9 @@ class TrialServo:
 
     def stop(self) -> bool:
         """Switch torque off at once. Always succeeds."""
+        if self._plant is not None:
+            self._plant.command(0.0, self._now_ns())
+            return True
         self._advance(self._now_ns())
         self._pending.clear()
         self.body.torque = self._goal = self._made = 0.0
@@ -176,3 +197,45 @@ class TrialServo:
             self.body.take(NOTHING)
             self.body.mass = 0.0
             self._next_ns = _NEVER_NS
+
+
+def true_servo(truth: Truth, position: float) -> TrueServo:
+    """Return the plant's description of a servo at a position [rad].
+
+    The lag of the current loop is a part of ``truth.delay``.
+    """
+    real: dict[str, Any] = truth.real or {}
+    lag = 1.0 / (math.tau * real["current_bandwidth"])
+    return TrueServo(
+        inertia=truth.inertia,
+        damping=truth.damping,
+        coulomb=truth.coulomb,
+        counts_per_rev=truth.counts_per_rev,
+        delay=max(truth.delay - lag, 0.0),
+        torque_limit=truth.torque_gain * truth.torque_limit,
+        torque_step=truth.torque_gain * truth.torque_step,
+        backlash=truth.backlash,
+        back_emf=truth.back_emf == "current",
+        no_load_speed=truth.no_load_speed,
+        position=position,
+        **real,
+    )
+
+
+class _Rows:
+    """The operator of a trial, as the plant asks for it."""
+
+    def __init__(self, operator: Operator) -> None:
+        self._rows, self._row_ns = operator.rows, operator.row_ns
+
+    def pull(self, elapsed_ns: int) -> ReferenceStretch:
+        """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
+        at = elapsed_ns // self._row_ns
+        if at >= len(self._rows):
+            return ReferenceStretch(0.0, 0.0, _NEVER_NS, 0.0, 0.0)
+        spring, damper, wanted, speed, push = self._rows[at]
+        if push:
+            spring = spring or _SOFT
+            wanted += push / spring
+        wanted += speed * (elapsed_ns - at * self._row_ns) * 1e-9
+        return ReferenceStretch(wanted, speed, (at + 1) * self._row_ns, spring, damper)

@@ -11,7 +11,6 @@ import numpy as np
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
-from scripts.trials.truth import BackEmf, RealEffects, Truth
 from tests.support.real_servos import (
     BACKWARD,
     BANDWIDTH,
@@ -29,6 +28,7 @@ from tests.support.real_servos import (
     STATIC,
     STRIBECK,
 )
+from tests.support.truth import BackEmf, Truth
 
 LAG_FACTOR = 4.0
 """Largest lag, as a multiple of its believed upper bound [1]"""
@@ -109,30 +109,30 @@ def draw_real(
     delay = draw_lag(bench, lags, random)
     periods = random.integers(*PERIODS, 2, endpoint=True).astype(np.float64).tolist()
     phases = random.uniform(-math.pi, math.pi, 4).tolist()
-    real = RealEffects(
-        static_friction=truth.coulomb * random.uniform(*STATIC),
-        stribeck_speed=random.uniform(*STRIBECK),
-        stribeck_exponent=random.uniform(*EXPONENT),
-        damping_back=truth.damping * _within(BACKWARD, random),
-        load_friction=random.uniform(*LOAD),
-        load_friction_at_rest=random.uniform(*LOAD_AT_REST),
-        gravity=truth.coulomb * random.uniform(0.0, 0.8),
-        gravity_angle=phases[0],
-        cogging=truth.coulomb * random.uniform(0.0, COGGING),
-        cogging_periods=periods[0],
-        cogging_phase=phases[1],
-        torque_ripple=random.uniform(0.0, RIPPLE),
-        torque_ripple_periods=periods[1],
-        torque_ripple_phase=phases[2],
-        encoder_eccentricity=random.uniform(0.0, ECCENTRICITY),
-        encoder_phase=phases[3],
-        encoder_noise=random.uniform(0.0, NOISE),
-        noise_seed=int(random.integers(1 << 31)),
-        current_bandwidth=_within(BANDWIDTH, random),
-        current_period=random.uniform(0.0, LOOP_PERIOD),
-        current_droop=random.uniform(0.0, DROOP),
-        dead_band=bench.torque_limit * random.uniform(0.0, DEAD_BAND),
-    )
+    real: dict[str, int | float] = {
+        "static_friction": truth.coulomb * random.uniform(*STATIC),
+        "stribeck_speed": random.uniform(*STRIBECK),
+        "stribeck_exponent": random.uniform(*EXPONENT),
+        "damping_back": truth.damping * _within(BACKWARD, random),
+        "load_friction": random.uniform(*LOAD),
+        "load_friction_at_rest": random.uniform(*LOAD_AT_REST),
+        "gravity": truth.coulomb * random.uniform(0.0, 0.8),
+        "gravity_angle": phases[0],
+        "cogging": truth.coulomb * random.uniform(0.0, COGGING),
+        "cogging_periods": periods[0],
+        "cogging_phase": phases[1],
+        "torque_ripple": random.uniform(0.0, RIPPLE),
+        "torque_ripple_periods": periods[1],
+        "torque_ripple_phase": phases[2],
+        "encoder_eccentricity": random.uniform(0.0, ECCENTRICITY),
+        "encoder_phase": phases[3],
+        "encoder_noise": random.uniform(0.0, NOISE),
+        "noise_seed": int(random.integers(1 << 31)),
+        "current_bandwidth": _within(BANDWIDTH, random),
+        "current_period": random.uniform(0.0, LOOP_PERIOD),
+        "current_droop": random.uniform(0.0, DROOP),
+        "dead_band": bench.torque_limit * random.uniform(0.0, DEAD_BAND),
+    }
     backlash = random.uniform(0.0, bench.belief.backlash.high or _ARC_MINUTES)
     return replace(truth, delay=delay, backlash=backlash, real=real)
 
@@ -237,4 +237,10 @@ def _within(bounds: tuple[float, float], random: np.random.Generator) -> float:
     low, high = bounds
     if low <= 0.0:
         return float(random.uniform(low, high))
+    return log_uniform(bounds, random)
+
+
+def log_uniform(ends: tuple[float, float], random: np.random.Generator) -> float:
+    """Draw log-uniformly; both ends > 0."""
+    low, high = ends
     return float(math.exp(random.uniform(math.log(low), math.log(high))))

@@ -11,7 +11,7 @@ from haptic_wall.controller.detector.oscillation import State
 from haptic_wall.controller.experiments.sweep.decrement import reversals
 from haptic_wall.controller.guard.belief import Belief
 from haptic_wall.controller.theory.checks import FloatArray
-from scripts.trials.run import Trial
+from tests.support.trial import Trial
 
 LARGE_RAD = math.radians(1.0)
 LARGE_COUNTS = 10.0
@@ -22,6 +22,8 @@ MOST_CYCLES, LONGEST_S = 6.0, 5.0
 """Cycles of the slowest believed frequency within which it must decay, and the longest time [s]"""
 LOST = 0.01
 """Fraction of its amplitude that a decaying oscillation loses per cycle."""
+WINDOW_S = 4.0
+"""Time at the end of a trial in which a motion must persist to count as self-sustained [s]"""
 _NOISE_RAD = 1e-4
 """Smallest half-cycle [rad]: a fifteenth of a count of 4096."""
 _RIPPLE = 0.5
@@ -98,8 +100,6 @@ class OwnOscillation:
     """A trip has ended it"""
     largest: float
     """Amplitude of the largest half-cycle; those below a quarter of the threshold are 0 [rad]"""
-    final: float
-    """Amplitude of the last half-cycle that began in the last quarter; 0: there was none [rad]"""
     stiffness: float
     """Commanded at the onset [N·m/rad]; NaN: there was no onset"""
 
@@ -133,7 +133,6 @@ def own_oscillation(trial: Trial, belief: Belief, *, counts_per_rev: int = 4096)
     cycles = half_cycles(trial, 0.0, _RIPPLE * threshold)
     ended = trial.output.size * trial.period
     above = cycles.amplitude > threshold
-    final = cycles.amplitude[cycles.begin_s > 0.75 * ended]
     kept_on = np.zeros_like(above)
     kept_on[:-2] = cycles.sustained[2:]
     begins = above & kept_on
@@ -153,7 +152,6 @@ def own_oscillation(trial: Trial, belief: Belief, *, counts_per_rev: int = 4096)
         ended_s=ended,
         tripped=trial.trip is not None,
         largest=float(cycles.amplitude.max(initial=0.0)),
-        final=float(final[-1]) if final.size else 0.0,
         stiffness=stiffness,
     )
 
@@ -176,8 +174,6 @@ class Ending:
     amplitude: float
     """Amplitude of the smallest half-cycle in the window [rad]; 0 where there were fewer than
     four"""
-    frequency_hz: float
-    """NaN where there were fewer than four"""
     quiet: float
     """Fraction of the window's ticks in which the detector says quiet or decaying [1]"""
 
@@ -197,10 +193,73 @@ def ending(trial: Trial, window_s: float = 2.0, *, counts_per_rev: int = 4096) -
     # The first one begins anywhere; gaps longer than twice the usual mean rest.
     amplitude, end_s = cycles.amplitude[1:], cycles.end_s[1:]
     if amplitude.size < 4:
-        return Ending(0.0, math.nan, quiet)
+        return Ending(0.0, quiet)
     length = np.diff(end_s)
     rests = float(np.max(length)) > 3.0 * float(np.median(length))
     left = trial.output.size * trial.period - float(end_s[-1])
     stopped = left > 3.0 * float(np.median(length))
     smallest = 0.0 if rests or stopped else float(amplitude.min())
-    return Ending(smallest, 0.5 / float(np.median(length)), quiet)
+    return Ending(smallest, quiet)
+
+
+def small(trial_counts: int = 4096) -> float:
+    """Return the amplitude of four counts [rad]."""
+    return SMALL_COUNTS * math.tau / trial_counts
+
+
+def sustains(trial: Trial, above: float, window_s: float = WINDOW_S) -> bool:
+    """Whether a motion with half-cycles above an amplitude sustains itself until the end.
+
+    Args:
+        trial: The record, without an operator but for a constant push.
+        above: Amplitude of every half-cycle in the window [rad].
+        window_s: Before the end [s].
+    """
+    if ending(trial, window_s).amplitude <= above:
+        return False
+    since = max(0.0, trial.output.size * trial.period - window_s)
+    size = half_cycles(trial, since, _RIPPLE * above).amplitude[1:]
+    if size.size < 4:
+        return False
+    cycles = 0.5 * (size.size - 2)
+    least = float(np.mean(size[:2])) * (1.0 - LOST) ** cycles
+    return bool(np.mean(size[-2:]) >= least)
+
+
+def unseen(trial: Trial, window_s: float = WINDOW_S) -> bool:
+    """Whether a motion above four counts persists to the end, called quiet or decaying."""
+    window = trial.state[-round(window_s / trial.period) :]
+    called = float(np.mean(window < State.SUSTAINED)) > 0.5
+    return called and trial.trip is None and sustains(trial, small(), window_s)
+
+
+def longest_unseen_s(trial: Trial) -> float:
+    """Return the longest time for which a motion above four counts neither decays nor is found [s].
+
+    A half-cycle counts if it has kept 99 % of the amplitude of a cycle before, and the detector
+    mostly says quiet or decaying in it.
+    """
+    cycles = half_cycles(trial, 0.0, _RIPPLE * small())
+    loud = cycles.sustained & (cycles.amplitude > small()) & np.isfinite(cycles.last)
+    seen = np.cumsum(np.concatenate([[0], trial.state >= State.SUSTAINED]))
+    begin = np.round(cycles.begin_s / trial.period).astype(np.int64)
+    end = np.minimum(np.round(cycles.end_s / trial.period).astype(np.int64), trial.state.size)
+    quiet = (seen[end] - seen[begin]) < 0.5 * (end - begin)
+    longest = time = 0.0
+    for counts, first, last in zip((loud & quiet).tolist(), begin, end, strict=True):
+        time = time + (last - first) * trial.period if counts else 0.0
+        longest = max(longest, time)
+    return longest
+
+
+def time_above_s(trial: Trial, above: float) -> float:
+    """Return when the last half-cycle above an amplitude ends [s]; 0: there is none."""
+    cycles = half_cycles(trial, 0.0, _RIPPLE * above)
+    over = cycles.end_s[cycles.amplitude > above]
+    return float(over[-1]) if over.size else 0.0
+
+
+def called_quiet(trial: Trial) -> bool:
+    """Whether a motion above four counts goes on in the last two seconds as quiet or decaying."""
+    end = ending(trial)
+    return end.amplitude > small() and end.quiet > 0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final, Literal
 
 BackEmf = Literal["none", "current", "voltage"]
@@ -12,35 +12,6 @@ COUNTS_PER_REV: Final = 4096
 """Of the encoder of an X-series servo"""
 COUNT: Final = math.tau / COUNTS_PER_REV
 """The angle of a count [rad]"""
-
-
-@dataclass(frozen=True, slots=True)
-class RealEffects:
-    """Effects of a real servo, by the names and in the units of ``haptic_wall.hw.settings``."""
-
-    static_friction: float
-    stribeck_speed: float
-    stribeck_exponent: float
-    damping_back: float
-    load_friction: float
-    load_friction_at_rest: float
-    gravity: float
-    gravity_angle: float
-    cogging: float
-    cogging_periods: float
-    cogging_phase: float
-    torque_ripple: float
-    torque_ripple_periods: float
-    torque_ripple_phase: float
-    encoder_eccentricity: float
-    encoder_phase: float
-    encoder_noise: float
-    noise_seed: int
-    current_bandwidth: float
-    """Above 0"""
-    current_period: float
-    current_droop: float
-    dead_band: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,44 +63,28 @@ class Truth:
     """Fraction of both frictions that acts on the load instead of the motor [1]"""
     encoder: Encoder = "output"
     """Side of the transmission with the encoder. An operator and the output are on the load"""
-    real: RealEffects | None = None
-    """The program's own plant moves the servo, with these; not with a transmission"""
+    real: dict[str, int | float] | None = None
+    """The program's own plant moves the servo, with these values of ``haptic_wall.hw.settings``, a
+    current bandwidth above 0 among them; not with a transmission"""
 
     def __post_init__(self) -> None:
-        above = ("inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed")
-        for name in above:
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value}; give a finite value above 0")
-        for name in (
-            "damping",
-            "coulomb",
-            "delay",
-            "current_bandwidth",
-            "torque_step",
-            "counts_per_rev",
-            "backlash",
-            "load_inertia",
-            "transmission_damping",
-            "transmission_backlash",
-            "load_friction",
-        ):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"{name} is {value}; give a finite value from 0 up")
+        above = ["inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed"]
+        if self.load_inertia:
+            above.append("transmission_stiffness")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, (int, float)):
+                continue
+            if not 0.0 <= value < math.inf or (field.name in above and value == 0.0):
+                least = "above 0" if field.name in above else "from 0 up"
+                raise ValueError(f"{field.name} is {value}; give a finite value {least}")
         if self.load_friction > 1.0:
             raise ValueError(f"load_friction is {self.load_friction}; give a fraction, 0 to 1")
-        if self.load_inertia:
-            if not self.load_inertia < self.inertia:
-                raise ValueError(
-                    f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less"
-                    f" than {self.inertia}"
-                )
-            if not 0.0 < self.transmission_stiffness < math.inf:
-                raise ValueError(
-                    f"transmission_stiffness is {self.transmission_stiffness}; with a load_inertia"
-                    " give a finite value above 0"
-                )
+        if not self.load_inertia < self.inertia:
+            raise ValueError(
+                f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less than"
+                f" {self.inertia}"
+            )
 
     @property
     def flexible(self) -> bool:

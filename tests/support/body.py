@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 
-from scripts.trials.operators import NOTHING, Row
-from scripts.trials.truth import Truth
+from tests.support.operators import NOTHING, Row
+from tests.support.truth import Truth
 
 RIGID_STEP_S = 5e-4
 """Longest step of a rigid servo [s]: exact between changes of friction, except for the operator's
@@ -82,21 +82,6 @@ class Body:
         else:
             self._move_one(*plan)
 
-    def energy(self) -> float:
-        """Return the kinetic energy of both masses, and the transmission's spring energy [J]."""
-        if not self._flexible:
-            return 0.5 * self._motor * self.velocity**2
-        twist = self._stretch(self.motor_position - self.position)
-        return (
-            0.5 * self._motor * self.motor_velocity**2
-            + 0.5 * self._load * self.velocity**2
-            + 0.5 * self.truth.transmission_stiffness * twist**2
-        )
-
-    def _stretch(self, twist: float) -> float:
-        gap = 0.5 * self.truth.transmission_backlash
-        return math.copysign(max(abs(twist) - gap, 0.0), twist)
-
     def _plan(self, length_ns: int) -> tuple[int, float, float]:
         """Return a stretch's number of steps, their length [s], and a factor on forces [1].
 
@@ -111,7 +96,7 @@ class Body:
         return steps, step, 1.0 / (1.0 + 0.5 * self.truth.transmission_damping * step / reduced)
 
     # Inlined for speed: every trial does this in every period.
-    def _move_one(self, steps: int, step: float, _: float) -> None:  # noqa: PLR0912, PLR0915
+    def _move_one(self, steps: int, step: float, _: float) -> None:  # noqa: PLR0912
         """Move a rigid servo by ``steps`` of ``step`` [s]."""
         x, v = self.position, self.velocity
         half = 0.5 * step
@@ -167,7 +152,7 @@ class Body:
         self._wanted = wanted - speed * half
         self.followed = followed if slack else x
 
-    def _move_two(self, steps: int, step: float, left: float) -> None:  # noqa: PLR0912, PLR0915
+    def _move_two(self, steps: int, step: float, left: float) -> None:  # noqa: PLR0912
         """Move motor and load by ``steps`` of ``step`` [s]."""
         x, v = self.motor_position, self.motor_velocity
         y, w = self.position, self.velocity

@@ -10,7 +10,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.tuning import TUNING, Tuning
 from haptic_wall.controller.detector.watch import oscillation_report
 from haptic_wall.controller.guard.schedule import GainSchedule
 from haptic_wall.controller.guard.types import Decision
@@ -27,10 +26,10 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.clock import SimulatedClock
-from scripts.trials.operators import NOBODY, Operator
-from scripts.trials.real_servo import RealTrialServo
-from scripts.trials.servo import TrialServo
-from scripts.trials.truth import Truth
+from tests.support.operators import NOBODY, Operator, draw_operator, operator_of
+from tests.support.trial_servo import TrialServo
+from tests.support.truth import Truth
+from tests.support.truths_drawn import bench_of, natural_hz
 
 _CHUNK = 8192
 """Ticks between two readings of the rows; the ring holds one more at least."""
@@ -82,26 +81,60 @@ class Trial:
     """Alarms of the detector that a probe attributed to an operator"""
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     """Counts of the backstop: probes, operators found, alarms, alarms taken back"""
-    gave_up: bool = False
-    """The backstop ended the run: its reductions did not help"""
 
-    @property
-    def time(self) -> FloatArray:
-        """Return the time of each tick, from 0 on [s]."""
-        time: FloatArray = np.arange(self.output.size, dtype=np.float64) * self.period
-        return time
 
-    @property
-    def reductions(self) -> list[tuple[float, float]]:
-        """Return when the commanded stiffness began to fall [s], and its new value [N·m/rad]."""
-        falls = np.diff(self.stiffness) < 0.0
-        starts = np.flatnonzero(falls & ~np.concatenate([[False], falls[:-1]])) + 1
-        found = []
-        for start in starts.tolist():
-            after = np.flatnonzero(~falls[start - 1 :])
-            end = start - 1 + int(after[0]) if after.size else self.stiffness.size - 1
-            found.append((start * self.period, float(self.stiffness[end])))
-        return found
+@dataclass(frozen=True, slots=True)
+class Case:
+    """All parameters of a trial: its printed text can be run again."""
+
+    preset: str
+    truth: Truth
+    wall: WallAsked
+    duration_s: float = 8.0
+    position: float = 0.0
+    """Initial displacement of the shaft [rad]"""
+    push: float = 0.0
+    """Constant torque on the output [N·m]"""
+    operator: str = "none"
+    """Kind of operator, see ``draw_operator``; not with a push"""
+    seed: int = 0
+    """Seed of the operator"""
+    velocity: float = 0.0
+    """Initial velocity of the shaft [rad/s]"""
+    struck: float = 0.0
+    """Initial velocity that the load behind a transmission has in addition [rad/s]"""
+    law: tuple[str, ...] = ()
+    """Further changes of the configuration, such as another law than a wall"""
+
+    def moved_by(self) -> Operator:
+        """Return the operator that moves the output."""
+        if self.push:
+            return operator_of(0.0, 0.0, np.zeros(round(self.duration_s * 1e3)), push=self.push)
+        return draw_operator(
+            self.operator,
+            self.truth.inertia,
+            self.duration_s,
+            np.random.default_rng(self.seed),
+            natural_hz=natural_hz(self.truth, self.wall.stiffness),
+        )
+
+    def run(self, answer: str = "reduce", operator: Operator | None = None) -> Trial:
+        """Run the trial; no speed ends it.
+
+        Args:
+            answer: To an oscillation: ``report``, ``reduce`` or ``trip``.
+            operator: Moves the output; None: the case's own.
+        """
+        return run_trial(
+            self.truth,
+            (*bench_of(self.preset).sets, f"safety.on_oscillation={answer}", *self.law),
+            self.wall,
+            self.moved_by() if operator is None else operator,
+            duration_s=self.duration_s,
+            position=self.position,
+            velocity=self.velocity,
+            struck=self.struck,
+        )
 
 
 @lru_cache(maxsize=64)
@@ -120,7 +153,6 @@ def run_trial(
     position: float = 0.0,
     velocity: float = 0.0,
     struck: float = 0.0,
-    tuning: Tuning = TUNING,
 ) -> Trial:
     """Run the tick until the duration is over or a trip ends the run.
 
@@ -133,16 +165,10 @@ def run_trial(
         position: Position of the servo at the start [rad].
         velocity: Velocity of the servo at the start [rad/s].
         struck: Velocity that the load behind a transmission has in addition [rad/s].
-        tuning: Numbers of the detector.
     """
     config = _with_wall(trial_config(tuple(sets)), wall)
     clock = SimulatedClock()
-    servo: TrialServo | RealTrialServo
-    if truth.real is None:
-        servo = TrialServo(truth, clock, operator, position=position, velocity=velocity)
-        servo.body.velocity += struck
-    else:
-        servo = RealTrialServo(truth, clock, operator, position=position, velocity=velocity)
+    servo = TrialServo(truth, clock, operator, position=position, velocity=velocity, struck=struck)
     telemetry = Telemetry(-1, _CHUNK + 8)
     telemetry.words[Word.HELD_NS] = NO_DEAD_MAN
     schedule = _schedule(config, servo, tuple(sets), wall)
@@ -156,7 +182,6 @@ def run_trial(
         law,
         injected,
         engage_at_once=True,
-        tuning=tuning,
     )
     tick = Tick(parts)
     tick.wall_on()
@@ -190,7 +215,6 @@ def run_trial(
         oscillation=oscillation_report(parts.motion.watch),
         taken_back=parts.motion.watch.taken_back,
         counts=(0, 0, 0, 0) if own is None else own.counts,
-        gave_up=own is not None and own.failed,
     )
 
 
@@ -209,7 +233,7 @@ def _with_wall(config: Config, wall: WallAsked) -> Config:
 
 
 def _schedule(
-    config: Config, servo: TrialServo | RealTrialServo, sets: tuple[str, ...], wall: WallAsked
+    config: Config, servo: TrialServo, sets: tuple[str, ...], wall: WallAsked
 ) -> GainSchedule:
     """Return the guard's decisions, or the wall as requested at the guard's delay."""
     if not wall.forced:

@@ -1,4 +1,4 @@
-"""Formats rates with the confidence bounds of their number of trials, for a page."""
+"""Confidence bounds of rates, by their number of trials."""
 
 from __future__ import annotations
 
@@ -39,30 +39,6 @@ def most_per_hour(events: int, hours: float) -> float:
     from scipy.stats import chi2
 
     return float(chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0 / hours
-
-
-def few(hits: int, trials: int) -> str:
-    """Format a rate that should be small: ``2 of 100 (2.0 %, < 6.2 %)``."""
-    if not trials:
-        return "0 of 0"
-    bound = 100.0 * upper_bound(hits, trials)
-    rate = f"{100.0 * hits / trials:.1f} %, " if hits else ""
-    return f"{hits} of {trials} ({rate}< {bound:.2g} %)"
-
-
-def most(hits: int, trials: int) -> str:
-    """Format a rate that should be large: ``98 of 100 (98.0 %, > 93.8 %)``."""
-    if not trials:
-        return "0 of 0"
-    bound = 100.0 * lower_bound(hits, trials)
-    return f"{hits} of {trials} ({100.0 * hits / trials:.1f} %, > {bound:.1f} %)"
-
-
-def hourly(events: int, hours: float) -> str:
-    """Format events in a time: ``3: 1.0/h (< 2.6/h)``."""
-    if not hours:
-        return "none tried"
-    return f"{events}: {events / hours:.2g}/h (< {most_per_hour(events, hours):.2g}/h)"
 
 
 def _check(hits: int, trials: int) -> None:
