@@ -175,8 +175,8 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
-        A run that lost readings, missed periods or a stall of this computer have ended is repeated once, and
-        so is one whose emulated servo did not answer at the start.
+        A run that lost readings, missed periods or a stall of this computer have ended is repeated
+        once, and so is one whose emulated servo did not answer at the start.
 
         Args:
             name: Name of its log; an existing one is replaced as soon as there are rows.

@@ -214,7 +214,8 @@ class _Session:
             period_s = config.period_ns * 1e-9
             if config.servo.schedule == "auto" and is_pipelined("auto", bus, period_s):
                 self._around.tell(
-                    f"schedule pipelined: the adapter holds replies for {bus.longest_s * 1e3:.2g} ms"
+                    "schedule pipelined: the adapter holds replies for "
+                    f"{bus.longest_s * 1e3:.2g} ms"
                 )
         inbox = Inbox(self._around.changes, telemetry.words)
         inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
