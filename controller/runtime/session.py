@@ -29,6 +29,7 @@ from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.sampler import is_pipelined
 from haptic_wall.controller.runtime.session_report import (
     delay_report,
     guard_report,
@@ -88,6 +89,8 @@ class Result:
     """
     warnings: list[str] = field(default_factory=list)
     """Warnings of the loop itself"""
+    stalled: str = ""
+    """A stall of this computer just before the end, which may explain it; empty: none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +210,13 @@ class _Session:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{servo.facts.name}: torque is on{passed}")
+            bus = servo.bus or Bus()
+            period_s = config.period_ns * 1e-9
+            if config.servo.schedule == "auto" and is_pipelined("auto", bus, period_s):
+                self._around.tell(
+                    "schedule pipelined: the adapter holds replies for "
+                    f"{bus.longest_s * 1e3:.2g} ms"
+                )
         inbox = Inbox(self._around.changes, telemetry.words)
         inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
         parts = tick_parts(
@@ -242,6 +252,8 @@ class _Session:
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
+        recent_s = 0.0 if self._late is None else self._late.stalled_s(self._clock.now_ns())
+        self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
 
     def abandon(self, error: BaseException) -> None:
@@ -271,6 +283,7 @@ class _Session:
             facts=_facts(servo),
             wall_came_on=tick.came_on,
             waited_for=self._waiting.lacking(),
+            stalled=self._stalled,
         )
         try:
             return self._reported(result)

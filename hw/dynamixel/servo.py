@@ -140,6 +140,7 @@ class DynamixelServo:
         self._jump_filter = self._new_jump_filter()
         self._most = self.facts.torque_limit
         self.bus.reply_s = self._reply_ns * 1e-9
+        self.bus.longest_s = ready.longest_ns * 1e-9
         self.bus.counts = self._link.counts = BusCounts()
         self._watchdog.begin()
         self._running = True
