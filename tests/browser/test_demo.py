@@ -199,7 +199,7 @@ def test_nothing_sticks_out_and_the_first_frame_is_soon(tab: Tab, address: str) 
 def test_a_demo_that_was_ended_says_so(tab: Tab, own: tuple[subprocess.Popen[str], str]) -> None:
     child, address = own
     tab.open(address)
-    tab.wait(STARTED, PATIENT_S)
+    tab.wait("window.lesson?.free.hello && window.lesson.guarded.hello", 2.0 * PATIENT_S)
     child.send_signal(signal.SIGINT)
     for servo in ("free", "guarded"):
         tab.wait(f"{state(servo)} === 'ended'", PATIENT_S)

@@ -258,12 +258,14 @@ KNOBS = """(async () => {
   root.replaceChildren();
   window.sent = [];
   window.knobs = new Knobs(root, (what) => sent.push(what));
-  window.hello = { controls: true, laws: {
-    wall: { numbers: ["side"], example: {} }, detents: { numbers: ["count", "width", "snap"], example: { count: 24, snap: 0.4 } },
-    friction: { numbers: ["friction"], example: { friction: 0.1 } }, spring: { numbers: [], example: {} } } };
-  window.wall = { law: "wall", side: "above", stiffness: 8, damping: 0.02, position: Math.PI, snap: 0.25,
-    low: null, high: null, count: null, width: null, friction: null, period: null };
-  window.show = (changes, travel = null) => knobs.show({ wall: { ...wall, ...changes }, delay_steps: 0, travel }, hello);
+  const detents = { numbers: ["count", "width", "snap"], example: { count: 24, snap: 0.4 } };
+  const laws = { wall: { numbers: ["side"], example: {} }, spring: { numbers: [], example: {} },
+    friction: { numbers: ["friction"], example: { friction: 0.1 } }, detents };
+  const none = { low: null, high: null, count: null, width: null, friction: null, period: null };
+  const wall = { law: "wall", side: "above", stiffness: 8, damping: 0.02, position: Math.PI,
+    snap: 0.25, ...none };
+  window.show = (changes, travel = null) =>
+    knobs.show({ wall: { ...wall, ...changes }, delay_steps: 0, travel }, { controls: true, laws });
   show({});
 })()"""
 SECTIONS = (
@@ -369,23 +371,28 @@ def test_a_law_has_the_knobs_of_its_numbers(tab: Tab, shown: str) -> None:
 
 
 SCOPE = """(async () => {
-  const { Scope, PANELS } = await import("./scope.js"), { Store } = await import("./store.js");
+  const { Scope, PANELS } = await import("./scope.js");
+  const { Store } = await import("./store.js");
   const names = ["position_rad", "wall_torque_nm", "torque_nm", "measured_torque_nm"];
   const store = new Store(1000, names), root = document.getElementById("panels");
   root.replaceChildren();
   for (let k = 0; k < 1000; k++) {
     store.time[k] = k / 100;
-    for (const name of names) store.columns[name][k] = name === "measured_torque_nm" ? 0.25 : 0;
+    for (const name of names) store.columns[name][k] = name === names[3] ? 0.25 : 0;
   }
   store.length = 1000;
-  const law = (since, edge) => ({ since, name: "wall", low: -2, high: 2, surface: edge, edges: [edge],
-    torque: Array.from({ length: 401 }, (_, k) => Math.min(0, edge - (-2 + k / 100))) });
-  window.scope = new Scope(root, store, { laws: [law(0, 0.5), law(6, 1)], marks: [], pin: null }, {}, { panels: PANELS.slice(0, 2) });
+  const torque = (edge) => Array.from({ length: 401 }, (_, k) => Math.min(0, edge + 2 - k / 100));
+  const law = (since, edge) => ({ since, name: "wall", low: -2, high: 2, surface: edge,
+    edges: [edge], torque: torque(edge) });
+  const state = { laws: [law(0, 0.5), law(6, 1)], marks: [], pin: null };
+  window.scope = new Scope(root, store, state, {}, { panels: PANELS.slice(0, 2) });
   scope.draw([0, 10]);
   scope.label(999);
   await new Promise(requestAnimationFrame);
   const [plot] = scope.plots, { ctx } = plot;
-  window.shade = (time, position) => ctx.getImageData(plot.valToPos(time, "x", true), plot.valToPos(position, "y", true), 1, 1).data[3];
+  const pixel = (x, y) => ctx.getImageData(x, y, 1, 1).data[3];
+  window.shade = (time, position) =>
+    pixel(plot.valToPos(time, "x", true), plot.valToPos(position, "y", true));
 })()"""
 
 

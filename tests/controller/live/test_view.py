@@ -1,4 +1,4 @@
-"""What all pages see of a run: each law from its time on, the servo's health, the knobs' numbers."""
+"""What all pages see of a run: each law from its time on, the servo's health, the knobs."""
 
 from __future__ import annotations
 
