@@ -40,7 +40,7 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.capabilities import HasTrouble
+from haptic_wall.hw.capabilities import HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import (
     ServoHealthError,
@@ -229,6 +229,7 @@ class _Session:
             self._injected,
             inbox=inbox,
         )
+        self._health = servo if isinstance(servo, HasHealth) else None
         self._tick = Tick(parts)
         self._loop = Loop(
             self._tick,
@@ -237,11 +238,19 @@ class _Session:
             telemetry,
             servo.bus or Bus(),
             config.period_ns,
-            self._around.on_block,
+            self._between_ticks,
             self._late,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
+
+    def _between_ticks(self) -> None:
+        """Pass on the servo's health, and call ``on_block``."""
+        if self._health is not None:
+            volts, celsius = self._health.health()
+            self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
+            self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
+        self._around.on_block()
 
     def run(self, duration_s: float | None) -> None:
         """Run the loop until the end, and switch the torque off."""

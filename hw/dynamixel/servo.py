@@ -290,6 +290,10 @@ class DynamixelServo:
         if isinstance(self._line, FdLine):
             self._line.idle()
 
+    def health(self) -> tuple[float, float]:
+        """Return the last known supply [V] and temperature [°C]; see ``HasHealth``."""
+        return self._health.last["supply"] / 10, float(self._health.last["temperature"])
+
     def stand_in(self, clock: Clock) -> DynamixelServo:
         """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
