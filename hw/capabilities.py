@@ -44,6 +44,15 @@ class TakesHand(Protocol):
 
 
 @runtime_checkable
+class HasHealth(Protocol):
+    """A servo that reports its supply and its temperature while it runs."""
+
+    def health(self) -> tuple[float, float]:
+        """Return the last known supply [V] and temperature [°C]; supply 0: not known yet."""
+        ...
+
+
+@runtime_checkable
 class HasTrouble(Protocol):
     """A servo that can say what was wrong with it."""
 

@@ -101,6 +101,9 @@ class Bus:
     reply_s: float = 0.0
     """Time of a reply, where that is several periods [s]; 0: replies come in time. Known after
     ``start``"""
+    longest_s: float = 0.0
+    """Usual time of a reply at the worst phase of an adapter's timer [s]; 0: not known. Known after
+    ``start``"""
 
 
 @dataclass(frozen=True, slots=True)

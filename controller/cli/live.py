@@ -18,7 +18,7 @@ from haptic_wall.controller.cli.working import working
 from haptic_wall.controller.logs.pieces import End
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.rows import LogRows, TimeSpan
-from haptic_wall.controller.logs.walls import told_in, walls_of
+from haptic_wall.controller.logs.walls import APPLIED, told_in, walls_of
 from haptic_wall.controller.processes.live_place import live_at, server_log_of
 from haptic_wall.controller.system.signals import on_signals
 
@@ -64,9 +64,13 @@ def _view(log: Path, stretch: TimeSpan) -> View:
         rows = LogRows.of(LogReader(log), stretch)
         source = LoggedSource(rows)
         ended, changes = _told_by(rows)
-    config = walls_of(rows.metadata, ()).configs[0]
-    view = View(config, str(rows.metadata.get("name", log.name)), source, recorded=True)
-    view.recall(ended, changes)
+    made = [each for each in changes if each["outcome"] == APPLIED and each["row"] is not None]
+    walls = walls_of(rows.metadata, sorted(made, key=lambda each: each["row"]))
+    view = View(walls.configs[0], str(rows.metadata.get("name", log.name)), source, recorded=True)
+    begun = source.since(walls.since)
+    view.recall(
+        ended, changes, [(*at, each) for at, each in zip(begun, walls.configs, strict=False)]
+    )
     return view
 
 

@@ -296,11 +296,15 @@ class _Checkup:
     def _timing(self, replies: Replies, series: list[Series], stalls: bool) -> None:
         config = self._config
         assert config.servo.baud is not None
+        most_missed = min(timing.MOST_MISSED, config.safety.max_loss)
+        schedule = config.servo.schedule
+        if schedule == "auto":
+            schedule = timing.suits(series, most_missed) or "immediate"
         wanted = timing.Wanted(
-            config.servo.schedule,
+            schedule,
             config.loop.rate_hz,
             config.servo.baud,
-            min(timing.MOST_MISSED, config.safety.max_loss),
+            most_missed,
             self._return_delay_ns,
             stalls,
         )

@@ -21,7 +21,7 @@ from haptic_wall.controller.processes.plan import Ended, LogState, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.processes.run_report import explained
 from haptic_wall.controller.runtime.lateness.machine_setup import START
-from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.safety import AFTER_STALL, End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import LOG, may_be_replaced
@@ -54,6 +54,7 @@ class ExperimentTrippedError(ExplainedError):
         stop_reason: A ``Trip``, or ``End.REFUSED``
         fault: Why the rows until then cannot be used; None: none is missing.
         torque_off: Torque off was read back.
+        stalled: This computer stalled just before.
     """
 
     def __init__(
@@ -62,11 +63,13 @@ class ExperimentTrippedError(ExplainedError):
         message: Problem | str,
         fault: Problem | None = None,
         torque_off: bool = True,
+        stalled: bool = False,
     ) -> None:
         super().__init__(message)
         self.stop_reason = stop_reason
         self.fault = fault
         self.torque_off = torque_off
+        self.stalled = stalled
 
     @property
     def gone(self) -> bool:
@@ -81,13 +84,22 @@ class ExperimentTrippedError(ExplainedError):
     @property
     def passing(self) -> bool:
         """Whether the machine or the bus lost time, and the same may be run again."""
-        return self.stop_reason in _PASSING and self.torque_off
+        late = self.stalled and self.stop_reason in AFTER_STALL
+        return (late or self.stop_reason in _PASSING) and self.torque_off
 
     def __reduce__(
         self,
-    ) -> tuple[type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None, bool]]:
+    ) -> tuple[
+        type[ExperimentTrippedError], tuple[StopReason, Problem, Problem | None, bool, bool]
+    ]:
         """Return the parts for pickling, so that the error survives a process boundary."""
-        return type(self), (self.stop_reason, self.problem, self.fault, self.torque_off)
+        return type(self), (
+            self.stop_reason,
+            self.problem,
+            self.fault,
+            self.torque_off,
+            self.stalled,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +175,8 @@ class Testbed:
     def play(self, name: str, phases: Sequence[Phase], delay_steps: int | None = None) -> Played:
         """Run a program from its beginning to its end, torque off before and after.
 
-        A run that lost readings, missed periods or a stalled loop have ended is repeated once, and
-        so is one whose emulated servo did not answer at the start.
+        A run that lost readings, missed periods or a stall of this computer have ended is repeated
+        once, and so is one whose emulated servo did not answer at the start.
 
         Args:
             name: Name of its log; an existing one is replaced as soon as there are rows.
@@ -228,6 +240,7 @@ class Testbed:
                 explained(ended, config.servo) or "",
                 _fault(log, ended),
                 ended.torque_off is True,
+                bool((ended.result or {}).get("stalled")),
             )
         if fault := _fault(log, ended):
             raise UserError(fault)

@@ -372,8 +372,9 @@ def _bodies(belief: Belief, rates: FloatArray) -> tuple[FloatArray, FloatArray, 
     """
     low, high, loads = belief.inertia.low, belief.inertia.high, belief.load_inertia
     load = max(loads.low, LIGHTEST * loads.high)
+    lost = 2.0 * belief.flexible_damping_ratio.low * rates  # 0 of an undamped vibration
     with np.errstate(divide="ignore", invalid="ignore"):
-        motor = np.sqrt(0.5 * belief.damping.low * load / belief.flexible_damping_ratio.low / rates)
+        motor = np.sqrt(belief.damping.low * load / lost)
     inside = (load + motor > max(low, load / HEAVIEST)) & (load + motor < high)
     corners = [(w, min(each, HEAVIEST * w)) for w in (low, high) for each in (load, loads.high)]
     corners = list(dict.fromkeys(corners))

@@ -15,6 +15,7 @@ CHANNELS: Final = (
     "velocity_rad_s",
     "torque_nm",
     "wall_torque_nm",
+    "measured_torque_nm",
     "lateness_us",
     "sample_age_us",
     "stiffness_nm_per_rad",

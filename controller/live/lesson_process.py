@@ -131,6 +131,8 @@ class Stage:
             news.take()
             if reports.done():
                 reports.result()
+            if self._over():
+                view.tell({"kind": "over"})
             return self._over() or news.over
 
         reports = asyncio.create_task(self._report(view, telemetry))

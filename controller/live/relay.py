@@ -6,29 +6,22 @@ import asyncio
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeGuard
+from typing import Any, Final, TypeGuard, get_args
 
 from haptic_wall.controller.laws.table import LAWS
+from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.processes.run_socket import MOST_BYTES, connected
 
 WAIT_S: Final = 10.0
 """Longest wait for a moment that suits [s], as that of ``haptic-wall set``"""
-NUMBERS: Final = frozenset(
-    {
-        "wall.stiffness",
-        "wall.damping",
-        "wall.position",
-        "wall.count",
-        "wall.width",
-        "wall.snap",
-        "wall.low",
-        "wall.high",
-        "wall.friction",
-        "wall.period",
-        "delay.steps",
-    }
-)
+OFFERED: Final = {name: kind for name, kind in LAWS.items() if name != "profile"}
+"""Laws that a page may choose: a profile may name a file"""
+NUMBERS: Final = {"wall.stiffness", "wall.damping", "wall.position", "delay.steps"} | {
+    f"wall.{name}" for kind in OFFERED.values() for name in kind.numbers if name != "side"
+}
 """Numbers that a page may change"""
+_WORDS: Final = {"wall.law": tuple(OFFERED), "wall.side": get_args(Side)}
+"""Words that a page may choose from"""
 
 
 def is_number(value: object, most: float = 1e300) -> TypeGuard[int | float]:
@@ -39,8 +32,8 @@ def is_number(value: object, most: float = 1e300) -> TypeGuard[int | float]:
 def sets_of(changes: object) -> list[str] | None:
     """Return changes as ``PATH=VALUE``; None: they are not what a page may change.
 
-    It may change numbers, and choose one of the laws that come with the program. It names no file
-    and no class.
+    It may change numbers, and choose one of the laws that come with the program, and the wall's
+    side. It names no file and no class.
 
     Args:
         changes: A mapping from path to value, as a page sent it.
@@ -48,8 +41,8 @@ def sets_of(changes: object) -> list[str] | None:
     if not isinstance(changes, dict) or not changes:
         return None
     for path, value in changes.items():
-        if path == "wall.law":
-            if not isinstance(value, str) or value not in LAWS or value == "profile":
+        if path in _WORDS:
+            if value not in _WORDS[path]:
                 return None
         elif path not in NUMBERS or not is_number(value):
             return None

@@ -63,7 +63,7 @@ class News:
             change = news["change"]
             if change["outcome"] == "applied":
                 with contextlib.suppress(HapticWallError):
-                    view.change(changed(view.config, change["set"]))
+                    view.change(changed(view.config, change["set"]), change["at_s"])
             if change["at_s"] is not None:
                 view.add([change_mark(change)])
 

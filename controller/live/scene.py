@@ -31,20 +31,26 @@ def law_over_position(
 
     Returns:
         ``low`` and ``high`` of the drawn range [rad], ``torque`` at equally spaced positions from
-        one to the other [N·m], ``surface`` [rad], null for a law without one, and ``name``.
+        one to the other [N·m], ``surface`` [rad], the zero of the law's positions, ``edges`` [rad],
+        the positions to keep in view, and ``name``.
     """
     law = config.law(0.0)
     law.position = config.surface(started_at)
     law.stiffness = stiffness
+    wall = config.wall
+    ends = (wall.low or 0.0, wall.high or 0.0) if wall.law == "stops" else (0.0,)
+    edges = [law.position + end for end in ends]
+    low, high = min(low, *edges), max(high, *edges)
     room = max(MARGIN * (high - low), LEAST_RAD)
     low, high = low - room, high + room
     places = np.linspace(low, high, POINTS).tolist()
     law.settle(places[0])
     torque = [law.torque(place, 0.0) if law.in_contact(place) else 0.0 for place in places]
     return {
-        "name": config.wall.law,
+        "name": wall.law,
+        "edges": edges,
         "low": low,
         "high": high,
-        "torque": [each if math.isfinite(each) else 0.0 for each in torque],
+        "torque": [float(f"{each:.7g}") if math.isfinite(each) else 0.0 for each in torque],
         "surface": law.position,
     }

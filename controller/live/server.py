@@ -85,6 +85,7 @@ class LiveServer:
             view.look(MOST_ROWS)
             if count % _LAW_EVERY == 0:
                 view.draw_law()
+                view.tell_health()
                 if draws is None or draws.done():
                     draws = asyncio.create_task(view.draw_map())
             man = view.dead_man

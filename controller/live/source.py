@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, Protocol
 
 import numpy as np
@@ -30,6 +31,10 @@ class Source(Protocol):
         """Return the zero of the time [ns]; 0: not known yet."""
         ...
 
+    def health(self) -> tuple[float, float] | None:
+        """Return the servo's supply [V] and temperature [°C]; None: not known."""
+        ...
+
     def first(self) -> int:
         """Return the number of the first row for a client that comes now."""
         ...
@@ -54,6 +59,12 @@ class RunningSource:
     def origin_ns(self) -> int:
         """Return the first deadline [ns]; 0: the loop does not run yet."""
         return int(self._telemetry.words[Word.BEGAN_NS])
+
+    def health(self) -> tuple[float, float] | None:
+        """Return the servo's supply [V] and temperature [°C]; None: it has not told them."""
+        words = self._telemetry.words
+        found = words[Word.SUPPLY_MV] / 1e3, words[Word.TEMPERATURE_MC] / 1e3
+        return found if found[0] else None
 
     def first(self) -> int:
         """Return the number of the row a minute ago."""
@@ -96,6 +107,16 @@ class LoggedSource:
     def origin_ns(self) -> int:
         """Return the deadline of the log's first row [ns]."""
         return self._origin_ns
+
+    def health(self) -> None:
+        """Return None: a log does not have it."""
+
+    def since(self, numbers: Sequence[int]) -> list[tuple[int, float]]:
+        """Return place and time [s] of each row, by its number; without those behind the end."""
+        places = np.searchsorted(self.rows["seq"], numbers)
+        places = places[places < len(self.rows)]
+        times = (self.rows["deadline_ns"][places] - self._origin_ns) * 1e-9
+        return list(zip(places.tolist(), times.tolist(), strict=True))
 
     def first(self) -> int:
         """Return 0: all rows are sent."""

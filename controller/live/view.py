@@ -16,9 +16,10 @@ from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.marks import Mark, MarkFinder, change_mark
-from haptic_wall.controller.live.relay import is_number
+from haptic_wall.controller.live.relay import OFFERED, is_number
 from haptic_wall.controller.live.scene import law_over_position
 from haptic_wall.controller.live.source import Source
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.hand import SharedHand
 
@@ -26,6 +27,8 @@ MOST_NUMBER: Final = 1e6
 """Largest number for a hand [rad or N·m/rad]"""
 MOST_MARKS: Final = 1000
 """Events that are kept"""
+MOST_LAWS: Final = 200
+"""Laws that are kept, each with the time from which it was in force"""
 _SAME_DELAY: Final = 0.03
 """Relative change of the delay that is not drawn [1]"""
 
@@ -76,6 +79,11 @@ class View:
             "recorded": recorded,
             "hand": hand is not None,
             "dead_man": dead_man is not None,
+            "laws": {
+                name: {"numbers": kind.numbers, "example": dict(kind.example)}
+                for name, kind in OFFERED.items()
+            },
+            "off": FLAG_WARM_UP | FLAG_OFF,
         }
         self._marks: deque[Mark] = deque(maxlen=MOST_MARKS)
         self._finder = MarkFinder()
@@ -88,8 +96,11 @@ class View:
         """That the guard uses [s]; not a number: not known yet"""
         self._map: dict[str, Any] = {}
         self._map_of: tuple[Config, float] | None = None
-        self._law: dict[str, Any] = {}
+        self._laws: deque[dict[str, Any]] = deque(maxlen=MOST_LAWS)
         self._law_of: tuple[Any, ...] = ()
+        self._since_s = 0.0
+        self._on_stiffness = config.wall.stiffness
+        self._health: dict[str, Any] = {}
         self._ended = ""
 
     def welcome(self, client: Client, *, controls: bool) -> None:
@@ -97,14 +108,32 @@ class View:
         client.tell(self._hello | {"controls": controls})
         client.tell({"kind": "wall", **self._wall()})
         client.tell({"kind": "marks", "marks": [mark.plain() for mark in self._marks]})
-        for drawn in filter(None, (self._law, self._map)):
-            client.tell(drawn)
+        client.tell({"kind": "laws", "laws": list(self._laws)})
+        for known in filter(None, (self._map, self._health)):
+            client.tell(known)
         if self._ended:
             client.tell({"kind": "ended", "words": self._ended})
         self.clients.add(client)
 
-    def recall(self, ended: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> None:
-        """Show what a log tells: the changes, and how the run ended."""
+    def recall(
+        self,
+        ended: Mapping[str, Any],
+        changes: Sequence[Mapping[str, Any]],
+        walls: Sequence[tuple[int, float, Config]],
+    ) -> None:
+        """Show what a log tells: its rows, the changes, and how the run ended.
+
+        Args:
+            ended: The end that the run wrote.
+            changes: Of the running wall.
+            walls: First row, its time [s] and configuration of each wall, in order.
+        """
+        for (_, since_s, config), end in zip(
+            walls, [*(first for first, _, _ in walls[1:]), self.source.capacity], strict=True
+        ):
+            self.change(config, since_s)
+            self.look(end - self._tail)
+            self.draw_law()
         known = [each for each in changes if each.get("at_s") is not None]
         self.add([change_mark(each) for each in known])
         if ended.get("stop_reason"):
@@ -163,9 +192,16 @@ class View:
             self._marks += marks
             self.tell({"kind": "marks", "marks": [mark.plain() for mark in marks]})
 
-    def change(self, config: Config) -> None:
-        """Show another configuration, after a change of the running wall."""
+    def change(self, config: Config, since_s: float | None) -> None:
+        """Show another configuration, after a change of the running wall.
+
+        Args:
+            config: In force.
+            since_s: Time of the change, from the run's first row [s]; None: before it.
+        """
         self.config = config
+        self._since_s = self._since_s if since_s is None else since_s
+        self.draw_law()
         self.tell({"kind": "wall", **self._wall()})
 
     def end(self, words: str) -> None:
@@ -194,25 +230,41 @@ class View:
             low, high = self._span
             self._span = min(low, float(position.min())), max(high, float(position.max()))
         self.stiffness = float(rows["stiffness"][-1])
+        self._on_stiffness = self.stiffness or self._on_stiffness
         self.delay = float(rows["delay_s"][-1])
 
     def draw_law(self) -> None:
-        """Send the curve of the law if the law or the range of motion has changed."""
+        """Send the curve of the law if the law or the range of motion has changed.
+
+        The curve of a wall that is off is that of the wall that was on.
+        """
         low, high = self._span
         if math.isnan(self._started_at) or not math.isfinite(self.stiffness):
             return
-        wanted = (self.config, float(f"{self.stiffness:.3g}"))
-        drawn = self._law
-        inside = bool(drawn) and drawn["low"] <= low and high <= drawn["high"]
+        wanted = (self.config, self._since_s, float(f"{self._on_stiffness:.3g}"))
+        drawn = self._laws[-1] if self._laws else None
+        inside = drawn is not None and drawn["low"] <= low and high <= drawn["high"]
         if inside and wanted == self._law_of:
             return
         try:
-            law = law_over_position(self.config, self._started_at, self.stiffness, low, high)
+            law = law_over_position(self.config, self._started_at, self._on_stiffness, low, high)
         except HapticWallError:
             return  # of a log: a law that is not imported
         self._law_of = wanted
-        self._law = {"kind": "law", **law}
-        self.tell(self._law)
+        if drawn is not None and drawn["since"] == self._since_s:
+            self._laws.pop()
+        self._laws.append({"since": self._since_s, **law})
+        self.tell({"kind": "laws", "laws": [self._laws[-1]]})
+
+    def tell_health(self) -> None:
+        """Send the servo's supply and temperature, if they have changed."""
+        found = self.source.health()
+        if found is None:
+            return
+        health = {"kind": "health", "volts": found[0], "celsius": found[1]}
+        if health != self._health:
+            self._health = health
+            self.tell(health)
 
     async def draw_map(self) -> None:
         """Tell the guard's limits, where the wall, or the delay, is another one."""
@@ -233,7 +285,8 @@ class View:
 
     def _wall(self) -> dict[str, Any]:
         data = self.config.model_dump(mode="json")
-        return {"wall": data["wall"], "delay_steps": data["delay"]["steps"]}
+        travel = data["safety"]["travel"]
+        return {"wall": data["wall"], "delay_steps": data["delay"]["steps"], "travel": travel}
 
 
 def _limits(config: Config, delay: float) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import socket
 import tempfile
 import time
@@ -141,7 +142,9 @@ class Demo:
             self._start(name)
 
     def close(self) -> None:
-        """End the runs, together."""
+        """End the page, which says so to its clients, and then the runs, together."""
+        self.page.send(signal.SIGTERM)
+        self.page.wait(_END_S)
         for wall, _ in self._walls.values():
             wall.end()
         for wall, _ in self._walls.values():

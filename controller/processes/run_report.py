@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptic_wall.controller.processes.plan import Ended, LogState
-from haptic_wall.controller.runtime.safety import EMULATOR_LATE, EXPLANATIONS, End, StopReason, Trip
+from haptic_wall.controller.runtime.safety import (
+    AFTER_STALL,
+    EMULATOR_LATE,
+    EXPLANATIONS,
+    NO_REAL_TIME,
+    STALL_ADVICE,
+    End,
+    StopReason,
+    Trip,
+)
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.servo import Servo
 from haptic_wall.hw.errors import Problem
@@ -88,6 +97,15 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     means = EXPLANATIONS[trip]
     if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
         means = EMULATOR_LATE[trip]
+    stalled = (ended.result or {}).get("stalled")
+    if stalled and trip in AFTER_STALL:
+        no_hand = servo.kind != "hardware" or _on_pseudo_terminal(servo)
+        advice = f"{STALL_ADVICE}; {NO_REAL_TIME}" if no_hand else STALL_ADVICE
+        if means.advice and trip not in EMULATOR_LATE:
+            advice += f"; without a stall {means.advice}"
+        means = replace(
+            EXPLANATIONS[trip], what=f"{stalled}: {EXPLANATIONS[trip].what}", advice=advice
+        )
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")

@@ -36,7 +36,7 @@ from haptic_wall.controller.runtime.missed import MissedPeriods
 from haptic_wall.controller.runtime.motion_watch import MotionWatch
 from haptic_wall.controller.runtime.overspeed import DrivenLimits, DrivenSpeed, speed_limits
 from haptic_wall.controller.runtime.safety import Safety, SafetyLimits
-from haptic_wall.controller.runtime.sampler import Sampler
+from haptic_wall.controller.runtime.sampler import Sampler, is_pipelined
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.controller.runtime.watch_settings import watch_settings
@@ -198,7 +198,8 @@ def rendered(config: Config, clock: Clock, servo: Servo, program: Sequence[Phase
     if not config.law_is_active(step):
         return config.law(step)
     period = config.period_ns * 1e-9
-    lag = math.ceil(config.belief().delay.high / period) + (config.servo.schedule == "pipelined")
+    lag = math.ceil(config.belief().delay.high / period)
+    lag += is_pipelined(config.servo.schedule, servo.bus, period)
     facts = servo.facts
     port = Port(
         now_ns=clock.now_ns,
@@ -258,7 +259,7 @@ def tick_parts(
             servo,
             velocity_estimator(period, wall.velocity_samples),
             period_ns,
-            pipelined=config.servo.schedule == "pipelined",
+            pipelined=is_pipelined(config.servo.schedule, servo.bus, period),
             velocity_filter=None if filtered is None else Biquad(filtered.taps()),
         ),
         gains=gains,

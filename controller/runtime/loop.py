@@ -13,7 +13,7 @@ from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus
 
-BLOCK = 4096
+BLOCK = 1024
 """Ticks between two calls of ``on_block``; well below the rows that the telemetry holds."""
 
 _never = (math.inf, math.inf, math.inf)

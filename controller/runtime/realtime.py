@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import resource
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _PR_GET_TIMERSLACK = 30
 _MCL_CURRENT_AND_FUTURE = 3
+_CAP_SYS_NICE = 23
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
 
@@ -116,11 +118,62 @@ def _cpu_latency() -> str:
     return "0 µs"
 
 
-def _attempt(name: str, wanted: str, action: Callable[[], str], remedy: str) -> Setting:
+def _attempt(
+    name: str, wanted: str, action: Callable[[], str], remedy: str | Callable[[], str]
+) -> Setting:
     try:
         return Setting(name, wanted, action(), True, "")
     except OSError as error:
-        return Setting(name, wanted, f"refused: {error.strerror}", False, remedy)
+        told = remedy if isinstance(remedy, str) else remedy()
+        return Setting(name, wanted, f"refused: {error.strerror}", False, told)
+
+
+def scheduler_remedy(priority: int, root: Path = Path("/")) -> str:
+    """Return how to have SCHED_FIFO granted, after it was refused.
+
+    Where this process has the right, a control group without real-time runtime is the cause: a
+    kernel with CONFIG_RT_GROUP_SCHED then refuses root too.
+
+    Args:
+        priority: The refused one.
+        root: Root of the file system with the kernel's files.
+    """
+    if _text(root / "proc/sys/kernel/sched_rt_runtime_us") == "0":
+        return "`sudo sysctl kernel.sched_rt_runtime_us=950000`"
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, controllers, path = line.split(":", 2)
+        group = root / "sys/fs/cgroup/cpu" / path.lstrip("/") / "cpu.rt_runtime_us"
+        if "cpu" in controllers.split(",") and _text(group) == "0":
+            return (
+                "its control group has no real-time runtime: "
+                f"`echo 100000 | sudo tee {group}`, its parents first; for a container "
+                "`docker run --cpu-rt-runtime=100000 --ulimit rtprio=95 --cap-add=sys_nice`"
+            )
+    most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
+    if _has_sys_nice(root) or most == resource.RLIM_INFINITY or most >= priority:
+        return (
+            "it has the right, so its control group has no real-time runtime: start it outside of"
+            " the container or service, or in the root group: `echo $$ | sudo tee"
+            " /sys/fs/cgroup/cgroup.procs`"
+        )
+    return (
+        "`sudo scripts/setup-testbed` and log in again, or once: `sudo prlimit --rtprio=95"
+        " --pid $$`"
+    )
+
+
+def _has_sys_nice(root: Path) -> bool:
+    """Whether this process has the capability CAP_SYS_NICE."""
+    lines = _text(root / "proc/self/status").splitlines()
+    held = next((line.split()[1] for line in lines if line.startswith("CapEff:")), "0")
+    return bool(int(held, 16) >> _CAP_SYS_NICE & 1)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
 
 
 def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
@@ -143,8 +196,7 @@ def apply(profile: Profile, priority: int, cores: set[int]) -> list[Setting]:
             "scheduler",
             f"SCHED_FIFO {priority}",
             lambda: _scheduler(priority),
-            "`sudo scripts/setup-testbed` and log in again, or once: `sudo prlimit --rtprio=95"
-            " --pid $$`",
+            lambda: scheduler_remedy(priority),
         )
     )
     settings.append(

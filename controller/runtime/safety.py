@@ -111,11 +111,13 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
     ),
     Trip.LOSSES_IN_ROW: Problem(
         "all readings failed for longer than safety.max_silence_s allows",
-        advice="check cable, power, baud rate and adapter",
+        advice="check cable, power, baud rate and adapter; `haptic-wall doctor` finds late replies"
+        " and the suitable servo.schedule",
     ),
     Trip.LOSS_RATE: Problem(
         "a larger fraction of the readings failed than safety.max_loss allows",
-        advice="check cable, power, baud rate and adapter, or lower loop.rate_hz",
+        advice="check cable, power, baud rate and adapter (`haptic-wall doctor` finds late replies "
+        "and the suitable servo.schedule), or lower loop.rate_hz",
     ),
     Trip.MISSED_PERIODS: Problem(
         "the loop missed a larger fraction of its periods than safety.max_missed allows",
@@ -162,10 +164,11 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
 
 EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
     trip: Problem(
-        f"{what}; the port is a pseudo-terminal: unless faults were injected, the emulator got no"
-        " processor time",
+        "unless faults were injected, the emulator got no processor time (the port is a "
+        f"pseudo-terminal): {what}",
         advice="end programs that keep the cores busy, give both processes real-time rights"
-        f" (`sudo scripts/setup-testbed`), run the preset emulated-port, or raise {limit}",
+        " (`sudo scripts/setup-testbed`), run a preset emulated-* with `--set"
+        f" loop.clock=simulated`, which needs no real time, or raise {limit}",
     )
     for trip, what, limit in (
         (
@@ -181,6 +184,18 @@ EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
     )
 }
 """Explanations of these trips with an emulated bus, which has no cable"""
+
+AFTER_STALL: Final = frozenset(
+    (Trip.OVERSPEED, Trip.LOSSES_IN_ROW, Trip.LOSS_RATE, Trip.TORQUE_LOST, Trip.SERVO_LOST)
+)
+"""Trips that a stall of the computer can cause"""
+STALL_ADVICE: Final = (
+    "end programs that keep the cores busy, or give this program real-time rights (`sudo"
+    " scripts/setup-testbed`)"
+)
+NO_REAL_TIME: Final = (
+    "`--set loop.clock=simulated`, with a preset simulated or emulated-*, needs none"
+)
 
 LEAST_FAILED = 3
 """Consecutive failed readings that a silence needs to trip: at low rates the allowed time is over

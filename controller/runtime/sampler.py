@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 from haptic_wall.controller.laws.velocity import Biquad, VelocityEstimator
-from haptic_wall.hw.servo import Outcome, Reading, Servo
+from haptic_wall.hw.servo import Bus, Outcome, Reading, Servo
+from haptic_wall.hw.settings import Schedule
 
 COLLECT_SHARE = 0.8
 """Fraction of a period after which a missing reply is given up [1]. A pipelined tick that waits
@@ -25,6 +27,19 @@ SHORTEST = 0.5
 encoder count would give a high speed."""
 _OK = Outcome.OK  # looking up an enum member is slow: a plain name is many times faster
 _WAITING = Outcome.WAITING
+
+
+def is_pipelined(schedule: Schedule | Literal["auto"], bus: Bus | None, period_s: float) -> bool:
+    """Whether requests are sent in the period before.
+
+    Args:
+        schedule: As configured.
+        bus: The servo's bus after its start; None: there is none.
+        period_s: The sampling period [s].
+    """
+    if schedule == "auto":  # where a reply takes several periods, neither is better
+        return bus is not None and not bus.reply_s and bus.longest_s > COLLECT_SHARE * period_s
+    return schedule == "pipelined"
 
 
 class Sampler:

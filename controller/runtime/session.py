@@ -29,6 +29,7 @@ from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.loop import Loop
 from haptic_wall.controller.runtime.realtime import freeze_garbage, reserve_memory
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
+from haptic_wall.controller.runtime.sampler import is_pipelined
 from haptic_wall.controller.runtime.session_report import (
     delay_report,
     guard_report,
@@ -39,7 +40,7 @@ from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.capabilities import HasTrouble
+from haptic_wall.hw.capabilities import HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.errors import (
     ServoHealthError,
@@ -88,6 +89,8 @@ class Result:
     """
     warnings: list[str] = field(default_factory=list)
     """Warnings of the loop itself"""
+    stalled: str = ""
+    """A stall of this computer just before the end, which may explain it; empty: none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +210,13 @@ class _Session:
                 self._decide()
             passed = f", {len(self._checks)} start-up checks passed" if self._checks else ""
             self._around.tell(f"{servo.facts.name}: torque is on{passed}")
+            bus = servo.bus or Bus()
+            period_s = config.period_ns * 1e-9
+            if config.servo.schedule == "auto" and is_pipelined("auto", bus, period_s):
+                self._around.tell(
+                    "schedule pipelined: the adapter holds replies for "
+                    f"{bus.longest_s * 1e3:.2g} ms"
+                )
         inbox = Inbox(self._around.changes, telemetry.words)
         inbox.tell(KnownServo(servo.facts, servo.bus and replace(servo.bus), self._simulated))
         parts = tick_parts(
@@ -219,6 +229,7 @@ class _Session:
             self._injected,
             inbox=inbox,
         )
+        self._health = servo if isinstance(servo, HasHealth) else None
         self._tick = Tick(parts)
         self._loop = Loop(
             self._tick,
@@ -227,11 +238,19 @@ class _Session:
             telemetry,
             servo.bus or Bus(),
             config.period_ns,
-            self._around.on_block,
+            self._between_ticks,
             self._late,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING
+
+    def _between_ticks(self) -> None:
+        """Pass on the servo's health, and call ``on_block``."""
+        if self._health is not None:
+            volts, celsius = self._health.health()
+            self._telemetry.words[Word.TEMPERATURE_MC] = round(1e3 * celsius)
+            self._telemetry.words[Word.SUPPLY_MV] = round(1e3 * volts)
+        self._around.on_block()
 
     def run(self, duration_s: float | None) -> None:
         """Run the loop until the end, and switch the torque off."""
@@ -242,6 +261,8 @@ class _Session:
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
+        recent_s = 0.0 if self._late is None else self._late.stalled_s(self._clock.now_ns())
+        self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
 
     def abandon(self, error: BaseException) -> None:
@@ -271,6 +292,7 @@ class _Session:
             facts=_facts(servo),
             wall_came_on=tick.came_on,
             waited_for=self._waiting.lacking(),
+            stalled=self._stalled,
         )
         try:
             return self._reported(result)

@@ -164,6 +164,10 @@ class Word(IntEnum):
     """Its size, in millionths (loop)."""
     BEGAN_NS = 20
     """The first deadline [ns]; 0: the loop does not run yet (loop)."""
+    SUPPLY_MV = 21
+    """Supply of the servo [mV]; 0: not known (loop)."""
+    TEMPERATURE_MC = 22
+    """Temperature of the servo [m°C], known with the supply (loop)."""
 
 
 _HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as an enum member

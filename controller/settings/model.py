@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Final, Generic, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -28,7 +28,9 @@ Whole = Annotated[int, BeforeValidator(whole)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
 Lag = Annotated[float, Field(ge=0, le=1)]
-BelievedLag = Annotated[float, Field(ge=0, le=0.1)]
+MOST_LAG: Final = 0.1
+"""Longest believed lag [s]"""
+BelievedLag = Annotated[float, Field(ge=0, le=MOST_LAG)]
 Gain = Annotated[float, Field(ge=1e-3, le=10)]
 Inertia = Annotated[float, Field(ge=1e-8, le=1e3)]
 """From a thousandth of the smallest servo's to a thousand times that of a robot's arm"""

@@ -13,7 +13,7 @@ from haptic_wall.controller.laws import own
 from haptic_wall.controller.laws.engagement import MOST_TORQUE
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.laws.table import LAWS, SUM, is_active, shape_of
-from haptic_wall.controller.settings.model import LawNumbers, Wall
+from haptic_wall.controller.settings.model import MOST_LAG, LawNumbers, Wall
 from haptic_wall.controller.settings.sections import Sections
 from haptic_wall.controller.settings.servo import TRUTH_FIELDS, options_of
 from haptic_wall.controller.settings.shares import SPIN_SHARE
@@ -50,6 +50,8 @@ WIDEST_NOTCHED_HZ = 60.0
 """Widest range of a vibration's believed frequency with a notch [Hz]; the start already takes
 seconds"""
 _RULES: list[_Rule] = []
+_MOST_PERIODS = 5000
+"""Longest delay [periods]; the theory counts contacts up to 10,000 late"""
 
 
 def _reads(
@@ -370,6 +372,27 @@ def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
                 " servo.load_inertia and servo.transmission_stiffness",
                 field=f"servo.{name}",
             )
+
+
+@_reads(
+    *("model.delay", "servo.delay", "servo.current_bandwidth", "servo.current_period"),
+    *("guard.sample_age", "delay.steps", "loop.rate_hz"),
+)
+def _delay_is_computable(config: Sections) -> Iterator[Problem]:
+    believed, servo, rate = config.model.delay, config.servo, config.loop.rate_hz
+    lag = servo.delay + servo.current_lag if believed is None else believed.high
+    if lag > MOST_LAG:
+        yield Problem(
+            f"found a lag of {lag:.3g} s, servo.current_bandwidth included",
+            wanted=f"at most {MOST_LAG:g} s where model.delay is not given",
+            field="servo.delay",
+        )
+    elif (periods := config.delay.steps + (config.guard.sample_age + lag) * rate) > _MOST_PERIODS:
+        yield Problem(
+            f"found {periods:.0f} periods of delay in all",
+            wanted=f"at most {_MOST_PERIODS}",
+            field="guard.sample_age",
+        )
 
 
 @_reads(

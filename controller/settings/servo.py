@@ -410,10 +410,11 @@ class Servo(Section):
     model: str | None = setting(
         None, "The servo's model, e.g. XM430-W350", min_length=1, used_by=_BUS
     )
-    schedule: Schedule = setting(
-        "immediate",
+    schedule: Schedule | Literal["auto"] = setting(
+        "auto",
         "immediate: request and reply in one tick; pipelined: the reply travels while the loop "
-        "sleeps, and its age is counted",
+        "sleeps, and its age is counted; auto: pipelined if the start-up measures replies that an "
+        "adapter holds back for longer than immediate waits, else immediate",
         used_by=_BUS,
     )
     watchdog_s: float = setting(

@@ -128,6 +128,8 @@ class HealthWatch:
         }
         self._addresses = {end - address: address for address, end in blocks}
         self._turn = 0
+        self.last = dict.fromkeys(("supply", "temperature"), 0)
+        """Last readings [0.1 V], [°C]; 0: none yet"""
         self.asked = 0
         """Length of the block in the last request; 0: the sample only"""
         self._strikes = dict.fromkeys(("supply", "temperature"), 0)
@@ -191,6 +193,7 @@ class HealthWatch:
                 quiet = value == bounds.watchdog
             else:
                 fault = bounds.supply_fault if item.name == "supply" else bounds.heat_fault
+                self.last[item.name] = value
                 self._strike(item.name, fault(value), name)
         return quiet
 

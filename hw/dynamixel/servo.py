@@ -140,6 +140,7 @@ class DynamixelServo:
         self._jump_filter = self._new_jump_filter()
         self._most = self.facts.torque_limit
         self.bus.reply_s = self._reply_ns * 1e-9
+        self.bus.longest_s = ready.longest_ns * 1e-9
         self.bus.counts = self._link.counts = BusCounts()
         self._watchdog.begin()
         self._running = True
@@ -288,6 +289,10 @@ class DynamixelServo:
         """
         if isinstance(self._line, FdLine):
             self._line.idle()
+
+    def health(self) -> tuple[float, float]:
+        """Return the last known supply [V] and temperature [°C]; see ``HasHealth``."""
+        return self._health.last["supply"] / 10, float(self._health.last["temperature"])
 
     def stand_in(self, clock: Clock) -> DynamixelServo:
         """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""

@@ -56,6 +56,8 @@ class Ready:
     """Present supply [V]"""
     reply_ns: int
     """Time of a reply, if longer than the schedules allow [ns]; else 0"""
+    longest_ns: int
+    """Usual time of a reply at the worst phase of an adapter's timer [ns]"""
 
 
 class Startup:
@@ -121,13 +123,21 @@ class Startup:
         self.list.refuse_if_unfit()
         self.set_up()
         self.judge_limits_and_position()
-        reply_ns = self.measure_reply()
+        longest_ns, reply_ns = self.measure_reply()
         self.list.add("watched while it runs", True, *watch)
         self.list.refuse_if_unfit()
         self.torque_on()
         self.prove_the_sign()
         self.list.refuse_if_unfit()
-        return Ready(self.list.checks, self.current_limit, bounds, self.law, self.volts, reply_ns)
+        return Ready(
+            self.list.checks,
+            self.current_limit,
+            bounds,
+            self.law,
+            self.volts,
+            reply_ns,
+            longest_ns,
+        )
 
     def report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
@@ -209,8 +219,8 @@ class Startup:
             )
         self.list.add("no-load speed", True, found, "above the speed that trips")
 
-    def measure_reply(self) -> int:
-        """Return the time of a reply, if longer than the schedules allow [ns]; else 0.
+    def measure_reply(self) -> tuple[int, int]:
+        """Return the time of a reply [ns], and again if longer than the schedules allow; else 0.
 
         Each is requested right after another has come, when an adapter's timer has just started, so
         that it takes the longest possible time. The median is used, because a machine may stall.
@@ -230,7 +240,7 @@ class Startup:
                 "timer to 1 ms"
             )
         self.list.add("adapter reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
-        return middle if slow else 0
+        return middle, middle if slow else 0
 
     # Torque
 

@@ -194,3 +194,14 @@ def test_nothing_sticks_out_and_the_first_frame_is_soon(tab: Tab, address: str) 
             assert tab.value("document.documentElement.scrollWidth <= innerWidth")
         paint = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? 0"
         assert 0 < tab.value(paint) < 3000  # 1 s where no tests run beside
+
+
+def test_a_demo_that_was_ended_says_so(tab: Tab, own: tuple[subprocess.Popen[str], str]) -> None:
+    child, address = own
+    tab.open(address)
+    tab.wait("window.lesson?.free.hello && window.lesson.guarded.hello", 2.0 * PATIENT_S)
+    child.send_signal(signal.SIGINT)
+    for servo in ("free", "guarded"):
+        tab.wait(f"{state(servo)} === 'ended'", PATIENT_S)
+    child.wait(PATIENT_S)
+    assert {tab.value(state(servo)) for servo in ("free", "guarded")} == {"ended"}

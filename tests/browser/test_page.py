@@ -168,7 +168,7 @@ def test_a_knob_raises_the_stiffness_to_the_clamp_and_says_why(tab: Tab, tmp_pat
             if "not applied" in words:
                 ask(tab, "wall.stiffness", 5000)
                 words = tab.wait(
-                    "(() => { const text = document.querySelector('.knob .words').textContent;"
+                    "(() => { const text = document.querySelector('#rows .answer').textContent;"
                     " return ['the guard commands', 'not applied']"
                     ".some((each) => text.includes(each)) && text; })()",
                     40.0,
@@ -205,10 +205,15 @@ def test_the_wall_is_on_while_the_button_is_held(tab: Tab, tmp_path: Path) -> No
         middle = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
         newest = "document.querySelector('#marks li.wall')?.innerText ?? ''"
         assert tab.value(newest) == ""
+        off = "getComputedStyle(document.getElementById('off')).visibility"
+        tab.wait(f"{off} === 'visible'")
         tab.mouse("mousePressed", *middle)
-        tab.wait(f"({newest}).includes('is on')")
+        tab.wait(f"({newest}).includes('is on') && {off} === 'hidden'")
         tab.mouse("mouseReleased", *middle)
-        tab.wait(f"({newest}).includes('is off')")
+        tab.wait(f"({newest}).includes('is off') && {off} === 'visible'")
+        tab.mouse("mousePressed", *middle)
+        tab.wait(f"{off} === 'hidden'")
+    tab.wait(f"{STATE}.includes('the run is over') && {off} === 'visible'")
 
 
 def test_without_the_token_the_knobs_are_fixed(tab: Tab, tmp_path: Path) -> None:
@@ -231,3 +236,183 @@ def test_a_hand_drags_the_shaft_into_the_wall_and_lets_go(tab: Tab, tmp_path: Pa
         tab.wait(f"{position} > 0.02")
         tab.mouse("mouseReleased", box["x"] + 0.9 * box["width"], begin[1])
         tab.wait(f"{position} < 0.05")
+
+
+def test_a_run_that_trips_has_no_wall(tab: Tab, tmp_path: Path) -> None:
+    sets = ["--set", "safety.travel=[-0.5, 0.001]", "--set", "servo.hand=lean"]
+    with running(tmp_path, *sets) as address:
+        tab.open(address)
+        tab.wait(f"{STATE}.includes('trip:travel')")
+        tab.wait("getComputedStyle(document.getElementById('off')).visibility === 'visible'")
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a recorded run."""
+    with program("live", str(recorded(tmp_path_factory.mktemp("shown")))) as (_, address):
+        yield address
+
+
+KNOBS = """(async () => {
+  const { Knobs } = await import("./knobs.js"), root = document.getElementById("rows");
+  root.replaceChildren();
+  window.sent = [];
+  window.knobs = new Knobs(root, (what) => sent.push(what));
+  const detents = { numbers: ["count", "width", "snap"], example: { count: 24, snap: 0.4 } };
+  const laws = { wall: { numbers: ["side"], example: {} }, spring: { numbers: [], example: {} },
+    friction: { numbers: ["friction"], example: { friction: 0.1 } }, detents };
+  const none = { low: null, high: null, count: null, width: null, friction: null, period: null };
+  const wall = { law: "wall", side: "above", stiffness: 8, damping: 0.02, position: Math.PI,
+    snap: 0.25, ...none };
+  window.show = (changes, travel = null) =>
+    knobs.show({ wall: { ...wall, ...changes }, delay_steps: 0, travel }, { controls: true, laws });
+  show({});
+})()"""
+SECTIONS = (
+    "[...document.querySelectorAll('main section, .knob, h2')]"
+    ".map((each) => { const { x, y, width, height } = each.getBoundingClientRect();"
+    " return [x, y, width, height]; })"
+)
+ANSWER = "document.querySelector('#rows .answer').textContent"
+
+
+def test_an_answer_moves_nothing_and_goes_with_the_next_wish(tab: Tab, shown: str) -> None:
+    for width in (1280, 390):
+        tab.look(width, 860, phone=width < 500)
+        tab.open(shown)
+        tab.wait(f"{STATE}.includes('the run ended')")
+        tab.value(KNOBS)
+        before = tab.value(SECTIONS)
+        ask(tab, "wall.stiffness", 5000)
+        assert tab.value(ANSWER) == "asked"
+        tab.value("knobs.answer({ id: knobs.count, error: 'no such wall, '.repeat(60) })")
+        assert tab.value(ANSWER).startswith("no such wall")
+        assert tab.value("knobs.rows['wall.stiffness'].number.value") == "8", "it is in force"
+        assert tab.value(SECTIONS) == before
+        ask(tab, "wall.damping", 0.1)
+        tab.value("knobs.answer({ id: knobs.count - 1, error: 'late' })")
+        assert tab.value(ANSWER) == "asked"
+        tab.wait("sent.length > 0")
+        tab.value("knobs.answer({ id: knobs.count, applied: true })")
+        assert tab.value(ANSWER) == ""
+        assert tab.value(SECTIONS) == before
+
+
+def test_wishes_of_two_knobs_in_one_moment_are_both_sent(tab: Tab, shown: str) -> None:
+    tab.open(shown)
+    tab.wait(f"{STATE}.includes('the run ended')")
+    tab.value(KNOBS)
+    tab.value(
+        "knobs.ask({ 'wall.stiffness': 3 }); knobs.ask({ 'wall.damping': 0.1 });"
+        " knobs.ask({ 'wall.stiffness': 4 })"
+    )
+    tab.wait("sent.length > 0")
+    assert tab.value("sent") == [{"set": {"wall.stiffness": 4, "wall.damping": 0.1}, "id": 3}]
+
+
+@pytest.mark.parametrize(
+    ("travel", "position", "low", "high"),
+    [
+        (None, 3.14159, 0.0, 6.2832),
+        ([-2.0, 4.0], 3.14159, -2.0, 4.0),
+        ([-20.0, 20.0], 0.0, -20.0, 20.0),
+        ([-2.0, 1.0], 1.5, -2.0, 1.5),
+    ],
+)
+def test_the_positions_slider_spans_the_travel_and_a_touch_asks_for_nothing(
+    tab: Tab, shown: str, travel: list[float] | None, position: float, low: float, high: float
+) -> None:
+    tab.open(shown)
+    tab.wait(f"{STATE}.includes('the run ended')")
+    tab.value(KNOBS)
+    tab.value(f"show({{ position: {position}, stiffness: 5000 }}, {travel or 'null'})")
+    for path, value in (("wall.position", position), ("wall.stiffness", 5000.0)):
+        slider = f"document.getElementById('{path}')"
+        least, most = tab.value(f"[+{slider}.min, +{slider}.max]")
+        if path == "wall.position":
+            assert (least, most) == pytest.approx((low, high), abs=1e-4)
+        box = place(tab, f'[id="{path}"]')
+        y = box["y"] + 0.5 * box["height"]
+        for part in (0.02, 0.3, 0.5, 0.98):
+            press(tab, box["x"] + part * box["width"], y)
+        assert tab.value("[sent, knobs.timer]") == [[], None]
+        x = box["x"] + 0.5 * box["width"]
+        tab.mouse("mousePressed", x, y)
+        tab.mouse("mouseMoved", x - 2.0, y)
+        tab.mouse("mouseReleased", x - 2.0, y)
+        (found,) = tab.wait("sent.length > 0 && sent")
+        tab.value("sent.length = 0")
+        assert value - 4.0 * (most - least) / box["width"] < found["set"][path] < value
+
+
+def test_a_law_has_the_knobs_of_its_numbers(tab: Tab, shown: str) -> None:
+    tab.open(shown)
+    tab.wait(f"{STATE}.includes('the run ended')")
+    tab.value(KNOBS)
+    for changes, own in (
+        ("{}", {"side"}),
+        ("{ law: 'spring' }", set()),
+        ("{ law: 'detents', count: 24 }", {"count", "snap"}),
+        ("{ law: 'detents', width: 0.2 }", {"width", "snap"}),
+        ("{ law: 'friction', friction: 0.1 }", {"friction"}),
+        ("{ law: 'profile' }", set()),
+    ):
+        tab.value(f"show({changes})")
+        seen = tab.value(
+            "[...document.querySelectorAll('#rows .knob')].filter((row) => row.offsetHeight)"
+            ".map((row) => row.querySelector('label').textContent)"
+        )
+        assert set(seen) == own | {"stiffness", "damping", "position", "delay", "law"}
+    assert "rad 180.0°" in tab.value("document.getElementById('rows').innerText")
+    choose = "(() => { const law = document.getElementById('law'); law.value = 'detents';"
+    tab.value(choose + " law.dispatchEvent(new Event('change')); })()")
+    (found,) = tab.wait("sent.length > 0 && sent")
+    assert found["set"] == {"wall.law": "detents", "wall.count": 24, "wall.snap": 0.4}
+
+
+SCOPE = """(async () => {
+  const { Scope, PANELS } = await import("./scope.js");
+  const { Store } = await import("./store.js");
+  const names = ["position_rad", "wall_torque_nm", "torque_nm", "measured_torque_nm"];
+  const store = new Store(1000, names), root = document.getElementById("panels");
+  root.replaceChildren();
+  for (let k = 0; k < 1000; k++) {
+    store.time[k] = k / 100;
+    for (const name of names) store.columns[name][k] = name === names[3] ? 0.25 : 0;
+  }
+  store.length = 1000;
+  const torque = (edge) => Array.from({ length: 401 }, (_, k) => Math.min(0, edge + 2 - k / 100));
+  const law = (since, edge) => ({ since, name: "wall", low: -2, high: 2, surface: edge,
+    edges: [edge], torque: torque(edge) });
+  const state = { laws: [law(0, 0.5), law(6, 1)], marks: [], pin: null };
+  window.scope = new Scope(root, store, state, {}, { panels: PANELS.slice(0, 2) });
+  scope.draw([0, 10]);
+  scope.label(999);
+  await new Promise(requestAnimationFrame);
+  const [plot] = scope.plots, { ctx } = plot;
+  const pixel = (x, y) => ctx.getImageData(x, y, 1, 1).data[3];
+  window.shade = (time, position) =>
+    pixel(plot.valToPos(time, "x", true), plot.valToPos(position, "y", true));
+})()"""
+
+
+def test_a_shaft_at_rest_has_its_wall_in_view_and_a_law_shades_its_own_time(
+    tab: Tab, shown: str
+) -> None:
+    tab.open(shown)
+    tab.wait(f"{STATE}.includes('the run ended')")
+    tab.value(SCOPE)
+    scale = "(({ min, max }) => [min, max])(scope.plots[0].scales.y)"
+    low, high = tab.value(scale)
+    assert low < 0.0 and 1.0 < high < 1.3
+    grid = "[1.3, 4.4, 7.3, 8.7].map((time) => shade(time, {}))"
+    assert [each > 0 for each in tab.value(grid.format(0.83))] == [True, True, False, False]
+    assert all(tab.value(grid.format(1.03)))
+    assert not any(tab.value(grid.format(0.23)))
+    tab.value("scope.draw([0, 5])")
+    tab.wait(f"{scale}[1] < 0.7 && {scale}[1] > 0.5")
+    labels = tab.value("scope.labels.map((label) => label.textContent)")
+    assert "0.000 rad (0.0°)" in labels[0]
+    assert "measured 0.250" in labels[1]
+    tab.value("scope.store.columns.measured_torque_nm.fill(NaN); scope.label(999)")
+    assert "measured" not in tab.value("scope.labels[1].textContent")

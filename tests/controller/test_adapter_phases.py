@@ -9,6 +9,7 @@ from tests.support.memory_session import LIMITS_OF_HARDWARE, mistaken, run_in_me
 MS_NS = 1_000_000
 WALL = ("servo.hand=tap", "wall.stiffness=30", "wall.damping=0.02")
 """A knock every second: at 5 rad/s a sample of the period before is three counts off"""
+AUTO = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000")
 PIPELINED = (*LIMITS_OF_HARDWARE, *WALL, "loop.rate_hz=1000", "servo.schedule=pipelined")
 
 
@@ -22,3 +23,22 @@ def test_no_phase_makes_every_pipelined_reply_miss_its_tick(shift_us: int) -> No
     age: IntArray = run.ticks["age_ns"]
     assert np.percentile(age, 99) <= 2 * MS_NS
     assert mistaken(run) == 0
+
+
+@pytest.mark.parametrize("timer_ms", [0, 1, 16])
+@pytest.mark.parametrize(
+    "phase",
+    [pytest.param(n, marks=() if n % 6 == 5 else pytest.mark.whole) for n in range(20)],
+)
+def test_by_default_the_schedule_suits_the_adapter_at_every_phase(
+    timer_ms: int, phase: int
+) -> None:
+    """As the better explicit one; without an adapter, or with a slow one, as ``immediate``."""
+    adapter = (timer_ms * MS_NS, 510) if timer_ms else None
+    shift_ns = phase * max(timer_ms, 1) * MS_NS // 20
+    run = run_in_memory(AUTO, 0.3, adapter=adapter, shift_ns=shift_ns)
+    assert run.result.stop_reason == "duration"
+    explicit = f"servo.schedule={'pipelined' if timer_ms == 1 else 'immediate'}"
+    same = run_in_memory((*AUTO, explicit), 0.3, adapter=adapter, shift_ns=shift_ns)
+    for name in ("age_ns", "torque", "position", "outcome"):
+        np.testing.assert_array_equal(run.ticks[name], same.ticks[name])

@@ -61,8 +61,10 @@ class Tab:
                 self.errors.append(details["entry"]["text"])
 
     def value(self, expression: str) -> Any:
-        """Return the value of an expression in the page."""
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        """Return the value of an expression in the page, and that of a promise once it is there."""
+        found = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 

@@ -18,7 +18,7 @@ const on = {
 const free = new Servo("free", "Without the guard", element("servos"), on);
 const guarded = new Servo("guarded", "With the guard", element("servos"), {
   ...on,
-  wall: (wall) => knobs.show(wall, true),
+  wall: (wall) => knobs.show(wall, guarded.hello),
   answer: (told) => knobs.answer(told),
 });
 const servos = [free, guarded];
@@ -57,7 +57,7 @@ function show(which) {
 
 function tell() {
   for (const servo of servos) {
-    if (servo.told?.facts.asked) servo.say(does(servo.told), servo.told.measured_hz ? "bad" : "good");
+    if (servo.told?.facts.asked) servo.say(servo.off ? "wall off" : does(servo.told), servo.told.measured_hz ? "bad" : "good");
   }
   if (!free.told?.facts.asked || !guarded.told?.facts.asked || !guarded.limits?.limits) return write(element("text"), "<p>The two servos are starting…</p>");
   for (const choice of element("tries").querySelectorAll("[value]")) choice.setAttribute("aria-pressed", String(choice.value === free.told.scene));

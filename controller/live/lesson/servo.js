@@ -6,6 +6,7 @@ import { TimeWindow } from "./window.js";
 import { PANELS, Scope } from "./scope.js";
 import { GuardMap } from "./map.js";
 import { Hand } from "./hand.js";
+import { keepLaws } from "./backdrop.js";
 
 const SPAN_S = 2, ROOM_RAD = 0.5, GRIP = 4, SCOPE_PX = 230; // grip in N·m/rad
 // Scales that show rest as rest: at least this much, in rad and N·m.
@@ -21,7 +22,7 @@ export class Servo {
     Object.assign(this, { name, on, card, part, told: null, limits: null, dirty: false, scope: null });
     part("h2").textContent = title;
     this.hear = part(".hear");
-    this.state = { law: null, marks: [], pin: null };
+    this.state = { laws: [], marks: [], pin: null };
     this.map = new GuardMap(part(".plane"), part(".limits"), document.createElement("p"));
     this.hand = new Hand(part(".hand"), { value: GRIP }, this.state, (what) => this.link.send(what), ROOM_RAD);
     this.store = new Store(1, []);
@@ -37,7 +38,8 @@ export class Servo {
       text: (message) => this.take(message),
       lost: (reason) => {
         this.told = null;
-        this.say(reason || "no connection; trying again", "bad");
+        if (this.link.over) this.say("ended", "");
+        else this.say(reason || "no connection; trying again", "bad");
       },
     }, name);
   }
@@ -46,7 +48,8 @@ export class Servo {
     const { kind } = message;
     this.dirty = true;
     if (kind === "hello") this.greet(message);
-    else if (kind === "law") this.state.law = message;
+    else if (kind === "laws") keepLaws(this.state.laws, message.laws);
+    else if (kind === "over") this.link.over = true;
     else if (kind === "map") this.map.show(this.limits = message);
     else if (kind === "lesson") this.on.lesson(this.told = message);
     else if (kind === "refused") console.warn(message.words);
@@ -57,6 +60,8 @@ export class Servo {
     this.store = new Store(hello.capacity, hello.channels, hello.rate_hz);
     this.view = new TimeWindow(this.store);
     this.view.span = SPAN_S;
+    this.hello = hello;
+    this.state.laws.length = 0;
     const change = (action) => { action(this.view); this.dirty = true; };
     if (this.scope) {
       this.scope.store = this.store;
@@ -76,6 +81,8 @@ export class Servo {
     if (line.textContent !== words) line.textContent = words;
     line.className = `state ${kind}`;
   }
+
+  get off() { return Boolean(this.now("flags") & this.hello?.off); }
 
   now(name) { return this.store.length ? this.store.value(name, this.store.length - 1) : NaN; }
 

@@ -1,5 +1,7 @@
 // Draws behind and over the curves: the law at its positions, the events, the pinned cursor.
 
+const MOST_LAWS = 200;
+
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 // The spring's torque at a position, between the points that the server computed.
@@ -10,29 +12,39 @@ export function torqueAt(law, position) {
   return law.torque[index] * (1 - part) + law.torque[index + 1] * part;
 }
 
-// Shade each position by the torque there: one hue where it pushes down, the other where up.
-export function drawLaw(plot, law) {
-  if (!law) return;
-  const { ctx, bbox } = plot, step = 2 * devicePixelRatio;
-  const rows = [];
+// Add laws, or draw the newest one anew: `since` is the time from which a law was in force.
+export function keepLaws(laws, more) {
+  for (const law of more) {
+    if (laws.at(-1)?.since === law.since) laws.pop();
+    laws.push(law);
+  }
+  laws.splice(0, laws.length - MOST_LAWS);
+}
+
+// Shade each position by the torque there, of the law of each time: one hue where it pushes down, the other where up.
+export function drawLaws(plot, laws) {
+  const { ctx, bbox } = plot, step = 2 * devicePixelRatio, right = bbox.left + bbox.width;
+  const place = (time) => Math.max(bbox.left, Math.min(right, plot.valToPos(time, "x", true)));
+  const seen = laws.map((law, k) => ({ law, left: place(law.since), right: k + 1 < laws.length ? place(laws[k + 1].since) : right })).filter((each) => each.right > each.left);
   let most = 1e-9;
-  for (let y = bbox.top; y < bbox.top + bbox.height; y += step) {
-    const torque = torqueAt(law, plot.posToVal((y + step / 2 - bbox.top) / devicePixelRatio, "y"));
-    rows.push([y, torque]);
-    most = Math.max(most, Math.abs(torque));
+  for (const each of seen) {
+    each.rows = [];
+    for (let y = bbox.top; y < bbox.top + bbox.height; y += step) each.rows.push([y, torqueAt(each.law, plot.posToVal((y + step / 2 - bbox.top) / devicePixelRatio, "y"))]);
+    most = Math.max(most, ...each.rows.map(([, torque]) => Math.abs(torque)));
   }
   const push = colour("--push"), pull = colour("--pull");
   ctx.save();
-  for (const [y, torque] of rows) {
-    const share = Math.abs(torque) / most;
-    if (share < 1e-3) continue;
-    ctx.fillStyle = `rgba(${torque < 0 ? push : pull}, ${0.08 + 0.3 * share})`;
-    ctx.fillRect(bbox.left, y, bbox.width, Math.min(step, bbox.top + bbox.height - y));
-  }
-  const surface = plot.valToPos(law.surface, "y", true);
-  if (law.name === "wall" && surface > bbox.top && surface < bbox.top + bbox.height) {
+  for (const { law, left, right: end, rows } of seen) {
+    for (const [y, torque] of rows) {
+      const share = Math.abs(torque) / most;
+      if (share < 1e-3) continue;
+      ctx.fillStyle = `rgba(${torque < 0 ? push : pull}, ${0.08 + 0.3 * share})`;
+      ctx.fillRect(left, y, end - left, Math.min(step, bbox.top + bbox.height - y));
+    }
+    const surface = plot.valToPos(law.surface, "y", true);
+    if (law.name !== "wall" || surface <= bbox.top || surface >= bbox.top + bbox.height) continue;
     ctx.fillStyle = colour("--wall");
-    ctx.fillRect(bbox.left, surface - devicePixelRatio / 2, bbox.width, 1.5 * devicePixelRatio);
+    ctx.fillRect(left, surface - devicePixelRatio / 2, end - left, 1.5 * devicePixelRatio);
   }
   ctx.restore();
 }

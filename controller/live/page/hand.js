@@ -5,7 +5,7 @@ import { colour, torqueAt } from "./backdrop.js";
 const EVERY_MS = 50, HEIGHT = 64;
 
 export class Hand {
-  // send(object): to the server; state: {law}; room: what is seen on each side of the wall [rad]
+  // send(object): to the server; state: {laws}; room: what is seen on each side of the wall [rad]
   constructor(canvas, stiffness, state, send, room = 1.0) {
     Object.assign(this, { canvas, stiffness, state, send, room, shaft: NaN, pointer: null, timer: null });
     canvas.addEventListener("pointerdown", (event) => this.take(event));
@@ -15,7 +15,7 @@ export class Hand {
   }
 
   get range() {
-    const middle = this.state.law?.surface ?? 0;
+    const middle = this.state.laws.at(-1)?.surface ?? 0;
     return [middle - this.room, middle + this.room];
   }
 
@@ -66,7 +66,7 @@ export class Hand {
   }
 
   shade(ctx, width, height, low, high) {
-    const { law } = this.state;
+    const law = this.state.laws.at(-1);
     if (!law) return;
     const step = 2 * devicePixelRatio, torques = [];
     for (let x = 0; x < width; x += step) torques.push(torqueAt(law, low + ((x + step / 2) / width) * (high - low)));

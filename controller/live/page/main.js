@@ -3,16 +3,17 @@
 import { Link } from "./link.js";
 import { Store } from "./store.js";
 import { TimeWindow, SPANS } from "./window.js";
-import { Scope, format } from "./scope.js";
+import { Scope, degrees, format } from "./scope.js";
 import { Events } from "./events.js";
 import { GuardMap } from "./map.js";
 import { Knobs } from "./knobs.js";
 import { Hand } from "./hand.js";
 import { DeadMan } from "./dead_man.js";
+import { keepLaws } from "./backdrop.js";
 import { saveCsv, savePng } from "./exports.js";
 
 const element = (id) => document.getElementById(id);
-const state = { law: null, marks: [], pin: null, cursor: null, hello: null, ended: "" };
+const state = { laws: [], marks: [], pin: null, cursor: null, hello: null, ended: "", health: "" };
 let store = new Store(1, []), view = new TimeWindow(store), scope = null, dirty = true;
 const events = new Events(element("marks"), (time) => change(() => view.show(time - 1, time + 1)));
 state.marks = events.marks;
@@ -34,6 +35,7 @@ function greet(hello) {
   view = new TimeWindow(store);
   view.span = before.span;
   events.clear();
+  state.laws.length = 0;
   element("grip").hidden = !(hello.hand && hello.controls);
   element("held").hidden = !(hello.dead_man && hello.controls);
   element("may").textContent = hello.controls ? "" : hello.recorded ? "(recorded)" : "(to change it: --live-control)";
@@ -52,8 +54,9 @@ function greet(hello) {
 const heard = {
   hello: greet,
   marks: ({ marks }) => events.add(marks),
-  law: (law) => { state.law = law; },
-  wall: (wall) => knobs.show(wall, state.hello.controls),
+  laws: ({ laws }) => keepLaws(state.laws, laws),
+  health: ({ volts, celsius }) => { state.health = `${volts} V · ${celsius} °C`; },
+  wall: (wall) => knobs.show(wall, state.hello),
   map: (limits) => map.show(limits),
   answer: (told) => knobs.answer(told),
   beat: ({ beat }) => deadMan.beat(beat),
@@ -79,6 +82,8 @@ function say(words, bad) {
 
 function report() {
   const newest = store.length - 1;
+  const gone = state.ended && !state.hello.recorded;
+  element("off").classList.toggle("shown", newest >= 0 && Boolean(gone || store.value("flags", newest) & state.hello.off));
   if (newest < 0) return;
   const row = state.cursor === null ? newest : Math.min(newest, store.at(state.cursor));
   scope.label(row);
@@ -92,6 +97,7 @@ function report() {
       `K ${format(of("stiffness_nm_per_rad"))} N·m/rad`,
       `B ${format(of("damping_nms_per_rad"))} N·m·s/rad`,
       `delay ${format(1e3 * of("delay_s"), 3)} ms`,
+      state.health,
       store.gaps ? `${store.gaps} rows skipped` : "",
     ];
     say(parts.filter(Boolean).join(" · "), false);
@@ -105,7 +111,7 @@ function readout(row) {
   const dt = store.time[row] - store.time[pinned];
   const difference = (name) => format(store.value(name, row) - store.value(name, pinned));
   const rate = dt ? ` (${format(1 / Math.abs(dt), 3)} Hz)` : "";
-  return `from the pin: Δt ${(1e3 * dt).toFixed(1)} ms${rate}, Δx ${difference("position_rad")} rad, Δτ ${difference("torque_nm")} N·m`;
+  return `from the pin: Δt ${(1e3 * dt).toFixed(1)} ms${rate}, Δx ${difference("position_rad")} rad (${degrees(store.value("position_rad", row) - store.value("position_rad", pinned))}), Δτ ${difference("torque_nm")} N·m`;
 }
 
 function frame() {

@@ -4,7 +4,7 @@ import { colour } from "./backdrop.js";
 
 export const LIMITS = {
   linear: "--soft", exact: "--position", one_sided: "--torque", quantisation: "--age", passive: "--velocity",
-  backlash: "--wall", flexible: "--alarm", resolution: "--loss",
+  backlash: "--wall", flexible: "--alarm", resolution: "--resolution",
 };
 const NAMES = { one_sided: "one-sided" };
 

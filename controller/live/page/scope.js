@@ -1,11 +1,11 @@
 // The scope: a panel for each quantity over one time axis. uPlot draws the least and the largest value
 // of each pixel column, so that nothing between two frames is lost.
 
-import { colour, drawLaw, drawMarks, drawPin } from "./backdrop.js";
+import { colour, drawLaws, drawMarks, drawPin } from "./backdrop.js";
 
 export const PANELS = [
-  { name: "position", unit: "rad", lines: [["position_rad", "--position"]], height: 3, least: 0.02 },
-  { name: "torque", unit: "N·m", lines: [["wall_torque_nm", "--wall"], ["torque_nm", "--torque"]], shown: ["wall_torque_nm", "torque_nm"], words: ["wall ", "sent "], height: 2, least: 0.02, zero: true },
+  { name: "position", unit: "rad", lines: [["position_rad", "--position"]], height: 3, least: 0.02, laws: true },
+  { name: "torque", unit: "N·m", lines: [["wall_torque_nm", "--wall"], ["measured_torque_nm", "--measured"], ["torque_nm", "--torque"]], words: ["wall ", "measured ", "sent "], height: 2, least: 0.02, zero: true },
   { name: "velocity", unit: "rad/s", lines: [["velocity_rad_s", "--pale"], ["velocity_mean", "--velocity"]], shown: ["velocity_mean"], height: 1.6, least: 0.1, zero: true },
   { name: "lateness", unit: "µs", lines: [["lateness_us", "--lateness"]], height: 1.2, log: true },
   { name: "age of the sample", unit: "µs", lines: [["sample_age_us", "--age"]], height: 1.2, log: true },
@@ -14,10 +14,10 @@ const AXIS = 58;
 const wholeRoom = () => Math.max(420, Math.min(900, innerHeight - 190));
 
 export class Scope {
-  // state: {law, marks, pin}; on: {zoom(from, to), wheel(factor, time), pin(time), shift(s), follow(), cursor()}
+  // state: {laws, marks, pin}; on: {zoom(from, to), wheel(factor, time), pin(time), shift(s), follow(), cursor()}
   // panels: of PANELS; room(): their height together; key: scopes with one key share the pointer
   constructor(root, store, state, on, { panels = PANELS, room = wholeRoom, key = "scope" } = {}) {
-    Object.assign(this, { root, store, state, on, panels, room, key });
+    Object.assign(this, { root, store, state, on, panels, room, key, edges: [] });
     this.build();
     new ResizeObserver(() => this.resize()).observe(root);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.build());
@@ -55,14 +55,14 @@ export class Scope {
       padding: [6, 8, last ? 0 : 4, 0],
       legend: { show: false },
       cursor: { sync: { key: this.key, setSeries: false }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
-      scales: { x: { time: false }, y: panel.log ? { distr: 3, range: decades } : { range: (_, low, high) => range(low, high, panel) } },
+      scales: { x: { time: false }, y: panel.log ? { distr: 3, range: decades } : { range: (_, low, high) => range(low, high, panel, this.edges) } },
       axes: [
         { ...line, show: true, size: last ? 26 : 0, values: (u, ticks) => (last ? ticks.map((t) => +t.toFixed(6)) : ticks.map(() => "")) },
         { ...line, size: AXIS, space: panel.log ? 14 : 26, ...(panel.log && { splits: wholeDecades, filter: (u, ticks) => ticks, values: (u, ticks) => ticks.map(decade) }) },
       ],
       series: [{}, ...panel.lines.map(([, stroke], k) => ({ stroke: colour(stroke), width: panel.name === "torque" && k === 0 ? 3 : 1.2, points: { show: false } }))],
       hooks: {
-        drawClear: [(u) => { if (index === 0) drawLaw(u, this.state.law); }],
+        drawClear: [(u) => { if (index === 0) drawLaws(u, this.state.laws); }],
         draw: [(u) => { drawMarks(u, this.state.marks, index === 0); drawPin(u, this.state.pin); }],
         setCursor: [(u) => { if (u.cursor.event) this.on.cursor(u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null); }],
         setSelect: [(u) => this.select(u)],
@@ -104,6 +104,8 @@ export class Scope {
 
   draw([from, to]) {
     this.root.dataset.to = to;
+    const { laws } = this.state;
+    this.edges = laws.filter((law, k) => law.since <= to && (laws[k + 1]?.since ?? Infinity) >= from).flatMap((law) => law.edges);
     const [begin, end] = this.store.indices(from, to), { time, columns } = this.store;
     const times = time.subarray(begin, end);
     this.plots.forEach((plot, index) => {
@@ -119,11 +121,15 @@ export class Scope {
   label(index) {
     this.panels.forEach((panel, k) => {
       const names = panel.shown ?? panel.lines.map(([name]) => name);
-      const text = names.map((name, i) => `${panel.words?.[i] ?? ""}${format(this.store.value(name, index))}`).join(", ");
-      this.labels[k].innerHTML = `<span>${panel.name} <b>${text}</b> ${panel.unit}</span>`;
+      const values = names.map((name) => this.store.value(name, index));
+      const known = (_, i) => !panel.words || panel.words[i] !== "measured " || Number.isFinite(values[i]); // not every servo measures it
+      const text = values.map((value, i) => `${panel.words?.[i] ?? ""}${format(value)}`).filter(known).join(", ");
+      this.labels[k].innerHTML = `<span>${panel.name} <b>${text}</b> ${panel.unit}${panel.unit === "rad" ? ` (${degrees(values[0])})` : ""}</span>`;
     });
   }
 }
+
+export const degrees = (radians) => (Number.isFinite(radians) ? `${((180 / Math.PI) * radians).toFixed(1)}°` : "–");
 
 export function format(value, digits = 4) {
   if (!Number.isFinite(value)) return "–";
@@ -146,8 +152,9 @@ function wholeDecades(_, axis, low, high) {
 
 const decade = (value) => (value >= 1000 ? `${Math.round(value / 1000)}k` : String(+value.toPrecision(1)));
 
-function range(low, high, panel) {
+function range(low, high, panel, edges) {
   if (!Number.isFinite(low) || !Number.isFinite(high)) return [0, panel.least];
+  if (panel.laws) { low = Math.min(low, ...edges); high = Math.max(high, ...edges); }
   if (panel.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
   const least = Math.max(0, panel.least - (high - low)) / 2;
   const room = 0.06 * (high - low);

@@ -40,6 +40,12 @@ REST_NS = 20_000_000
 """Period of the readings in the idle window [ns]: the resolution of the causes"""
 STEAL_RESTS = 50
 """Number of these readings per reading of the steal, which takes longer"""
+STALL_NS = 5_000_000
+"""A tick overdue by this much, and by ..."""
+STALL_PERIODS = 2
+"""... as many periods is a stall, which may end a run ..."""
+RECENT_NS = 500_000_000
+"""... within this time [ns]"""
 _SLACK = 10
 """Free time needed for a reading, in multiples of its cost with warm caches"""
 
@@ -83,6 +89,7 @@ class LateTicks:
         self._period_ns = period_ns
         self._first_ns: int | None = None
         self._ended_ns = 0  # end of the last late tick
+        self._stall = 0, 0  # end and duration of the longest recent stall
         self._continued = False
         self._collecting_ns = 0
         self._collected_ns = self._collections = 0
@@ -162,6 +169,10 @@ class LateTicks:
         if overdue_ns > self._period_ns:
             steal_ns = self._steal_since()
             self._ended_ns += self._steal_cost_ns
+        if overdue_ns > max(STALL_NS, STALL_PERIODS * self._period_ns):
+            end_ns, longest_ns = self._stall
+            if overdue_ns >= longest_ns or ended_ns - end_ns > RECENT_NS:
+                self._stall = ended_ns, overdue_ns
         lost = replies_lost > self._replies_lost
         self._replies_lost = replies_lost
         late = Late(
@@ -216,6 +227,11 @@ class LateTicks:
         if self._rests % STEAL_RESTS == 0 and free_ns > _SLACK * self._steal_cost_ns:
             self._steal_ns = self._reader.steal_ns()
         return self._rest_ticks
+
+    def stalled_s(self, now_ns: int) -> float:
+        """Return the longest stall of the last half second before ``now_ns`` [s]; 0: none."""
+        end_ns, longest_ns = self._stall
+        return longest_ns * 1e-9 if now_ns - end_ns <= RECENT_NS else 0.0
 
     def report(self) -> dict[str, Any]:
         """Return late ticks with their causes, and counts since ``begin``, for JSON."""

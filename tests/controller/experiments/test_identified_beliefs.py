@@ -16,9 +16,9 @@ from haptic_wall.controller.experiments.identify.identified_config import identi
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.dynamixel.tables.models import MODELS
-from scripts.trials.truth import COUNT
 from tests.support.kicked import kicked, least_bad
 from tests.support.real_servos import KINDS, believed_servo, truth_of
+from tests.support.truth import COUNT
 from tests.typed import not_none
 
 AGE = 1.05e-4

@@ -75,6 +75,29 @@ def test_no_further_trial_follows_where_somebody_must_look_first(trip: str, gone
     assert ExperimentTrippedError(Trip(f"trip:{trip}"), "").gone is gone
 
 
+@pytest.mark.parametrize("stalled", [True, False])
+def test_a_motion_that_a_stall_has_ended_is_repeated_once(
+    stalled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[bool] = []
+
+    def stalling(plan: Plan, tell: Callable[[str], None]) -> Ended:
+        ended = run(plan, tell)
+        runs.append(True)
+        if len(runs) > 1:
+            return ended
+        result = {**not_none(ended.result), "stalled": "this computer stalled" if stalled else ""}
+        return replace(ended, stop_reason=Trip.OVERSPEED, result=result)
+
+    monkeypatch.setattr(testbed, "run", stalling)
+    if stalled:
+        assert bed(tmp_path).play("one", [Phase(0.01)]).repeated == Trip.OVERSPEED
+    else:
+        with pytest.raises(ExperimentTrippedError):
+            bed(tmp_path).play("one", [Phase(0.01)])
+    assert len(runs) == 1 + stalled
+
+
 def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:
     with pytest.raises(ExperimentTrippedError) as error:
         bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])

@@ -165,3 +165,19 @@ def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) ->
     for seed in range(400 if thorough else 6):
         random = np.random.default_rng((seed, rigid))
         check(drawn(random, rigid), random, 300 if thorough else 60)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_a_vibration_without_damping_has_a_limit(damping: float) -> None:
+    def stiffness(ratio: float) -> float:
+        found = belief(
+            inertia=Bounded.exactly(0.012),
+            damping=Bounded.exactly(damping),
+            load_inertia=Bounded.exactly(1e-4),
+            flexible_hz=Bounded.exactly(50.0),
+            flexible_damping_ratio=Bounded.exactly(ratio),
+        )
+        request, situation = Request(1e9, 0.0, "both", 1), Situation(found, 1e-3, 4.1, 0.0)
+        return decide(request, GuardSettings(), situation, [0.0], explained=False)[0].stiffness
+
+    assert stiffness(0.0) == pytest.approx(stiffness(1e-7), rel=1e-2, abs=1e-3)

@@ -330,6 +330,18 @@ def test_what_is_measured_is_in_the_rows() -> None:
     telemetry.close()
 
 
+def test_the_end_is_told_to_who_is_there(tmp_path: Path) -> None:
+    page = Page(tmp_path)
+    for servo in SERVOS:
+        until(lambda servo=servo: greeted(page, servo))  # type: ignore[misc]
+    with page.connect("free") as free, page.connect("guarded", token="") as guarded:
+        for client in (free, guarded):
+            heard(client, "hello")
+        page.close()
+        for client in (free, guarded):
+            assert heard(client, "over")
+
+
 def test_no_more_runs_come_when_the_demo_is_gone() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.setblocking(False)

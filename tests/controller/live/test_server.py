@@ -142,7 +142,9 @@ def test_a_client_gets_what_was_and_what_comes(served: Served) -> None:
 
 def test_the_law_is_drawn_where_the_shaft_has_been(served: Served) -> None:
     with served.connect() as client:
-        law = heard(client, "law")
+        while not (laws := heard(client, "laws")["laws"]):
+            pass
+    law = laws[-1]
     assert law["low"] < 0.0
     assert law["high"] > 0.499
     places = np.linspace(law["low"], law["high"], len(law["torque"]))
@@ -340,6 +342,13 @@ def test_only_the_token_turns_the_knobs(served: Served, run: socket.socket) -> N
         {"wall.profile": "/etc/passwd"},
         {"wall.law": "os:system"},
         {"wall.law": "profile"},
+        {"wall.law": ["wall"]},
+        {"wall.side": "x"},
+        {"wall.side": {"above": 1}},
+        {"wall.side": 1.0},
+        {"wall.profile": 1.0},
+        {"wall.parts": 1},
+        {"wall.options": 1},
         {"wall.stiffness": "4"},
         {"wall.stiffness": [1]},
         {"wall.stiffness": math.inf},

@@ -73,6 +73,17 @@ def scene() -> Scene:
     return Scene()
 
 
+def test_the_servos_supply_and_temperature_are_in_the_shared_memory(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("haptic_wall.controller.runtime.loop.BLOCK", 50)
+    monkeypatch.setattr("haptic_wall.hw.dynamixel.health.EVERY_NS", 10_000_000)
+    scene.run()
+    words = scene.telemetry.words
+    assert words[Word.SUPPLY_MV] == 12_000
+    assert 20_000 <= words[Word.TEMPERATURE_MC] <= 40_000
+
+
 @pytest.mark.parametrize("deaf", [True, False])
 def test_an_error_between_the_start_and_the_run_ends_with_torque_off_or_says_so(
     scene: Scene, deaf: bool, monkeypatch: pytest.MonkeyPatch

@@ -47,6 +47,20 @@ def test_a_vibration_is_no_range_from_zero_on() -> None:
         load_config("simulated", sets)
 
 
+@pytest.mark.parametrize(
+    ("field", "sets"),
+    [
+        ("servo.delay", ["servo.delay=1"]),
+        ("servo.delay", ["servo.current_bandwidth=1e-8"]),
+        ("guard.sample_age", ["guard.sample_age=1", "delay.steps=10", "loop.rate_hz=10000"]),
+    ],
+)
+def test_a_delay_beyond_what_is_computed_is_refused(field: str, sets: list[str]) -> None:
+    with pytest.raises(ConfigError, match=field):
+        load_config("simulated", sets)
+    assert load_config("simulated", ["servo.delay=1", "model.delay=0.01"]).config
+
+
 def corner(seed: int) -> Config | None:
     chance = random.Random(seed)
     sets = [

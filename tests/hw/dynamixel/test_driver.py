@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_wall.hw.capabilities import HasHealth
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
@@ -65,6 +66,21 @@ def test_a_configured_torque_constant_wins() -> None:
     sent = bench.servo.write(1.0)
     bench.wait(0.0001)
     assert bench.state.torque == pytest.approx(sent / 1.1)
+
+
+def test_supply_and_temperature_are_known_once_polled() -> None:
+    bench = started()
+    assert isinstance(bench.servo, HasHealth)
+    assert bench.servo.health() == (0.0, 0.0)
+    bench.truth.table.temperature = 41
+    for _ in range(600):
+        bench.servo.request()
+        bench.servo.collect(bench.clock.now_ns() + 800_000)
+        bench.servo.write(0.0)
+        bench.wait(0.001)
+    volts, celsius = bench.servo.health()
+    assert volts == pytest.approx(bench.truth.table.supply, abs=0.1)
+    assert celsius == 41
 
 
 @pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])

@@ -106,6 +106,17 @@ def test_the_worst_are_kept_and_all_are_counted(ticks: LateTicks, readings: Read
     assert (worst["time_s"], worst["missed"], worst["work_us"]) == (3.0, 29, 20.0)
 
 
+def test_the_longest_recent_stall_is_known(ticks: LateTicks, readings: Readings) -> None:
+    serve(ticks, readings, 100 * MS, 4 * MS)
+    assert ticks.stalled_s(readings.now) == 0.0, "a late tick is no stall"
+    serve(ticks, readings, 200 * MS, 22 * MS)
+    serve(ticks, readings, 300 * MS, 6 * MS)
+    assert ticks.stalled_s(readings.now) == pytest.approx(0.022, abs=1e-4)
+    assert ticks.stalled_s(readings.now + 600 * MS) == 0.0
+    serve(ticks, readings, 900 * MS, 8 * MS)
+    assert ticks.stalled_s(readings.now) == pytest.approx(0.008, abs=1e-4)
+
+
 def test_what_the_tick_before_cost_is_not_counted_again(
     ticks: LateTicks, readings: Readings
 ) -> None:

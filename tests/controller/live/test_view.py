@@ -1,0 +1,160 @@
+"""What all pages see of a run: each law from its time on, the servo's health, the knobs."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import fields
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from haptic_wall.controller import live as room
+from haptic_wall.controller.guard.types import Limits
+from haptic_wall.controller.live.client import Client
+from haptic_wall.controller.live.relay import OFFERED, sets_of
+from haptic_wall.controller.live.source import LoggedSource, RunningSource
+from haptic_wall.controller.live.view import MOST_LAWS, View
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, ROW, Row, Telemetry, Word
+from haptic_wall.controller.settings.changes import changed
+from haptic_wall.controller.settings.load import load_config
+
+PAGE = Path(str(room.__file__)).parent / "page"
+CONFIG = load_config("simulated", ()).config
+ELSEWHERE = changed(CONFIG, ["wall.position=0.4"])
+STOPS = changed(CONFIG, ["wall.law=stops", "wall.low=-0.5", "wall.high=0.3"])
+
+
+class Page:
+    """Keeps what a page is told."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, Any]] = []
+
+    def tell(self, what: dict[str, Any]) -> None:
+        self.told.append(what)
+
+    def last(self, kind: str) -> Any:
+        return [each for each in self.told if each["kind"] == kind][-1]
+
+
+def greeted(view: View) -> Page:
+    page = Page()
+    view.welcome(cast("Client", page), controls=True)
+    return page
+
+
+@pytest.fixture
+def running() -> tuple[View, Telemetry]:
+    telemetry = Telemetry.create()
+    telemetry.words[Word.BEGAN_NS] = 1
+    return View(CONFIG, "a", RunningSource(telemetry, 1_000_000), recorded=False), telemetry
+
+
+def move(view: View, telemetry: Telemetry, *positions: float, stiffness: float = 8.0) -> None:
+    for position in positions:
+        telemetry.write(Row(deadline_ns=1, position=position, stiffness=stiffness))
+    view.look(1000)
+    view.draw_law()
+
+
+def test_a_law_that_was_in_force_keeps_its_curve(running: tuple[View, Telemetry]) -> None:
+    view, telemetry = running
+    early = greeted(view)
+    move(view, telemetry, 0.0, 0.1)
+    (first,) = early.last("laws")["laws"]
+    view.change(ELSEWHERE, 2.0)
+    move(view, telemetry, 0.9)
+    view.change(STOPS, 3.0)
+    move(view, telemetry, 0.0, stiffness=0.0)  # off: the curve stays
+    laws = greeted(view).last("laws")["laws"]
+    assert [each["since"] for each in laws] == [0.0, 2.0, 3.0]
+    assert [each["edges"] for each in laws] == [[0.0], [0.4], [-0.5, 0.3]]
+    assert laws[0] == first
+    assert all(each["low"] < min(each["edges"]) for each in laws)
+    assert all(each["high"] > max(each["edges"]) for each in laws)
+    assert all(max(map(abs, each["torque"])) > 0.1 for each in laws)
+    told = [each["laws"] for each in early.told if each["kind"] == "laws"]
+    kept: dict[float, Any] = {law["since"]: law for each in told for law in each}
+    assert list(kept.values()) == laws, "as a page that was there keeps them"
+    for k in range(MOST_LAWS):
+        view.change((CONFIG, ELSEWHERE)[k % 2], 4.0 + k)
+    assert len(greeted(view).last("laws")["laws"]) == MOST_LAWS
+
+
+def test_a_log_shows_each_law_from_its_row_on() -> None:
+    rows = np.zeros(100, ROW)
+    rows["seq"] = np.arange(50, 150)
+    rows["deadline_ns"] = 5 + 1_000_000 * rows["seq"]
+    rows["stiffness"] = np.where(rows["seq"] < 100, 8.0, 4.0)
+    log = SimpleNamespace(blocks=lambda: [rows[:30], rows[30:]], origin_ns=5)
+    source = LoggedSource(cast("Any", log))
+    view = View(CONFIG, "a", source, recorded=True)
+    begun = source.since([0, 20, 100, 150])  # the last one is behind the stretch
+    walls = (CONFIG, STOPS, ELSEWHERE)
+    view.recall({}, [], [(*at, each) for at, each in zip(begun, walls, strict=True)])
+    page = greeted(view)
+    laws = page.last("laws")["laws"]
+    assert [each["since"] for each in laws] == [0.05, 0.1]
+    assert [each["name"] for each in laws] == ["stops", "wall"]
+    slopes = [max(np.abs(np.diff(each["torque"]))) for each in laws]
+    assert slopes[0] > 1.5 * slopes[1], "each with the stiffness of its time"
+    assert page.last("wall")["wall"]["position"] == 0.4
+
+
+def test_supply_and_temperature_are_told_once_known_and_when_they_change(
+    running: tuple[View, Telemetry],
+) -> None:
+    view, telemetry = running
+    page = greeted(view)
+    view.tell_health()
+    assert [each["kind"] for each in page.told].count("health") == 0
+    telemetry.words[Word.SUPPLY_MV], telemetry.words[Word.TEMPERATURE_MC] = 11_900, 31_000
+    view.tell_health()
+    view.tell_health()
+    assert [each["kind"] for each in page.told].count("health") == 1
+    assert greeted(view).last("health") == {"kind": "health", "volts": 11.9, "celsius": 31.0}
+
+
+def test_a_page_knows_the_travel_and_which_rows_have_no_wall() -> None:
+    sets = ["safety.travel=[-2, 4]"]
+    config = load_config("simulated", sets).config
+    source = RunningSource(Telemetry.create(), 1_000_000)
+    page = greeted(View(config, "a", source, recorded=False))
+    assert page.last("wall")["travel"] == [-2.0, 4.0]
+    assert page.last("hello")["off"] & FLAG_OFF
+
+
+def test_each_law_can_be_chosen_from_each_and_its_numbers_turned() -> None:
+    made = {
+        law: changed(CONFIG, sets_of(choice(law)) or []) if law != "wall" else CONFIG
+        for law in OFFERED
+    }
+    for before, after in itertools.permutations(made, 2):
+        assert changed(made[before], sets_of(choice(after)) or []) == made[after]
+    for law, config in made.items():
+        for name in OFFERED[law].numbers:
+            if (value := getattr(config.wall, name)) is not None:
+                changed(config, sets_of({f"wall.{name}": value}) or [])
+    assert sets_of({"wall.side": "below"}) == ['wall.side="below"']
+
+
+def choice(law: str) -> dict[str, Any]:
+    """What the page asks for to choose a law."""
+    return {"wall.law": law} | {f"wall.{name}": each for name, each in OFFERED[law].example.items()}
+
+
+def test_each_number_has_a_knob_and_each_limit_a_colour_of_its_own() -> None:
+    knobs = set(re.findall(r'path: "wall\.(\w+)"', (PAGE / "knobs.js").read_text()))
+    numbers = {name for kind in OFFERED.values() for name in kind.numbers} - {"side"}
+    assert knobs == numbers | {"stiffness", "damping", "position"}
+    script, style = (PAGE / "map.js").read_text(), (PAGE / "style.css").read_text()
+    table = script[script.index("LIMITS = {") : script.index("};")]
+    names = dict(re.findall(r'(\w+): "(--\w+)"', table))
+    assert set(names) == {field.name for field in fields(Limits)}
+    for scheme in style.split("@media")[:2]:
+        colours = dict(re.findall(r"(--\w+): (#\w+)", scheme))
+        assert len({colours[name] for name in names.values()}) == len(names)
