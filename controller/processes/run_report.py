@@ -46,7 +46,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
         "machine": result.get("setup", []),
-        "warnings": _warnings(ended),
+        "warnings": warnings_of(ended),
         "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
@@ -139,7 +139,8 @@ def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
     return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}
 
 
-def _warnings(ended: Ended) -> list[str]:
+def warnings_of(ended: Ended) -> list[str]:
+    """Return the notes of a report."""
     warnings = [*ended.warnings, *(ended.result or {}).get("warnings", [])]
     for setting in ended.realtime:
         if not setting["ok"]:

@@ -106,9 +106,8 @@ def guard_report(
     )
     further = list(_besides_the_guard(config, decision, tick, watch, counts))
     return {
-        **decision_report(decision, further),
+        **decision_report(decision, further, now=tick.commanded),
         **promised.report(),
-        "commanded": {"stiffness": stiffness, "damping": damping},
         "assumed": assumed(belief, decision, config.guard.damping_cap) if unknown else None,
     }
 
