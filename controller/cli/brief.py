@@ -32,17 +32,17 @@ def brief_text(report: Mapping[str, Any]) -> str:
     ended, places = list(ending(report)), list(files(report))
     notes = [("note", str(note)) for note in report.get("warnings") or []]
     guard = report.get("guard") or {}
-    first, *reasons = [("why", str(why)) for why in guard.get("reasons") or []] or [None]
-    more = [*notes, *changes(report), *filter(None, reasons)]
+    reasons = [("why", str(why)) for why in guard.get("reasons") or []]
+    more = [*notes, *changes(report), *reasons[1:]]
     log = report.get("log")
     where = f": `haptic-wall log {shlex.quote(str(log))}`" if log else ": `run -v`"
     room = LINES - len(ended) - len(places) - (len(entry("more", _WIDEST + where)) if more else 0)
     lines: list[str] = []
     for fact in (_oscillation(report), _wall(guard), _ticks(report), _bus(report)):
         lines += fact if len(fact) <= room - len(lines) else []
-    if first:
+    if reasons:
         at = next((i + 1 for i, line in enumerate(lines) if line.startswith("wall ")), 0)
-        lines[at:at] = why = entry(*first)
+        lines[at:at] = why = entry(*reasons[0])
         room += len(why)
     cut = []
     for label, text in more:

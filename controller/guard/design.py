@@ -253,7 +253,7 @@ def _searched_damping(
         spread = plants.take(np.repeat(rows, tried.shape[1]))
         after = evaluate_box(request, settings, situation, spread, 1e-3, asked=tried.ravel())
         top = np.argmax(after.smallest().reshape(tried.shape), axis=1)
-        best = after.damping.reshape(tried.shape)[rows, top]
+        best: FloatArray = after.damping.reshape(tried.shape)[rows, top]
         low = tried[rows, np.maximum(top - 1, 0)]
         high = tried[rows, np.minimum(top + 1, tried.shape[1] - 1)]
         tried = np.linspace(low, high, _POINTS, axis=1)

@@ -256,10 +256,13 @@ def _slower(reason: ServedSlower) -> str:
     late = "the report's key timing names the causes of late ticks"
     if not reason.failed:
         return f"a tick is executed {start}; {late}"
+    check = "cable, power, baud rate and adapter"
+    if reason.emulated:
+        check = "the emulator's processor time, and injected faults"
     replies = f"{reason.failed} of {reason.cycles} replies were lost or broken"
     if not reason.missed:
-        return f"a good reading came {start}: {replies}; check cable, power, baud rate and adapter"
+        return f"a good reading came {start}: {replies}; check {check}"
     return (
-        f"a good reading came {start}: {replies} (check cable, power, baud rate and adapter), and"
+        f"a good reading came {start}: {replies} (check {check}), and"
         f" {reason.missed} periods were missed ({late})"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 from haptic_wall.controller.processes.plan import Ended, LogState
@@ -86,19 +85,12 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     if trip is None:
         return None
     means = EXPLANATIONS[trip]
-    if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
+    if trip in EMULATOR_LATE and servo.is_emulated:
         means = EMULATOR_LATE[trip]
     if ended.cause:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")
     return means.followed_by(f" ({message})") if message else means
-
-
-def _on_pseudo_terminal(servo: Servo) -> bool:
-    """Whether an emulator, not an adapter, is at the other end of the port."""
-    if servo.kind != "hardware":
-        return servo.kind == "emulated"
-    return servo.port is not None and Path(servo.port).resolve().parent == Path("/dev/pts")
 
 
 def exit_status(

@@ -157,7 +157,9 @@ def test_the_first_reason_has_the_number_that_is_commanded(
         (first, *_), now = guard["reasons"], guard["commanded"]["stiffness"]
         found = re.match(r"the (?:guard commands|wall has) (\S+)", first)
         assert found and found[1] == f"{now:.4g}", (first, now)
-        assert re.search(rf"limit {guard['binding']}, {guard['limit'][guard['binding']]:.4g} ", first)
+        assert re.search(
+            rf"limit {guard['binding']}, {guard['limit'][guard['binding']]:.4g} ", first
+        )
 
 
 def test_an_inserted_delay_of_one_period_lasts_as_long_as_a_tick() -> None:
