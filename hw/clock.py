@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import select
 import time
-from typing import Protocol
+from collections.abc import Collection
+from itertools import chain
+from typing import Final, Protocol
+
+_NAP_S: Final = 50e-6
 
 
 class Clock(Protocol):
@@ -83,3 +88,35 @@ class Suspension:
         """Return the time in suspension [s], at least; 0: none."""
         boot_ns = self._clock.boot_ns()
         return max(0, boot_ns - self._clock.now_ns() - self._offset_ns) * 1e-9
+
+
+def ready(readable: Collection[int], timeout_s: float, writable: Collection[int] = ()) -> list[int]:
+    """Return the descriptors that are ready, after waiting until one is.
+
+    ``select`` waits to the microsecond, but refuses numbers from 1024 on; ``poll`` takes them, and
+    counts whole milliseconds: the rest is waited in short naps.
+
+    Args:
+        readable: Descriptors to read from.
+        timeout_s: Longest wait [s].
+        writable: Descriptors to write to.
+
+    Raises:
+        OSError: A descriptor is closed.
+        ValueError: A descriptor is negative.
+    """
+    try:
+        return [*chain.from_iterable(select.select(readable, writable, (), timeout_s))]
+    except ValueError:
+        if min([*readable, *writable]) < 0:
+            raise
+    poll, end_s = select.poll(), time.monotonic() + timeout_s
+    for each in readable:
+        poll.register(each, select.POLLIN)
+    for each in writable:
+        poll.register(each, select.POLLOUT)
+    found = poll.poll(int(timeout_s * 1e3))
+    while not found and (left_s := end_s - time.monotonic()) > 0.0:
+        time.sleep(min(left_s, _NAP_S))
+        found = poll.poll(0)
+    return [descriptor for descriptor, _ in found]

@@ -220,7 +220,7 @@ def measure() -> Section:
         rows.append(over_rounds(name, rates, "wall-periods/s", "a law whose table has more rows"))
         rows += _two_core_rows(drawn)
     else:
-        notes.append("nothing is compiled: pip install 'haptic-wall[fast]' adds Numba")
+        notes.append("nothing is compiled: pip install -e '.[fast]' in the clone adds Numba")
     return Section((*rows, *compared), tuple(notes))
 
 

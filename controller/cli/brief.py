@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
+import shlex
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -15,40 +15,49 @@ from haptic_wall.controller.cli.text import (
     number,
     oscillation,
 )
-from haptic_wall.controller.cli.wrapping import width
 
 LINES: Final = 8
-_LABEL: Final = 12
-"""Characters before a line's text"""
+_WIDEST: Final = "9 notes, 9 reasons"
 
 
 def brief_text(report: Mapping[str, Any]) -> str:
     """Format the report of ``haptic-wall run`` in eight lines.
 
-    There are more lines only for a trip's explanation and a torque that could not be read back,
-    which are never shortened. The line ``more`` counts omitted notes.
+    There are more lines only for a trip's explanation, a torque that could not be read back, and
+    the first reason of the guard: each stands whole. The line ``more`` counts what is omitted.
 
     Args:
         report: The report, as for ``--json``; None is omitted.
     """
     ended, places = list(ending(report)), list(files(report))
     notes = [("note", str(note)) for note in report.get("warnings") or []]
-    reasons = [("why", str(why)) for why in (report.get("guard") or {}).get("reasons") or []]
-    more = [*notes, *changes(report), *reasons]
-    room = LINES - len(ended) - len(places) - bool(more)
+    guard = report.get("guard") or {}
+    reasons = [("why", str(why)) for why in guard.get("reasons") or []]
+    more = [*notes, *changes(report), *reasons[1:]]
+    log = report.get("log")
+    where = f": `haptic-wall log {shlex.quote(str(log))}`" if log else ": `run -v`"
+    room = LINES - len(ended) - len(places) - (len(entry("more", _WIDEST + where)) if more else 0)
     lines: list[str] = []
-    for fact in (_oscillation(report), _wall(report.get("guard")), _ticks(report), _bus(report)):
+    for fact in (_oscillation(report), _wall(guard), _ticks(report), _bus(report)):
         lines += fact if len(fact) <= room - len(lines) else []
-    shown = {each: _in_one_line(*each) for each in more[: max(0, room - len(lines))]}
-    lines += shown.values()
-    cut = [label for label, text in more if not shown.get((label, text), "").endswith(text)]
+    if reasons:
+        at = next((i + 1 for i, line in enumerate(lines) if line.startswith("wall ")), 0)
+        lines[at:at] = why = entry(*reasons[0])
+        room += len(why)
+    cut = []
+    for label, text in more:
+        whole = entry(label, text)
+        if len(whole) <= room - len(lines):
+            lines += whole
+        else:
+            cut.append(label)
     if cut:
         said = (
             _count(cut.count("note"), "note"),
             _count(cut.count("change"), "change"),
             _count(cut.count("why"), "reason"),
         )
-        lines += entry("more", f"{', '.join(filter(None, said))}: `run -v`")
+        lines += entry("more", ", ".join(filter(None, said)) + where)
     return "\n".join([*ended, *lines, *places])
 
 
@@ -112,7 +121,3 @@ def _bus(report: Mapping[str, Any]) -> list[str]:
 
 def _count(count: int, what: str) -> str:
     return f"{count} {what}{'s' if count > 1 else ''}" if count else ""
-
-
-def _in_one_line(label: str, text: str) -> str:
-    return f"{label:<{_LABEL}}" + textwrap.shorten(text, width() - _LABEL, placeholder=" …")

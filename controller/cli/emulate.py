@@ -132,8 +132,8 @@ def command(
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
-    The path of its pseudo-terminal is the first line on standard output; any serial client can
-    open it. The bus runs until Ctrl-C.
+    The path of its pseudo-terminal is the first line on standard output; a serial
+    client opens it that needs no modem lines, RS-485 or parity. The bus runs until Ctrl-C.
     """
     signals: list[int] = []
     orphaned = _orphaned(owner) if die_with_parent else lambda: False
@@ -158,8 +158,8 @@ def command(
             witness = stack.enter_context(Witness(file))
         if link is not None:
             take_link("--link", link, force=force)
-        with writing("--link", link or Path()), _as_user_error():
-            terminal = stack.enter_context(PseudoTerminal(link))
+        with _as_user_error():
+            terminal = stack.enter_context(_terminal(link))
         start_ns = time.monotonic_ns()
         ticks = random.Random(seed)
         with _as_user_error():
@@ -267,6 +267,20 @@ def _adapter(latency_timer: str, block: str | None) -> tuple[int, int]:
 def _say(text: str) -> None:
     with suppress(OSError):  # the parent may have stopped reading
         click.echo(printable(text))
+
+
+def _terminal(link: Path | None) -> PseudoTerminal:
+    """Open a pseudo-terminal, perhaps with a link to it."""
+    try:
+        os.close(os.open("/dev/ptmx", os.O_RDWR | os.O_NOCTTY))
+    except OSError as error:
+        raise PlatformError(
+            f"no pseudo-terminal can be made (/dev/ptmx: {error.strerror})",
+            advice="mount them: `sudo mount -t devpts devpts /dev/pts`; if many are open, end "
+            "programs that hold them",
+        ) from error
+    with writing("--link", link or Path()):
+        return PseudoTerminal(link)
 
 
 @contextmanager

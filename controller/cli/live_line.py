@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import select
 import sys
 import termios
 import threading
@@ -29,6 +28,7 @@ from haptic_wall.controller.runtime.telemetry import (
 )
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.clock import ready
 from haptic_wall.hw.servo import Outcome
 
 EVERY_S: Final = 0.1
@@ -203,7 +203,7 @@ def _pressed(keyboard: int | None, done: threading.Event) -> bool:
         done.wait(EVERY_S)
         return False
     try:
-        if not select.select([keyboard], [], [], EVERY_S)[0]:
+        if not ready([keyboard], EVERY_S):
             return False
         keys = os.read(keyboard, 64)
     except OSError:

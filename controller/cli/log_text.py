@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from haptic_wall.controller.cli.text import entry
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.system.printable import in_line
 
@@ -64,6 +65,12 @@ def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
     yield from _joined(summary["parts"], log)
     yield from _what_happened(summary)
     yield f"ended       {_ended(summary, log)}"
+    for label, texts in (
+        ("why", (summary["guard"] or {}).get("reasons") or []),
+        ("note", summary["warnings"]),
+    ):
+        for text in texts:
+            yield from entry(label, in_line(text, 1000))
 
 
 def _called(part: Mapping[str, Any]) -> str:

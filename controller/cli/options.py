@@ -6,12 +6,14 @@ import errno
 import json
 import math
 import os
+import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -32,15 +34,19 @@ def config_argument(
         default: Its default; None: it is required.
         needed: A missing one without default is refused; False: it is None.
     """
-    if default is None and not needed:
-        return click.argument(
-            "config", metavar="CONFIG", required=False, shell_complete=_configurations
-        )
-    if default is None:
-        return click.argument("config", metavar="CONFIG", shell_complete=_configurations)
     return click.argument(
-        "config", metavar="[CONFIG]", default=default, shell_complete=_configurations
+        "config",
+        metavar="CONFIG" if default is None else "[CONFIG]",
+        required=default is None and needed,
+        default=default,
+        shell_complete=_configurations,
+        callback=_remember,
     )
+
+
+def _remember(_ctx: click.Context, _parameter: click.Parameter, given: str | None) -> str | None:
+    _command.config = given
+    return given
 
 
 def _configurations(
@@ -110,6 +116,8 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(inner) for inner in value]
+    if isinstance(value, str):
+        return named(value)
     if isinstance(value, PurePath):
         return str(value)
     if hasattr(value, "tolist"):  # NumPy's scalars and arrays
@@ -119,10 +127,15 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a report holds
     return value
 
 
+_COMMAND: Final = re.compile(r"(haptic-wall [a-z]+ )CONFIG\b")
+
+
 @dataclass(slots=True)
 class _Command:
     answered: bool = False
     output_taken: bool = False
+    config: str | None = None
+    """As given"""
 
 
 _command = _Command()
@@ -131,6 +144,15 @@ _command = _Command()
 def begin() -> None:
     """Record that the command has printed no answer yet."""
     _command.answered = _command.output_taken = False
+    _command.config = None
+
+
+def named(text: str) -> str:
+    """Return a text whose commands carry the configuration that was given in place of CONFIG."""
+    if _command.config is None:
+        return text
+    given = shlex.quote(_command.config)
+    return _COMMAND.sub(lambda found: found[1] + given, text)
 
 
 def is_answered() -> bool:
@@ -160,7 +182,7 @@ def say(text: str) -> None:
     Here, and in ``answer``, control characters become escapes.
     """
     with suppress(OSError), aside():
-        click.echo(printable(text), err=True)
+        click.echo(printable(named(text)), err=True)
 
 
 def answer(text: str) -> None:
@@ -177,7 +199,7 @@ def answer_in_parts(parts: Iterable[str]) -> None:
     try:
         with aside():
             for part in parts:
-                click.echo(printable(part), err=_command.output_taken, nl=False)
+                click.echo(printable(named(part)), err=_command.output_taken, nl=False)
             click.echo(err=_command.output_taken)
             sys.stdout.flush()
     except OSError as error:

@@ -111,7 +111,10 @@ def _text(found: dict[str, Any]) -> str:
             f"{servo['id']:>3}  {servo['baud']:>8}  {model:<14}  {servo['firmware']:>8}{note}"
         )
     if not found["servos"]:
-        lines.append("Nothing answers: check power and cable, or try more ids with --ids 0-252.")
+        lines.append(
+            "Nothing answers: check power and cable, or try more ids with --ids 0-252; "
+            "`haptic-wall doctor CONFIG` examines the bus of a configuration."
+        )
     for one in found["bauds"]:
         if one["refused"]:
             lines.append(f"{one['baud']} bit/s was not tried: {one['refused']}")

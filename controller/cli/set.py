@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ MOST_WAIT_S = 3600.0
     "run",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Folder or log of the run; default: the only running one.",
+    help="Folder or log of the run; default: the only one in this folder, else the only one.",
 )
 @click.option(
     "--wait",
@@ -48,19 +49,24 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
         raise UserError(
             f"found {wait_s:g}", field="--wait", wanted=f"a time from 0 to {MOST_WAIT_S:g} s"
         )
-    told = ask(chosen(run, alive()), sets, wait_s, say)
-    answer(as_json(told) if as_json_wanted else _text(told))
+    changed = chosen(run, alive())
+    told = ask(changed, sets, wait_s, say) | {"log": str(changed.log)}
+    lines = _lines(told)
+    if not sys.stdout.isatty():
+        lines = ["; ".join(lines)]
+    answer(as_json(told) if as_json_wanted else "\n".join(lines))
 
 
-def _text(told: dict[str, Any]) -> str:
+def _lines(told: dict[str, Any]) -> list[str]:
     changes = ", ".join(f"{path}: {value}" for path, value in told["changed"].items())
+    run = f"the run of {told['log']}"
     if not changes:
-        return "no change: the wall has these values already"
-    lines = [f"applied after {number(told['waited_s'])} s: {changes}"]
+        return [f"{run}: no change, the wall has these values already"]
     guard = told["guard"]
     commanded = guard["commanded"]
-    lines.append(
+    return [
+        f"{run}: applied after {number(told['waited_s'])} s: {changes}",
         f"commanded: {number(commanded['stiffness'])} N·m/rad and "
-        f"{number(commanded['damping'])} N·m·s/rad"
-    )
-    return "\n".join([*lines, *map(str, guard["reasons"])])
+        f"{number(commanded['damping'])} N·m·s/rad",
+        *map(str, guard["reasons"]),
+    ]

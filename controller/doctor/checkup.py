@@ -45,6 +45,7 @@ from haptic_wall.hw.errors import (
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
 _CABLE: Final = "check the cable and the power supply"
+_EMULATOR: Final = "check that the emulated bus runs and gets processor time"
 _OF_THE_SERVO: Final = ("model", "firmware", "registers")
 _ON_THE_BUS: Final = (
     "port",
@@ -113,6 +114,7 @@ class _Checkup:
         self._return_delay_ns = 0
         self._locator = Locator(self.report, self._clock, tell, consent, change_baud)
         self._add = self.report.findings.add
+        self._check = _EMULATOR if config.servo.is_emulated else _CABLE
 
     # The bus
 
@@ -161,7 +163,7 @@ class _Checkup:
             self.report.reached = False
             self._add(of_error("port", error, "a port that stays", "check the adapter"))
         except ServoError as error:
-            self._add(of_error("servo answers", error, "answers always", _CABLE))
+            self._add(of_error("servo answers", error, "answers always", self._check))
         return None
 
     # The servo
@@ -279,7 +281,7 @@ class _Checkup:
         lateness = machine.judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
-            self._add(of_error("reply time", error, "answers always", _CABLE))
+            self._add(of_error("reply time", error, "answers always", self._check))
             self.report.leave_out("schedule")
         elif measured["replies"] is not None:
             replies, series = Replies(**measured["replies"]), _series(measured["series"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 
 from haptic_wall.controller.doctor.report import Consent, Report, Tell
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
@@ -88,7 +89,8 @@ class Locator:
         listed = ", ".join(map(name_of, servos))
         garbled = [str(one.baud) for one in searches if one.garbled]
         found = f"nothing at any rate: neither id {settings.id} nor 0 to {IDS[-1]}"
-        fix = "check power and cable; `haptic-wall scan --ids 0-252` pings every id"
+        at = shlex.quote(settings.port)
+        fix = f"check power and cable; `haptic-wall scan --port {at} --ids 0-252` pings every id"
         if servos:
             found, fix = f"no, but {listed}", "set servo.id and servo.baud to those found"
         elif garbled:

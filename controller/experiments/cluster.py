@@ -45,7 +45,7 @@ def cluster(address: str) -> Iterator[Cluster]:
             "found no Dask in this environment",
             field="--dask",
             given=address,
-            advice="pip install 'haptic-wall[dask]'",
+            advice="run pip install -e '.[dask]' in the clone",
         ) from None
     client = None
     with suppress(OSError, ValueError):

@@ -80,7 +80,7 @@ def explained(
     settings: GuardSettings,
     situation: Situation,
     steps: int,
-    age_ns: int,
+    before_device: float,
     intervals_ns: Sequence[int],
     interval: float,
     reduced: bool,
@@ -92,7 +92,7 @@ def explained(
         settings: The guard's settings at the nominal period.
         situation: The belief and the limits, with the nominal period.
         steps: Inserted delay [periods].
-        age_ns: Upper end of the bin of the sample age [ns].
+        before_device: Delay that was decided for, without the device's own lag [s].
         intervals_ns: Upper ends of the bins of the interval, rising, the period first [ns].
         interval: Upper end of the bin of the interval [s].
         reduced: As for ``decide``.
@@ -103,7 +103,7 @@ def explained(
         request,
         settings_at(settings, index),
         there,
-        [most + age_ns * 1e-9],
+        [before_device],
         most,
         reduced=reduced,
         least_inserted=least,

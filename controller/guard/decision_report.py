@@ -14,7 +14,10 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 def decision_report(
-    decision: Decision, further: Sequence[Reason] = (), asked: bool = True
+    decision: Decision,
+    further: Sequence[Reason] = (),
+    asked: bool = True,
+    now: tuple[float, float] | None = None,
 ) -> dict[str, object]:
     """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply.
 
@@ -22,19 +25,21 @@ def decision_report(
         decision: Decision of the guard.
         further: Reasons besides the guard's, placed after them.
         asked: As for ``sentences``.
+        now: Stiffness and damping that are really commanded; None: those of the decision.
     """
+    stiffness, damping = now or (decision.stiffness, decision.damping)
     return {
         "requested": {
             "stiffness": decision.request.stiffness,
             "damping": decision.request.damping,
         },
-        "commanded": {"stiffness": decision.stiffness, "damping": decision.damping},
+        "commanded": {"stiffness": stiffness, "damping": damping},
         "limit": {f.name: getattr(decision.limits, f.name) for f in fields(Limits)},
         "damping_ceiling": decision.damping_ceiling,
         "encoder_damping": finite(decision.encoder_damping),
         "margin": decision.margin,
         "binding": None if decision.binding is None else decision.binding.value,
-        "reasons": sentences([*decision.reasons, *further], asked),
+        "reasons": sentences([*decision.reasons, *further], asked, now),
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
         "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),

@@ -234,25 +234,29 @@ def _promising_damping(
     return best
 
 
-_POINTS, _ROUNDS = 17, 6
+_SHARES, _POINTS, _ROUNDS = np.geomspace(1e-3, 1.0, 25), 9, 4
 _WITHIN = 1e-4  # fraction of the range left out at both ends, where no stiffness is allowed
 
 
 def _searched_damping(
     request: Request, settings: GuardSettings, situation: Situation, plants: Plants
 ) -> FloatArray:
-    """Return the virtual damping with the highest limit, to 1e-5 of its range."""
-    lowest = -plants.damping / plants.gain
-    highest = _highest_damping(request, settings, situation, plants)
-    low, high = lowest * (1 - _WITHIN), highest * (1 - _WITHIN)
-    rows = np.arange(low.size)
-    best = low
+    """Return the virtual damping with the highest limit over the belief, to 1e-3 of itself.
+
+    The first points are spaced by a factor, as the encoder may leave only small dampings.
+    """
+    lowest = -plants.damping / plants.gain * (1 - _WITHIN)
+    highest = _highest_damping(request, settings, situation, plants) * (1 - _WITHIN)
+    rows = np.arange(lowest.size)
+    tried = np.column_stack(
+        [lowest, np.zeros_like(lowest), *(share * highest for share in _SHARES)]
+    )
     for _ in range(_ROUNDS):
-        tried = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _POINTS)
-        spread = plants.take(np.repeat(rows, _POINTS))
-        after = evaluate(request, settings, situation, spread, 1e-3, asked=tried.ravel())
+        spread = plants.take(np.repeat(rows, tried.shape[1]))
+        after = evaluate_box(request, settings, situation, spread, 1e-3, asked=tried.ravel())
         top = np.argmax(after.smallest().reshape(tried.shape), axis=1)
-        best = after.damping.reshape(tried.shape)[rows, top]
+        best: FloatArray = after.damping.reshape(tried.shape)[rows, top]
         low = tried[rows, np.maximum(top - 1, 0)]
-        high = tried[rows, np.minimum(top + 1, _POINTS - 1)]
+        high = tried[rows, np.minimum(top + 1, tried.shape[1] - 1)]
+        tried = np.linspace(low, high, _POINTS, axis=1)
     return best

@@ -230,6 +230,8 @@ class ServedSlower:
     """Readings that were lost or broken"""
     cycles: int
     """Readings asked for"""
+    emulated: bool = False
+    """The bus is emulated: it has no cable"""
 
 
 @dataclass(frozen=True, slots=True)

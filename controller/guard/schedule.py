@@ -444,10 +444,6 @@ class GainSchedule:
         """Return the index of the present decision in ``decisions``."""
         return self._interval.bin * (self._oldest + 1) + self._age.bin
 
-    def age_of(self, index: int) -> int:
-        """Return the sample age [ns] of a decision by its index in ``decisions``."""
-        return self._ages[index % (self._oldest + 1)]
-
     @property
     def age_ns(self) -> int:
         """Return the sample age of the present decision [ns]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from haptic_wall.controller.guard.delay_parts import HOLD, SAMPLE_AGE, SHORT_TIMER, ms, shorter
 from haptic_wall.controller.guard.design import FINER
@@ -40,14 +41,37 @@ MEANING: dict[LimitName, str] = {
 }
 
 
-def sentences(reasons: Iterable[Reason], asked: bool = True) -> list[str]:
+def sentences(
+    reasons: Iterable[Reason], asked: bool = True, now: tuple[float, float] | None = None
+) -> list[str]:
     """Return the reasons as sentences for a person.
 
     Args:
         reasons: In order.
         asked: Name the requested stiffness; no if any was requested.
+        now: Stiffness [N·m/rad] and damping [N·m·s/rad] that are really commanded; None: not known.
     """
-    return [_sentence(reason, asked) for reason in reasons]
+    return [
+        _sentence(reason, asked) if now is None else _with_number(reason, asked, *now)
+        for reason in reasons
+    ]
+
+
+def _with_number(reason: Reason, asked: bool, stiffness: float, damping: float) -> str:
+    """Return a sentence that begins with what is really commanded, where that differs."""
+    match reason:
+        case StiffnessBound():
+            now, unit = f"{stiffness:.4g}", "N·m/rad"
+        case DampingBound() | DampingTooLow() | CoarseDamping():
+            now, unit = f"{damping:.4g}", "N·m·s/rad"
+        case _:
+            return _sentence(reason, asked)
+    same = now == f"{reason.allowed:.4g}"
+    said = _sentence(replace(reason, commanded=same), asked)
+    if same:
+        return said
+    falls = ", on its way down" if float(now) > reason.allowed else ""
+    return f"the wall has {now} {unit} at the end{falls}; {said}"
 
 
 def _sentence(reason: Reason, asked: bool) -> str:
@@ -249,10 +273,13 @@ def _slower(reason: ServedSlower) -> str:
     late = "the report's key timing names the causes of late ticks"
     if not reason.failed:
         return f"a tick is executed {start}; {late}"
+    check = "cable, power, baud rate and adapter"
+    if reason.emulated:
+        check = "the emulator's processor time, and injected faults"
     replies = f"{reason.failed} of {reason.cycles} replies were lost or broken"
     if not reason.missed:
-        return f"a good reading came {start}: {replies}; check cable, power, baud rate and adapter"
+        return f"a good reading came {start}: {replies}; check {check}"
     return (
-        f"a good reading came {start}: {replies} (check cable, power, baud rate and adapter), and"
+        f"a good reading came {start}: {replies} (check {check}), and"
         f" {reason.missed} periods were missed ({late})"
     )

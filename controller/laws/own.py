@@ -190,7 +190,15 @@ def _loaded(name: str) -> Any:  # noqa: ANN401 - a class of the user's
     if added:
         sys.path.insert(0, here)
     try:
-        return getattr(import_module(module), attribute)
+        found = import_module(module)
+        if not hasattr(found, attribute):
+            path = getattr(found, "__file__", None) or "built into Python"
+            raise LawError(
+                "law",
+                f"found {name}: the imported module {module} ({path}) has no {attribute}",
+                f"{_WANTED}; give your file a name that no other module has",
+            )
+        return getattr(found, attribute)
     finally:
         if added:
             sys.path.remove(here)

@@ -170,10 +170,21 @@ def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
     for name in ("stop_reason", "message"):
         if not isinstance(ended.get(name), str | None):
             return f"the run's end: {name} is no text in it"
+    guard = ended.get("guard") or {}
+    if not isinstance(guard, dict) or not _are_texts(guard.get("reasons")):
+        return "the run's end: guard has no list of texts as its reasons"
+    if not _are_texts(ended.get("warnings")):
+        return "the run's end: warnings is no list of texts in it"
     rows = ended.get("rows", 0)
     if not isinstance(rows, int) or not 0 <= rows <= 1 << 53:
         return "the run's end: rows is no count in it"
     return None
+
+
+def _are_texts(found: object) -> bool:
+    """Whether it is a list of texts, or None."""
+    texts = found or []
+    return isinstance(texts, list) and all(isinstance(each, str) for each in texts)
 
 
 def is_ours(metadata: Mapping[str, Any]) -> bool:

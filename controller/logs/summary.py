@@ -250,10 +250,15 @@ def summarised(rows: LogRows) -> LogSummary:
     return summary
 
 
-def _told(ended: Mapping[str, Any] | None) -> dict[str, str | None]:
+def _told(ended: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the end of a run for the report; None: the log does not contain it."""
     ended = ended or {}
-    return {"stop_reason": ended.get("stop_reason"), "message": ended.get("message") or None}
+    return {
+        "stop_reason": ended.get("stop_reason"),
+        "message": ended.get("message") or None,
+        "guard": ended.get("guard"),
+        "warnings": ended.get("warnings") or [],
+    }
 
 
 def _span(extremes: list[float]) -> list[float] | None:

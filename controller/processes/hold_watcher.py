@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import signal
 import time
 
@@ -15,6 +14,7 @@ from haptic_wall.controller.processes.hold import Hold, Source, source_of
 from haptic_wall.controller.processes.orders import read_orders, say
 from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
+from haptic_wall.hw.clock import ready
 
 LOOK_S = 0.01
 """Longest time between two polls of the source [s]"""
@@ -35,7 +35,7 @@ def watch(source: Source, words: memoryview[int]) -> OSError:
         except OSError as error:
             words[Word.HELD_NS] = 0
             return error
-        select.select(descriptors, (), (), LOOK_S)
+        ready(descriptors, LOOK_S)
 
 
 def main() -> None:

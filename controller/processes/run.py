@@ -15,6 +15,7 @@ from haptic_wall.controller.logs.file import append_end, identity
 from haptic_wall.controller.processes.inline import run_inline
 from haptic_wall.controller.processes.plan import Ended, LogState, Plan, Tell
 from haptic_wall.controller.processes.recorder import rows_lacking
+from haptic_wall.controller.processes.run_report import warnings_of
 from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.system.signals import on_signals
@@ -135,6 +136,8 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "rows": rows,
         "changes": ended.unlogged,
         "servo": (ended.result or {}).get("facts"),
+        "guard": (ended.result or {}).get("guard"),
+        "warnings": warnings_of(ended),
     }
     try:
         append_end(plan.log, facts, sync=plan.config.loop.clock != "simulated")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 from haptic_wall.controller.processes.plan import Ended, LogState
@@ -55,7 +54,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "servo_checks": result.get("checks", []),
         "realtime": ended.realtime,
         "machine": result.get("setup", []),
-        "warnings": _warnings(ended),
+        "warnings": warnings_of(ended),
         "changes": ended.changes,
         "log": log,
         "log_state": ended.log,
@@ -95,11 +94,11 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     if trip is None:
         return None
     means = EXPLANATIONS[trip]
-    if trip in EMULATOR_LATE and _on_pseudo_terminal(servo):
+    if trip in EMULATOR_LATE and servo.is_emulated:
         means = EMULATOR_LATE[trip]
     stalled = (ended.result or {}).get("stalled")
     if stalled and trip in AFTER_STALL:
-        no_hand = servo.kind != "hardware" or _on_pseudo_terminal(servo)
+        no_hand = servo.kind != "hardware" or servo.is_emulated
         advice = f"{STALL_ADVICE}; {NO_REAL_TIME}" if no_hand else STALL_ADVICE
         if means.advice and trip not in EMULATOR_LATE:
             advice += f"; without a stall {means.advice}"
@@ -110,13 +109,6 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
         return replace(means, what="; ".join(filter(None, (ended.cause, means.what))))
     message = (ended.result or {}).get("message", "")
     return means.followed_by(f" ({message})") if message else means
-
-
-def _on_pseudo_terminal(servo: Servo) -> bool:
-    """Whether an emulator, not an adapter, is at the other end of the port."""
-    if servo.kind != "hardware":
-        return servo.kind == "emulated"
-    return servo.port is not None and Path(servo.port).resolve().parent == Path("/dev/pts")
 
 
 def exit_status(
@@ -157,7 +149,8 @@ def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
     return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}
 
 
-def _warnings(ended: Ended) -> list[str]:
+def warnings_of(ended: Ended) -> list[str]:
+    """Return the notes of a report."""
     warnings = [*ended.warnings, *(ended.result or {}).get("warnings", [])]
     for setting in ended.realtime:
         if not setting["ok"]:

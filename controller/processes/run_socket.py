@@ -167,7 +167,8 @@ def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
     """Return the run that a command means.
 
     Args:
-        asked: The folder or the log of the run; None: the only one.
+        asked: The folder or the log of the run; None: the only one in the current folder and those
+            below, else the only one.
         runs: Those alive.
 
     Raises:
@@ -183,6 +184,9 @@ def chosen(asked: Path | None, runs: Sequence[AliveRun]) -> AliveRun:
             for run in runs
             if place in (Path(os.path.realpath(run.log)), Path(os.path.realpath(run.log.parent)))
         ]
+    else:
+        here = Path.cwd()
+        which = [run for run in runs if here in Path(os.path.realpath(run.log)).parents] or which
     if len(which) == 1:
         return which[0]
     names = ", ".join(str(run.log) for run in which or runs)

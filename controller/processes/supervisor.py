@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import select
 import signal
 import time
 from collections.abc import Iterator, Sequence
@@ -33,7 +32,7 @@ from haptic_wall.controller.processes.row_count import RowCount
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
-from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.clock import MonotonicClock, ready
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
 
@@ -304,7 +303,7 @@ class Supervisor:
         """Wait for news on a descriptor or for the next check; return whether there is news."""
         pause_s = until_idle_window(self._words, self._period_ns, POLL_S)
         # Not poll(): its whole milliseconds would miss the idle window.
-        return bool(select.select(descriptors, (), (), pause_s)[0])
+        return bool(ready(descriptors, pause_s))
 
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
         """End a loop that hangs or ends too late; return the stop reason."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptic_wall.controller.guard.boundary_curve import Curve, Question, curve
+from haptic_wall.controller.guard.boundary_curve import Curve, Question, WallSide, curve
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -19,9 +19,12 @@ _SHARES = np.linspace(1e-3, 1 - 1e-3, 160)
 """Points of a curve, as fractions of the range without its very ends, where all limits are 0."""
 _FEWER = np.linspace(1e-3, 1 - 1e-3, 40)
 """Of a servo with a load, whose contacts are simulated for each point"""
+_FAR = 10.0
+"""Multiple of the highest exact limit above which another limit is not drawn"""
 _SMALL = 0.08
 """Ratio of the servo's own damping to the ceiling below which the origin gets an inset."""
-_ONE_SIDED_FILL, _ENCODER = "#c5dcc9", "#a5004f"
+_ONE_SIDED_FILL, _ENCODER, _BACKLASH, _FLEXIBLE = "#dcebdf", "#a5004f", "#7a4b00", "#5a3fa0"
+_ALLOWED_FILL = "#9cc7a5"
 
 
 def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> None:
@@ -42,7 +45,7 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
     across = curve(question, lowest + (top - lowest) * shares)
     with style.picture(path, style.PAGE, 4.6) as figure:
         ax, below = figure.subplots(2, 1, sharex=True, height_ratios=[3.4, 1.0])
-        _plane(ax, across)
+        _plane(ax, across, question.side)
         _marks(ax, question, found)
         peak = found["peak"]["stiffness"]
         ax.set_xlim(min(1.02 * lowest, -0.01 * top), 1.02 * top)
@@ -61,8 +64,8 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
             style.grid(each)
 
 
-def _plane(ax: Axes, across: Curve) -> None:
-    """Draw the limits as curves, and shade the stable area."""
+def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
+    """Draw the limits as curves, and shade the stable area, and the area below all limits."""
     damping, limits = across.virtual_damping, across.found
     ax.fill_between(
         damping, 0.0, limits.exact, color=style.FAINT, linewidth=0, label="stable, two-sided"
@@ -76,6 +79,10 @@ def _plane(ax: Axes, across: Curve) -> None:
             linewidth=0,
             label="stable, one-sided too",
         )
+    allowed = across.smallest(side)
+    ax.fill_between(
+        damping, 0.0, allowed, color=_ALLOWED_FILL, linewidth=0, label="below all limits"
+    )
     ax.plot(damping, limits.linear, "--", color=style.GREY, label="linear condition")
     ax.plot(damping, limits.exact, color=style.BLUE, label="exact")
     if limits.one_sided is not None:
@@ -83,10 +90,15 @@ def _plane(ax: Axes, across: Curve) -> None:
     if not np.isnan(across.passive).any():
         shown = _above_zero(across.passive)
         ax.plot(damping[shown], across.passive[shown], color=style.ORANGE, label="passive")
-    if limits.quantisation is not None:
-        shown = _above_zero(limits.quantisation)
-        label = "encoder (quantisation)"
-        ax.plot(damping[shown], limits.quantisation[shown], ":", color=_ENCODER, label=label)
+    for values, line, color, label in (
+        (limits.quantisation, ":", _ENCODER, "encoder (quantisation)"),
+        (limits.backlash, "-.", _BACKLASH, "backlash"),
+        (limits.flexible, "--", _FLEXIBLE, "flexible load"),
+    ):
+        if values is not None:
+            shown = _above_zero(values)
+            within = np.where(values < _FAR * np.max(limits.exact), values, np.nan)[shown]
+            ax.plot(damping[shown], within, line, color=color, label=label)
 
 
 def _above_zero(values: FloatArray) -> slice:
@@ -114,7 +126,7 @@ def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
         color=style.INK,
         markersize=3.5,
         clip_on=False,
-        label=f"requested ({'one' if question.side == 'one' else 'two'}-sided)",
+        label=f"smallest limit, {'one' if question.side == 'one' else 'two'}-sided",
     )
 
 
@@ -122,8 +134,8 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     """Draw the neighbourhood of the origin, where own damping and passivity matter."""
     near = -5.0 * lowest if lowest < 0 else 0.02 * found["max_virtual_damping"]
     close = curve(question, lowest + (near - lowest) * _SHARES)
-    inset = ax.inset_axes((1.065, 0.03, 0.2, 0.34))
-    _plane(inset, close)
+    inset = ax.inset_axes((1.065, -0.04, 0.2, 0.3))
+    _plane(inset, close, question.side)
     inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
     inset.set_ylim(0.0, 1.05 * float(np.max(close.found.exact)))
     inset.tick_params(labelsize=7)

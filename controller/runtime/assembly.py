@@ -102,7 +102,7 @@ def guard_schedule(
 
 
 def decision_in_force(
-    config: Config, servo: OpenServo, decision: Decision, age_ns: int, commanded: float
+    config: Config, servo: OpenServo, decision: Decision, commanded: float
 ) -> Decision:
     """Return a decision of the gain schedule, with the reasons that the schedule omits.
 
@@ -110,7 +110,6 @@ def decision_in_force(
         config: The effective configuration.
         servo: The servo that renders the wall.
         decision: Decision in force now.
-        age_ns: Its sample age [ns].
         commanded: Stiffness that is really commanded [N·m/rad].
     """
     situation = situation_of(config, servo)
@@ -119,7 +118,7 @@ def decision_in_force(
         config.guard_settings(),
         situation,
         config.delay.steps,
-        age_ns,
+        decision.delay - situation.belief.delay.high,
         interval_bins_ns(config.period_ns, situation.belief.is_flexible),
         decision.period,
         reduced=commanded < decision.stiffness,

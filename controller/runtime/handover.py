@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import pickle
-import select
 import socket
 from typing import Any, Final, NamedTuple
 
@@ -19,6 +18,7 @@ from haptic_wall.controller.guard.guard import Decision
 from haptic_wall.controller.runtime.change import Change, KnownServo, SentDecision
 from haptic_wall.controller.runtime.changeover import Obstacle
 from haptic_wall.controller.runtime.telemetry import Word
+from haptic_wall.hw.clock import ready
 
 FLOATS: Final = 512
 """Numbers in a piece"""
@@ -115,7 +115,7 @@ class Offers:
 
     def servo(self, wait_s: float) -> KnownServo | None:
         """Return the servo, once the loop's process has sent it; None: not within ``wait_s``."""
-        if not select.select([self._peer], [], [], wait_s)[0]:
+        if not ready([self._peer.fileno()], wait_s):
             return None
         sent = self._peer.recv(MOST_BYTES)
         if not sent:

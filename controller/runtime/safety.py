@@ -182,6 +182,11 @@ EMULATOR_LATE: Final[Mapping[Trip, Problem]] = {
             "safety.max_loss",
         ),
     )
+} | {
+    Trip.SERVO_LOST: Problem(
+        "the emulated bus has ended, or its servo no longer answers",
+        advice="start the emulated bus again",
+    )
 }
 """Explanations of these trips with an emulated bus, which has no cable"""
 

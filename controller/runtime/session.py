@@ -310,7 +310,7 @@ class _Session:
                 f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
             )
         decision = decision_in_force(
-            config, servo, whole_decision(gains.decision), gains.age_ns, self._tick.commanded[0]
+            config, servo, whole_decision(gains.decision), self._tick.commanded[0]
         )
         return replace(
             result,

@@ -106,9 +106,8 @@ def guard_report(
     )
     further = list(_besides_the_guard(config, decision, tick, watch, counts))
     return {
-        **decision_report(decision, further),
+        **decision_report(decision, further, now=tick.commanded),
         **promised.report(),
-        "commanded": {"stiffness": stiffness, "damping": damping},
         "assumed": assumed(belief, decision, config.guard.damping_cap) if unknown else None,
     }
 
@@ -121,7 +120,9 @@ def _besides_the_guard(
     period = config.period_ns * 1e-9
     if decision.period > period:
         failed = counts.lost + counts.corrupt + counts.refused
-        yield ServedSlower(decision.period, period, tick.missed, failed, counts.cycles)
+        yield ServedSlower(
+            decision.period, period, tick.missed, failed, counts.cycles, config.servo.is_emulated
+        )
     reduced = 1.0 if watch.own is None else watch.own.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
         yield Derated(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
@@ -436,6 +437,13 @@ class Servo(Section):
     )
 
     options: dict[str, Any] = setting({}, "Settings of a plugin's backend, by name")
+
+    @property
+    def is_emulated(self) -> bool:
+        """Whether an emulator, not an adapter, is at the other end of the port."""
+        if self.kind != "hardware":
+            return self.kind == "emulated"
+        return self.port is not None and Path(self.port).resolve().parent == Path("/dev/pts")
 
     @property
     def kind(self) -> Kind:

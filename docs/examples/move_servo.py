@@ -41,7 +41,7 @@ class Servo:
             if error:
                 raise ServoError(f"servo {self.id}: {self.handler.getRxPacketError(error)}")
             return int.from_bytes(bytes(data[0]), "little") if data else None
-        raise ServoError(f"servo {self.id}: {self.handler.getTxRxResult(result)}")
+        raise ServoError(f"servo {self.id} gives no good answer: check id, baud rate and power")
 
 
 def move(servo, degrees, within_s=3.0, tolerance=2.0):

@@ -18,6 +18,7 @@ from haptic_wall.hw.errors import ServoLostError
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
+_MENDS: Final = "`haptic-wall doctor CONFIG --fix`"
 _REVERSE: Final = 0x01
 _SLAVE: Final = 0x02
 _TORQUE_ON_BY_GOAL: Final = 0x08
@@ -124,7 +125,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         remedy(
             "Its Drive Mode is reverse, which may reverse the position but not "
             "the torque, so that a wall would push the wrong way",
-            "clear bit 0 of Drive Mode (10) with Dynamixel Wizard.",
+            f"{_MENDS} clears bit 0 of Drive Mode (10).",
         ),
     )
     checklist.add(
@@ -134,7 +135,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "no slave",
         remedy(
             "It is the slave of a dual joint, which follows another servo and not this program",
-            "clear bit 1 of Drive Mode (10) with Dynamixel Wizard, and drive the master.",
+            f"{_MENDS} clears bit 1 of Drive Mode (10); then drive the master.",
         ),
     )
     checklist.add(
@@ -144,7 +145,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "off",
         remedy(
             "Any goal, even a late one, would switch its torque back on",
-            "clear bit 3 of Drive Mode (10) with Dynamixel Wizard.",
+            f"{_MENDS} clears bit 3 of Drive Mode (10).",
         ),
     )
     if "startup_configuration" not in table.registers:
@@ -162,7 +163,7 @@ def judge_what_only_a_person_changes(table: Table, checklist: Checklist) -> None
         "0",
         remedy(
             f"Its Startup Configuration means {' and '.join(dangers)}",
-            "write 0 to Startup Configuration (60) with Dynamixel Wizard.",
+            f"{_MENDS} clears these bits of Startup Configuration (60).",
         ),
     )
 

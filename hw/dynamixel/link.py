@@ -93,6 +93,8 @@ class Link:
         self._refusals = 0
         self._read_ns: dict[int, int] = {}
         """When a register was last read in a block of this size [ns]"""
+        self.echoes = False
+        """An instruction came back as it was sent"""
         self.refusal = 0
         """Reason of the last refusal of a read or write (``ErrorCode``); set it to 0 to know of the
         next"""
@@ -310,6 +312,7 @@ class Link:
             in_time = now_ns() < deadline_ns
             for frame in parser.feed(line.read()):
                 if frame.id != self._id or frame.instruction != _STATUS:
+                    self.echoes |= (frame.id, frame.instruction) == (self._id, instruction)
                     continue
                 if code := frame.error & _REFUSED:
                     self.refusal = code

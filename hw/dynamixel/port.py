@@ -10,7 +10,7 @@ import errno
 import fcntl
 import logging
 import os
-import select
+import re
 import stat
 import struct
 import termios
@@ -22,6 +22,7 @@ from typing import Final
 
 import serial
 
+from haptic_wall.hw.clock import ready
 from haptic_wall.hw.dynamixel.holders import holders, is_terminal
 from haptic_wall.hw.dynamixel.latency import timer_file, timer_ms
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
@@ -30,6 +31,8 @@ _LOG = logging.getLogger(__name__)
 
 _BAUD_TOLERANCE: Final = 0.03
 """Largest relative difference between the two ends that an asynchronous receiver tolerates."""
+_WINDOWS: Final = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
+_DEVICE: Final = re.compile(r"tty(USB|ACM|AMA|S|THS|mxc)\d+|serial/by-\w+/.+")
 _TCGETS2: Final = 0x802C542A
 _TCSETS2: Final = 0x402C542B
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
@@ -159,6 +162,8 @@ def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
 def _open_error(path: str, error: OSError) -> PortError:
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
+        if known := _misnamed(path):
+            return PortError(f"Port {path} does not exist", advice=known)
         if not Path(path).is_relative_to("/dev"):
             return PortError(
                 f"Port {path} does not exist (there is {_candidates()})",
@@ -181,6 +186,30 @@ def _open_error(path: str, error: OSError) -> PortError:
     if code is None:  # pyserial's own message, e.g. for a device file without a device
         return _not_serial(path, f" ({error})")
     return PortError(f"Port {path} cannot be opened ({error})", advice="check the adapter.")
+
+
+def _misnamed(path: str) -> str:
+    """Return the advice for a name of another kind of port; empty for a path."""
+    if "://" in path:
+        return (
+            "wanted a serial device of this computer, e.g. /dev/ttyUSB0; a port on the network has"
+            " no bounded delay."
+        )
+    if _WINDOWS.fullmatch(path):
+        return (
+            "wanted a device of Linux, e.g. /dev/ttyUSB0 (there is "
+            f"{_candidates()}); in WSL, attach the adapter with usbipd first."
+        )
+    if _DEVICE.fullmatch(path):
+        return f"give the whole path, /dev/{path} (there is {_candidates()})."
+    if Path(path).is_relative_to("/dev/pts"):
+        if not any(Path("/dev/pts").glob("*")):
+            return "no /dev/pts is mounted here: `sudo mount -t devpts devpts /dev/pts` mounts it."
+        return (
+            "this pseudo-terminal is gone: start its emulated bus again, and name the path that it"
+            " prints; `haptic-wall emulate --link PATH` keeps one path."
+        )
+    return ""
 
 
 def _not_serial(path: str, why: str = "") -> PortError:
@@ -257,7 +286,7 @@ def _drain(descriptor: int) -> None:
     """Discard bytes for the port's former user, until it is quiet."""
     termios.tcflush(descriptor, termios.TCIOFLUSH)
     end = time.monotonic() + 0.3  # a change of the latency timer may delay bytes for 250 ms
-    while time.monotonic() < end and select.select((descriptor,), (), (), 0.003)[0]:
+    while time.monotonic() < end and ready((descriptor,), 0.003):
         try:
             if not os.read(descriptor, 4096):
                 return

@@ -29,6 +29,8 @@ _PING_BYTES: Final = 3
 _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
 """Refusals of a request that the line has damaged"""
 _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" for code in ErrorCode}
+ECHOES: Final = "the adapter returns what is sent"
+"""Of a half-duplex adapter; the reply comes behind the echo"""
 _Found = TypeVar("_Found")
 
 
@@ -63,8 +65,8 @@ class Table:
             raise failure
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
-            advice="check its power and cable, and that servo.id and servo.baud are the servo's"
-            " own.",
+            advice="check its power and cable; `haptic-wall scan` lists what answers at which id"
+            " and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
     def read(self, name: str) -> int:
@@ -124,7 +126,9 @@ class Table:
     def _reason(self) -> str:
         """Describe the refusal of the last attempt, if there was one."""
         code = self.link.refusal
-        return f" ({_REASONS.get(code, f'error {code}')})" if code else ""
+        if code:
+            return f" ({_REASONS.get(code, f'error {code}')})"
+        return f" ({ECHOES})" if self.link.echoes else ""
 
     def _failure(self, doing: str) -> ServoError:
         if self.link.refusal and self.link.refusal not in _GARBLED:

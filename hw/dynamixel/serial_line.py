@@ -8,7 +8,7 @@ import select
 import time
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.clock import Clock, ready
 from haptic_wall.hw.errors import ServoLostError
 
 _SPIN_NS: Final = 60_000
@@ -101,7 +101,7 @@ class FdLine:
             remaining = deadline_ns - now_ns()
             pause = max(0, remaining - _SPIN_NS) * 1e-9
             try:
-                if select.select(self._only, (), (), pause)[0]:
+                if ready(self._only, pause):
                     self._arrived = True
                     return True
             except (OSError, ValueError) as error:
@@ -130,8 +130,7 @@ class FdLine:
     def _write_rest(self, data: bytes) -> None:
         end = time.monotonic() + _WRITE_PATIENCE_S
         while data:
-            _, writable, _ = select.select((), self._only, (), max(0.0, end - time.monotonic()))
-            if not writable:
+            if not ready((), max(0.0, end - time.monotonic()), self._only):
                 raise ServoLostError(
                     f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms "
                     "with a frame waiting",

@@ -22,7 +22,7 @@ from haptic_wall.hw.dynamixel.inspection import (
 from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
@@ -116,6 +116,8 @@ class Startup:
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self.report_adapter()
+        if self._link.echoes:
+            self.list.add("echo", True, f"{ECHOES}: switch its echo off", "none")
         self.table = identify(self.table, self._model, number, self.list)
         torque_off(self.table, self.list)
         judge_what_only_a_person_changes(self.table, self.list)

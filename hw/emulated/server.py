@@ -1,4 +1,4 @@
-"""Runs the emulated bus in real time, behind a pseudo-terminal that any serial client can open.
+"""Runs the emulated bus in real time, behind a pseudo-terminal for serial clients.
 
 It is one process with one thread. The thread sleeps until the next event of the bus, byte of the
 client or line on the console. It spins shortly before a reply must leave, and writes the record in
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import select
 import struct
 import time
 import tty
@@ -18,6 +17,7 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Self
 
+from haptic_wall.hw.clock import ready
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.console import Console
 from haptic_wall.hw.emulated.witness import Witness
@@ -179,15 +179,15 @@ def serve(
             rest_ns -= _SPIN_NS
         master = () if bus.full or not terminal.connected else (terminal.master,)
         told = () if console is None else console.listens(now_ns)
-        ready = select.select(master + told, (), (), max(rest_ns, 0) * 1e-9)[0]
-        if not ready:
+        news = ready(master + told, max(rest_ns, 0) * 1e-9)
+        if not news:
             continue
         now_ns = clock()
-        if master and terminal.master in ready:
+        if master and terminal.master in news:
             data = os.read(terminal.master, _READ_SIZE)
             bus.host_baud = terminal.baud or baud
             bus.receive(data, now_ns)
-        if console is not None and told and told[0] in ready:
+        if console is not None and told and told[0] in news:
             console.read(now_ns)
 
 

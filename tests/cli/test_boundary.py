@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,9 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli.boundary_question import of_config
+from haptic_wall.controller.guard.boundary_curve import curve
+from haptic_wall.controller.report import boundary as boundary_picture
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import (
     critical_point,
@@ -226,6 +230,40 @@ def test_the_picture_is_drawn(
     picture = imread(plot)
     assert picture.shape[0] > 1000
     assert np.ptp(picture) > 0.5
+
+
+LOADED = ["model.load_inertia=0.001", "model.flexible_hz=40", "model.flexible_damping_ratio=0.03"]
+
+
+@pytest.mark.parametrize("sets", [[], LOADED])
+def test_every_limit_of_the_table_is_drawn(sets: list[str]) -> None:
+    from matplotlib.figure import Figure
+
+    no: dict[str, Any] = dict.fromkeys(("delay", "side"))
+    across = curve(of_config("emulated-xm430", tuple(sets), no), [0.0, 0.02, 0.1])
+    ax = Figure().subplots()
+    boundary_picture._plane(ax, across, "one")
+    named = {"quantisation": "encoder (quantisation)", "flexible": "flexible load"}
+    for limit in fields(across.found.limits(0)):
+        values = getattr(across.found, limit.name, None)
+        if values is not None:
+            label = named.get(limit.name, limit.name.replace("_", "-"))
+            (line,) = [each for each in ax.lines if str(each.get_label()).startswith(label)]
+            drawn = np.asarray(line.get_ydata(), dtype=float)
+            assert np.isin(drawn, values).all() and drawn.size == 3
+
+
+@pytest.mark.parametrize("more", [[], ["wall.velocity_samples=3"], LOADED, ["delay.steps=8"]])
+def test_the_best_virtual_damping_is_not_beaten_by_any_of_a_fine_table(
+    capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    sets = [word for each in more for word in ("--set", each)]
+    found = asked(capsys, "emulated-xm430", *sets)
+    (best,) = [x for x in found["design"]["improvements"] if x["change"] == "virtual_damping"]
+    tried = np.linspace(-0.01, min(1.5, found["max_virtual_damping"]), 120)
+    no: dict[str, Any] = dict.fromkeys(("delay", "side"))
+    fine = curve(of_config("emulated-xm430", tuple(more), no), tried).smallest("one")
+    assert best["stiffness"] > 0.995 * fine.max()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,10 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
 from haptic_wall.controller.runtime.safety import Trip
+from haptic_wall.hw.errors import ServoError
 from tests.typed import status_of
+
+ROOT = Path(__file__).parents[2]
 
 
 def failed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -24,6 +27,21 @@ def failed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
     assert found["exit_status"] == status
     assert found["error"].splitlines()[0] in captured.err
     return found
+
+
+def test_advice_carries_the_configuration_as_it_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "my servo.yaml"
+    config.write_text((ROOT / "config" / "simulated.yaml").read_text())
+
+    def unfit(*_: object) -> NoReturn:
+        raise ServoError("unfit", advice="`haptic-wall doctor CONFIG --fix` mends it")
+
+    monkeypatch.setattr("haptic_wall.controller.cli.doctor.examine", unfit)
+    assert failed(capsys, "doctor", str(config))["advice"] == (
+        f"`haptic-wall doctor '{config}' --fix` mends it"
+    )
 
 
 @pytest.mark.parametrize(

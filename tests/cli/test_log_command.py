@@ -202,9 +202,17 @@ def test_the_summary_tells_what_happened_and_how_it_ended(log: Path) -> None:
     append_end(log, {"stop_reason": "trip:overspeed", "message": "fast", "rows": 1011})
     assert "ended       BY A SAFETY TRIP: overspeed (fast)" in answer(log)
     summary = json.loads(answer(log, "--json"))
-    assert summary["stop_reason"] == "trip:overspeed"
+    assert (summary["stop_reason"], summary["guard"]) == ("trip:overspeed", None)
     assert summary["unrecorded_rows"] == 10
     assert summary["damaged"] == {"places": 0, "bytes": 0, "rows": 0, "cut_off": False}
+
+
+def test_the_summary_gives_the_reasons_and_notes_of_the_run(log: Path) -> None:
+    guard, note = {"reasons": ["first", "then " * 40]}, "grant it: `sudo true`"
+    append_end(log, {"stop_reason": "duration", "guard": guard, "warnings": [note]})
+    text = " ".join(answer(log).split())
+    assert f"why first why {'then ' * 40}note {note}" in text
+    assert json.loads(answer(log, "--json"))["guard"] == guard
 
 
 def test_damage_is_told_and_the_rest_is_shown(log: Path, tmp_path: Path) -> None:

@@ -206,26 +206,33 @@ def test_json_never_holds_nan(value: dict[str, Any]) -> None:
     json.loads(as_json(value), parse_constant=refuse)
 
 
-def test_the_default_report_has_eight_lines_with_what_a_person_asks_first() -> None:
+REASON = REPORT["guard"]["reasons"][0]  # type: ignore[index]
+
+
+def test_the_default_report_has_eight_lines_and_the_first_reason() -> None:
     many = {"warnings": [f"note {k}" for k in range(9)], "oscillation": {"state": "quiet"}}
     lines = brief_text(REPORT | many).splitlines()
-    assert len(lines) == LINES
+    assert len(lines) == LINES + 2
     assert lines[0] == "run         ended as planned; torque is off, read back"
     assert lines[1] == "oscillation quiet; torque at most 1.234 N·m"
     assert lines[2] == (
         "wall        5.5 N·m/rad of 1e+06 requested, 0.02 N·m·s/rad, limited by one_sided"
     )
-    assert lines[3].startswith("ticks       4998 at 999.6 Hz, 0.04 % missed; late by p99 15.1, max")
-    assert lines[4].startswith("bus         4998 cycles: 1 lost, 1 late, 0 corrupt")
-    assert lines[5] == "more        9 notes, 1 reason: `run -v`"
-    assert lines[6:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
+    assert " ".join("".join(lines[3:5]).split()) == f"why {REASON}"
+    assert lines[5].startswith("ticks       4998 at 999.6 Hz, 0.04 % missed; late by p99 15.1, max")
+    assert lines[6].startswith("bus         4998 cycles: 1 lost, 1 late, 0 corrupt")
+    assert lines[7] == "more        9 notes: `haptic-wall log 'runs/a long way/run.hwlog'`"
+    assert lines[8:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
 
 
 def test_what_is_told_whole_is_not_counted_as_left_out() -> None:
     text = brief_text(REPORT | {"bus": None, "oscillation": None})
     assert "note        scheduler: wanted FIFO, refused; to grant it: x" in text
-    assert "more        1 reason: `run -v`" in text, "which is cut: the line is full"
-    assert "\nmore" not in brief_text(REPORT | {"bus": None, "guard": None})
+    assert "\nmore" not in text
+    notes = {"warnings": ["long " * 300 + "`sudo command`"], "log": None}
+    text = brief_text(REPORT | notes)
+    assert "more        1 note: `run -v`" in text
+    assert "…" not in text and "long" not in text, "a remedy stands whole or not at all"
 
 
 def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
@@ -233,7 +240,7 @@ def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
         "stop_reason": "trip:overspeed", "explanation": "fast " * 100, "torque_off": False
     }  # fmt: skip
     text = brief_text(report)
-    assert " ".join(text.split()).count("fast") == 100
+    assert " ".join(text.split()).count("fast ") == 100
     assert "the servo did not confirm that its torque is off" in " ".join(text.split())
     assert text.endswith("picture     runs/run.png")
 
@@ -246,4 +253,6 @@ def test_the_report_has_eight_lines_in_any_terminal(
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     report = REPORT | {"warnings": ["long " * 50] * warnings, "bus": bus}
-    assert len(brief_text(report).splitlines()) <= LINES
+    assert f"why {REASON}" in " ".join(brief_text(report).split())
+    without = brief_text(report | {"guard": REPORT["guard"] | {"reasons": []}})  # type: ignore[operator]
+    assert len(without.splitlines()) <= LINES

@@ -47,8 +47,8 @@ def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
 
 @pytest.mark.whole
 def test_the_website_builds(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", ROOT / "docs", tmp_path]
-    subprocess.run(words, check=True)
+    words = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html"]
+    subprocess.run([*words, str(ROOT / "docs"), str(tmp_path)], check=True)
     assert "xm430-w350" in (tmp_path / "hardware.html").read_text()
 
 

@@ -155,7 +155,7 @@ def called(*words: str | Path) -> Answer:
         fault = f"to the terminal: {said[:300]!a}"
     elif status and not texts[1].strip():
         fault = "refused without a word"
-    return Answer(status, *texts, fault)
+    return Answer(status, texts[0], texts[1], fault)
 
 
 class _Page(Client):

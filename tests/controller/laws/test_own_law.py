@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import random
 import subprocess
 import sys
 import tomllib
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.laws.own import OwnLaw, allow, own_table, tabulated
+from haptic_wall.controller.laws.own import OwnLaw, allow, own_law, own_table, tabulated
 from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, LawError
 from haptic_wall.controller.settings.load import load_config
@@ -65,6 +66,13 @@ class Given:
 
 def table(law: OwnLaw) -> Profile:
     return tabulated("mine:Law", law, law, GRID)
+
+
+def test_a_law_whose_module_is_hidden_by_another_names_the_path() -> None:
+    allow(["random:Ridge"])
+    with pytest.raises(LawError) as caught:
+        own_law("random:Ridge", {})
+    assert f"({random.__file__}) has no Ridge" in str(caught.value)
 
 
 def test_the_steepest_slope_between_counts_is_measured() -> None:

@@ -231,6 +231,9 @@ def test_whatever_stands_for_the_configuration_a_log_is_summarised(
         ({"stop_reason": 5}, "stop_reason is no text in it"),
         ({"stop_reason": ["trip:x"]}, "stop_reason is no text in it"),
         ({"message": {}}, "message is no text in it"),
+        ({"guard": [1]}, "guard has no list of texts as its reasons"),
+        ({"guard": {"reasons": [{}]}}, "guard has no list of texts as its reasons"),
+        ({"warnings": "text"}, "warnings is no list of texts in it"),
     ],
 )
 def test_an_end_that_no_run_writes_is_told_as_damage(

@@ -329,6 +329,20 @@ def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:
         chosen(None, [])
 
 
+def test_a_run_in_this_folder_is_preferred(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here, there = (
+        AliveRun(socket_of(tmp_path / folder / "runs" / "a.hwlog"), 1) for folder in "ab"
+    )
+    for run in (here, there):
+        run.log.parent.mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "a")
+    assert chosen(None, [here, there]) == here
+    assert chosen(None, [there]) == there
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r"2 running walls: .*a/runs.*b/runs"):
+        chosen(None, [here, there])
+
+
 def clients(log: Path, seconds: float) -> Counter[str]:
     """Open many connections to a running wall, which ask for nothing that can be granted.
 

@@ -383,7 +383,8 @@ def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -
     left = not_none(result.oscillation)["reduced_to"]["stiffness"]
     assert left < 1.0
     assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
-    assert f"the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
+    begins = f"the wall has {guard['commanded']['stiffness']:.4g} N·m/rad at the end; "
+    assert f"{begins}the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
     assert not any("guard commands" in reason for reason in guard["reasons"])
     assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
 

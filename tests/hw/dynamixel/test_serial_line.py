@@ -7,6 +7,7 @@ import fcntl
 import grp
 import os
 import pty
+import resource
 import select
 import stat
 import subprocess
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.hw.clock import MonotonicClock
+from haptic_wall.hw.clock import MonotonicClock, ready
 from haptic_wall.hw.dynamixel import port
 from haptic_wall.hw.dynamixel.holders import holders
 from haptic_wall.hw.dynamixel.port import open_port
@@ -228,6 +229,46 @@ def test_a_port_that_vanishes_while_it_is_opened_is_no_refused_rate(
 def test_a_missing_port_says_what_there_is() -> None:
     with pytest.raises(PortError, match=r"/dev/ttyNOWHERE does not exist.*name another port"):
         open_port("/dev/ttyNOWHERE", 1_000_000)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("socket://box:4000", "a serial device of this computer, e.g. /dev/ttyUSB0"),
+        ("COM3", "a device of Linux, e.g. /dev/ttyUSB0"),
+        ("ttyUSB0", "the whole path, /dev/ttyUSB0"),
+        ("/dev/pts/987654", "start its emulated bus again"),
+    ],
+)
+def test_a_port_by_another_name_gets_advice_that_fits(
+    name: str, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(PortError) as caught:
+        open_port(name, 1_000_000)
+    assert advice in str(caught.value)
+    assert "plug" not in str(caught.value)
+
+
+def test_a_line_works_where_1100_files_are_open(ends: Ends) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 4096)), hard))
+    near, clock = open_port(ends.path, 1_000_000), MonotonicClock()
+    try:
+        high = fcntl.fcntl(near, fcntl.F_DUPFD_CLOEXEC, 1100)
+        line, began_ns = FdLine(high, clock), clock.now_ns()
+        assert not line.wait(began_ns + 2_500_000)
+        assert clock.now_ns() >= began_ns + 2_500_000
+        os.write(ends.far, b"x")
+        assert line.wait(clock.now_ns() + 1_000_000_000)
+        assert line.read() == b"x"
+        assert ready((), 1.0, (high,)) == [high]
+        line.close()
+        with pytest.raises(ServoLostError):
+            line.wait(0)
+    finally:
+        os.close(near)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 @pytest.mark.parametrize("kind", ["file", "directory", "null"])

@@ -14,7 +14,7 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.plant.body import PlantParameters
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
@@ -222,8 +222,8 @@ def test_a_firmware_without_watchdog_is_refused() -> None:
     [
         ("hardware_error_status", 0x20, r"hardware error \(overload\).*reboot"),
         ("hardware_error_status", 0x05, r"hardware error \(input voltage, overheating\)"),
-        ("drive_mode", 0x01, r"reverse.*clear bit 0 of Drive Mode \(10\)"),
-        ("drive_mode", 0x08, r"torque back on.*clear bit 3 of Drive Mode \(10\)"),
+        ("drive_mode", 0x01, r"reverse.*clears bit 0 of Drive Mode \(10\)"),
+        ("drive_mode", 0x08, r"torque back on.*clears bit 3 of Drive Mode \(10\)"),
         ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
         ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
         ("current_limit", 0, r"raise Current Limit \(38\)"),
@@ -283,8 +283,47 @@ def test_a_watchdog_the_servo_does_not_have_is_refused() -> None:
 
 def test_nobody_at_this_id_is_a_missing_servo() -> None:
     bench = Bench(id=2)
-    with pytest.raises(ServoMissingError, match=r"as id 2 at 4000000 baud.*the servo's own\.$"):
+    with pytest.raises(ServoMissingError, match=r"as id 2 at 4000000 baud.*wall scan`.*doctor"):
         bench.servo.start()
+
+
+@pytest.mark.parametrize("id_", [1, 2])
+def test_an_adapter_that_returns_what_is_sent_is_named(
+    id_: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(id=id_)
+    write, read, sent = bench.line.write, bench.line.read, bytearray()
+
+    def echoing_write(data: bytes) -> None:
+        sent.extend(data)
+        write(data)
+
+    def echoed_read() -> bytes:
+        echo = bytes(sent)
+        sent.clear()
+        return echo + read()
+
+    monkeypatch.setattr(bench.line, "write", echoing_write)
+    monkeypatch.setattr(bench.line, "read", echoed_read)
+    wait = bench.line.wait
+    monkeypatch.setattr(bench.line, "wait", lambda until: bool(sent) or wait(until))
+    if id_ == 1:  # it costs time on the wire, and harms nothing else
+        bench.servo.start()
+        (found,) = (check.found for check in bench.servo.checks if check.name == "echo")
+        assert "the adapter returns what is sent" in found
+        return
+    with pytest.raises(ServoError, match="the adapter returns what is sent"):
+        bench.servo.start()
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [("drive_mode", 1), ("drive_mode", 2), ("drive_mode", 8), ("startup_configuration", 3)],
+)
+def test_what_doctor_mends_names_doctor(register: str, value: int) -> None:
+    bench = Bench()
+    bench.truth.memory[register] = value
+    refused(bench, match="`haptic-wall doctor CONFIG --fix` clears")
 
 
 def test_nobody_at_this_rate_is_a_missing_servo() -> None:

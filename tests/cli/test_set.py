@@ -1,0 +1,38 @@
+"""``haptic-wall set``: the answer names the run that was changed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.processes.run_socket import AliveRun, socket_of
+
+TOLD: dict[str, Any] = {
+    "applied": True,
+    "changed": {"wall.stiffness": 4.0, "wall.damping": 0.02},
+    "waited_s": 0.1,
+    "guard": {"commanded": {"stiffness": 4.0, "damping": 0.02}, "reasons": ["because", "so"]},
+}
+
+
+@pytest.mark.parametrize("told", [TOLD, TOLD | {"changed": {}}])
+def test_the_answer_names_the_run_and_is_one_line_where_it_is_piped(
+    told: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = tmp_path / "runs" / "a.hwlog"
+    runs = [AliveRun(socket_of(log), 1)]
+    monkeypatch.setattr("haptic_wall.controller.processes.run_socket.alive", lambda: runs)
+    monkeypatch.setattr("haptic_wall.controller.processes.ask.ask", lambda *_: told)
+    for terminal in (False, True):
+        monkeypatch.setattr("sys.stdout.isatty", lambda shown=terminal: shown)
+        assert cli.main(["set", "wall.stiffness=4"]) == 0
+        text = capsys.readouterr().out
+        assert text.startswith(f"the run of {log}: ")
+        assert len(text.splitlines()) == (4 if terminal and told["changed"] else 1)
+    assert cli.main(["set", "wall.stiffness=4", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["log"] == str(log)
