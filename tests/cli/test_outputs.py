@@ -33,7 +33,7 @@ def test_the_picture_goes_beside_an_explicit_log(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "haptic_wall.controller.report.run.plot_log", lambda _rows, path, _why: path.touch()
+        "haptic_wall.controller.report.run.plot_log", lambda _rows, path, **_: path.touch()
     )
     assert run("--log", log) == 0
     assert {each.name for each in tmp_path.iterdir()} == {log, picture}

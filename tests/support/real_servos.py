@@ -137,17 +137,26 @@ def believed_servo(seed: int) -> Config:
     )
     lag, period, of_loop = random.uniform((2e-4, 0.0, 0.1), (belief.delay.high, 3e-4, 1.0)).tolist()
     loop = of_loop * (lag - 0.5 * period)
-    names = ("backlash", "encoder_noise", "encoder_eccentricity", "encoder_phase", "dead_band")
-    names += ("current_droop", "static_friction", "stribeck_speed", "load_friction", "kick")
-    low = (0.0, 0.0, 0.0, -math.pi, 0.0, 0.0, coulomb, STRIBECK[0], 0.0, 0.0)
-    high = (belief.backlash.high, 1.0, 0.0087, math.pi, 0.1, DROOP)
-    high += (STATIC[1] * coulomb, STRIBECK[1], LOAD[1], math.tau / 4096)
+    ends = {
+        "backlash": (0.0, belief.backlash.high),
+        "encoder_noise": (0.0, 1.0),
+        "encoder_eccentricity": (0.0, 0.0087),
+        "encoder_phase": (-math.pi, math.pi),
+        "dead_band": (0.0, 0.1),
+        "current_droop": (0.0, DROOP),
+        "static_friction": (coulomb, STATIC[1] * coulomb),
+        "stribeck_speed": STRIBECK,
+        "load_friction": (0.0, LOAD[1]),
+        "kick": (0.0, math.tau / 4096),
+    }
+    constant = MODELS["XM430-W350"].torque_constant
+    assert constant is not None
     servo = {
-        **dict(zip(names, random.uniform(low, high).tolist(), strict=True)),
+        **dict(zip(ends, random.uniform(*np.transpose([*ends.values()])).tolist(), strict=True)),
         "inertia": inertia,
         "damping": damping,
         "coulomb": coulomb,
-        "torque_constant": gain * MODELS["XM430-W350"].torque_constant,
+        "torque_constant": gain * constant,
         "current_bandwidth": 1.0 / (math.tau * loop),
         "current_period": period,
         "delay": lag - 0.5 * period - loop,

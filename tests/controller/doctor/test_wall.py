@@ -36,7 +36,7 @@ def test_the_advised_current_limit_is_the_least_that_suffices(model: str, dampin
 
 def test_what_no_current_limit_mends_is_named() -> None:
     finding = judged(1193, "guard.quantisation_share=1e-6")
-    assert not finding.ok and "guard.quantisation_share" in finding.fix
+    assert not finding.ok and "limit quantisation" in finding.fix
 
 
 @pytest.mark.parametrize("sets", ["wall.stiffness=0", "wall.law=damper", "guard.mode=off"])

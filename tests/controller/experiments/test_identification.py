@@ -418,9 +418,8 @@ def test_the_bounds_are_inside_of_those_believed_and_hold_the_friction_as_a_sum(
     sums = sums + drawn["damping"].value * speed
     friction = Friction(speed, sums, np.full(20, 1e-5))
     gain = float(random.uniform(0.8, 1.2))
-    unsure = replace(
-        found, fit=replace(found.fit, friction=friction), torque_gain=Estimated(gain, 0.0), **drawn
-    )
+    changed: dict[str, Any] = {**drawn, "torque_gain": Estimated(gain, 0.0)}
+    unsure = replace(found, fit=replace(found.fit, friction=friction), **changed)
     model = identified_model(unsure, config)
     inertia = model["inertia"]
     # In commanded units; the guard's corner believes the highest gain.

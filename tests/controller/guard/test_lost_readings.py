@@ -90,7 +90,7 @@ def bursts(random: np.random.Generator) -> list[int]:
             while at + length < total - 1:
                 lost[int(at) : int(at) + length] = True
                 at += period * (1 + jitter * random.uniform(-1, 1))
-        pattern = np.diff(np.flatnonzero(~lost)).tolist()
+        pattern: list[int] = np.diff(np.flatnonzero(~lost)).tolist()
         if len(pattern) > 10 and not trips(pattern):
             return pattern
 

@@ -266,7 +266,7 @@ def test_one_short_stall_in_five_windows_changes_nothing(stall: float) -> None:
 @pytest.mark.parametrize("stall", [40.0, 400.0])
 def test_a_long_stall_softens_for_some_seconds_and_not_for_ever(stall: float) -> None:
     subject = intervals()
-    shown(subject, [1.0] * 3000 + [stall], 3000 + stall)
+    shown(subject, [1.0] * 3000 + [stall], 3000 + round(stall))
     shown(subject, [1.0], 100)
     assert subject.interval_ns > PERIOD
     shown(subject, [1.0], (RAISE_WINDOWS + 2) * 1000)

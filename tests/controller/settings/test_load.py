@@ -180,7 +180,7 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_fields() -> None:
         "servo.baud (from --set): found 400000.0, wanted one of 9600, 57600",
         "model.inertia (from --set): found nothing, wanted a number or {value, low, high}",
         "model.delay (from --set): found {'value': 3, 'low': 1, 'high': 2}, wanted a number from "
-        "0 to 1",
+        "0 to 0.1",
         "safety.max_loss (from --set): found 2, wanted a number above 0 and at most 1",
     ]
     assert len(found) == len(starts)

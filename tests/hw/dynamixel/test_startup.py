@@ -308,8 +308,8 @@ def test_an_adapter_that_returns_what_is_sent_is_named(
     wait = bench.line.wait
     monkeypatch.setattr(bench.line, "wait", lambda until: bool(sent) or wait(until))
     if id_ == 1:  # it costs time on the wire, and harms nothing else
-        bench.servo.start()
-        (found,) = (check.found for check in bench.servo.checks if check.name == "echo")
+        checks = bench.servo.start()
+        (found,) = (check.found for check in checks if check.name == "echo")
         assert "the adapter returns what is sent" in found
         return
     with pytest.raises(ServoError, match="the adapter returns what is sent"):
