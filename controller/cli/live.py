@@ -48,10 +48,10 @@ def command(log: Path, place: str, start_s: float | None, end_s: float | None) -
 
         answer(live.address)
         from haptic_wall.controller.live.server import LiveServer
-        from haptic_wall.controller.live.web_server import log_to
+        from haptic_wall.controller.live.web_server import logged_to
 
-        log_to(server_log_of(log))
-        with on_signals(stop), on_signals(stop, (signal.SIGINT,)):
+        quiet = logged_to(server_log_of(log))
+        with quiet, on_signals(stop), on_signals(stop, (signal.SIGINT,)):
             asyncio.run(LiveServer(view, live.host).run(listener, lambda: bool(signals)))
         return interrupt.INTERRUPTED if signal.SIGINT in signals[:1] else 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
 import tempfile
@@ -13,7 +14,6 @@ from pathlib import Path
 from typing import Final, Self
 
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows, written_until
-from haptic_wall.hw.clock import ready
 
 _PATIENCE_S: Final = 30.0
 """Time allowed for the process to start, to reply or to end: a loaded machine may take seconds."""
@@ -241,8 +241,11 @@ class DynamixelBus:
         assert process.stderr is not None
         names = {process.stdout.fileno(): "out", process.stderr.fileno(): "error"}
         end_s = time.monotonic() + _PATIENCE_S
-        while heard := ready(names, max(0.0, end_s - time.monotonic())):
-            for descriptor in heard:
+        ready = select.poll()  # select refuses descriptors from 1024 on
+        for each in names:
+            ready.register(each, select.POLLIN)
+        while heard := ready.poll(1e3 * max(0.0, end_s - time.monotonic())):
+            for descriptor, _ in heard:
                 name = names[descriptor]
                 data = os.read(descriptor, _READ_SIZE)
                 if not data:

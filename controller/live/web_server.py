@@ -10,7 +10,7 @@ import contextlib
 import logging
 import socket
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -69,6 +69,18 @@ def log_to(path: Path) -> None:
     """
     logging.basicConfig(handlers=[ServerLog(path)], force=True)
     logging.captureWarnings(capture=True)
+
+
+@contextlib.contextmanager
+def logged_to(path: Path) -> Iterator[None]:
+    """Write as ``log_to``, and as before afterwards."""
+    before = logging.root.handlers[:]
+    log_to(path)
+    try:
+        yield
+    finally:
+        logging.captureWarnings(capture=False)
+        logging.root.handlers[:] = before
 
 
 class _Connection(ServerConnection):
