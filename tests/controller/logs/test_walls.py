@@ -166,7 +166,9 @@ def test_a_log_of_an_absent_law_says_so(
     law: str,
     status: int,
     said: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("haptic_wall.controller.laws.own._allowed", set())
     path = tmp_path / "run.hwlog"
     config = {**METADATA["config"], "wall": {**METADATA["config"]["wall"], "law": law}}
     with LogWriter(path, {"config": config}, ROW) as log:
