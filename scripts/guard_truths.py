@@ -22,10 +22,10 @@ from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import decide
-from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.one_sided import restitution
 from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.many_substeps import ManyEffects
@@ -349,12 +349,22 @@ def walls_lag(walls: Walls) -> FloatArray:
 
 
 def speeds_of(wall: Asked) -> tuple[float, float]:
-    """Least and greatest speed for which the guard states no faster return [rad/s]."""
-    d = wall.decision
-    found = rebound(d.stiffness, d.damping, "above", 1, wall.situation, d.delay)
-    low = max(found.lowest or 0.0, SLOWEST)
-    high = min(found.highest or 0.0, FASTEST)
-    return low, high
+    """Least and greatest speed at which counts and saturation matter little [rad/s].
+
+    Below the least one, the error of one count may do more work than an ideal contact takes; above
+    the greatest one, the torque may saturate.
+    """
+    d, situation = wall.decision, wall.situation
+    belief, t = situation.belief, situation.period
+    gain = belief.torque_gain.high
+    one_count = situation.position_step * (d.stiffness + abs(d.damping) / t)
+    m, m_most = belief.inertia.low, belief.inertia.high
+    k, b = gain * d.stiffness, gain * d.damping
+    kept = float(restitution(m, belief.damping.low, k, b, t, d.delay))
+    low = 4.0 * gain * one_count / (math.sqrt(m * k) * max(1.0 - kept, 1e-3))
+    longest = d.delay + t + math.sqrt(m_most / k)
+    high = (situation.torque_limit - one_count) / (d.stiffness * longest + max(d.damping, 0.0))
+    return max(low, SLOWEST), min(high, FASTEST)
 
 
 class Share(NamedTuple):

@@ -31,15 +31,13 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.cli.main import main as haptic_wall
-from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
-from haptic_wall.controller.guard.rebound import rebound
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from scripts.whole_program import PROGRAM, emulated_bus, hardware_of
+from scripts.whole_program import PROGRAM, emulated_bus
 
 ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"(<!-- (output|measured|table): (.*?) -->\n)(.*?)(<!-- end -->)", re.S)
@@ -227,28 +225,6 @@ def dampings() -> tuple[list[str], list[list[object]]]:
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
 
 
-def rebounds() -> tuple[list[str], list[list[object]]]:
-    """Between which speeds a wall returns no device faster, with the least friction and none."""
-    rows: list[list[object]] = []
-    for preset, stiffness, damping in (
-        ("xm430-w350", 1e6, 0.005),
-        ("xm430-w350", 1e6, 0.1),
-        ("xl330-m288", 1e6, 0.005),
-    ):
-        config = load_config(preset).config
-        known = replace(situation(config), torque_limit=hardware_of(config)[1])
-        request = replace(config.request(), stiffness=stiffness, damping=damping)
-        d = decide(request, config.guard_settings(), known, [2e-4])[0]
-        bare = replace(known, belief=replace(known.belief, coulomb=Bounded(0.0, 0.0, 0.0)))
-        found = [
-            rebound(d.stiffness, d.damping, "above", 1, where, d.delay) for where in (bare, known)
-        ]
-        lowest = ["none" if each.lowest is None else each.lowest for each in found]
-        rows.append([f"`{preset}`", d.stiffness, d.damping, *lowest, found[1].highest])
-    head = ["preset", "K", "B", "low end, no friction", "low end", "high end"]
-    return head, rows
-
-
 def one_sided_shares() -> tuple[list[str], list[list[object]]]:
     """Return the table of one-sided limits of a device without friction, over the exact limit."""
     rows: list[list[object]] = []
@@ -285,7 +261,6 @@ TABLES = {
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,
-    "rebounds": rebounds,
     "one_sided_shares": one_sided_shares,
     "published": published,
 }

@@ -51,8 +51,7 @@ SMALLEST = 1e-12
 _PLAIN = ("ticks", "duration_s", "missed_ticks", "rate_hz", "grid_hz", "stop_reason")
 _WHOLE = ("lateness_us", "work_us", "bus_us", "bus", "delay_s", "torque", "wall_came_on")
 _PARTS = {
-    "guard": "requested commanded damping_ceiling margin binding only_friction rebound_speed"
-    " interval_s",
+    "guard": "requested commanded damping_ceiling margin binding only_friction interval_s",
     "oscillation": "state frequency_hz amplitude_rad first_alarm_s",
 }
 _LIMITS = ("linear", "exact", "one_sided", "quantisation", "passive")

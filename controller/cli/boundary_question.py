@@ -26,7 +26,7 @@ _MOST_PERIODS = 500
 _LEAST_Q, _MOST_Q = 0.1, 20.0
 """Qualities of a filter that a configuration may have"""
 _WIDEST = 10_000
-"""Largest ratio of a range's ends: with more nothing is guaranteed, and finding that takes long."""
+"""Largest ratio of a range's ends: a wider one is a mistyped number."""
 _IN_SI = "give a number in SI units"
 
 

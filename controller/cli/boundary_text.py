@@ -155,15 +155,15 @@ def _unknown(unknown: Mapping[str, Any] | None) -> Iterator[str]:
         return
     yield ""
     yield (
-        f"Guaranteed for every servo within the ranges, two-sided: "
-        f"{unknown['guaranteed']:.4g} N·m/rad; {unknown['known']:.4g} if all values were known"
+        f"Limit at the least safe corner of the ranges, two-sided: "
+        f"{unknown['stiffness']:.4g} N·m/rad; {unknown['known']:.4g} if all values were known"
     )
-    rows = [["if exactly known", "at", "guaranteed", "lost now"]]
+    rows = [["if exactly known", "at", "limit", "lost now"]]
     rows += [
         [
             each["name"].replace("_", " "),
             f"{each['known_at']:.4g}",
-            f"{each['guaranteed']:.4g}",
+            f"{each['stiffness']:.4g}",
             f"{100 * each['lost']:.1f} %",
         ]
         for each in sorted(unknown["costs"], key=lambda each: -each["lost"])

@@ -172,9 +172,6 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
         yield from entry(
             "limits", f"{', '.join(limits)} N·m/rad x margin {guard['margin']:g}{star}{above}"
         )
-    high = guard.get("rebound_speed_high")
-    if high is not None:
-        yield from entry("rebound", _rebound(guard["rebound_speed"], high))
     for reason in guard["reasons"]:
         yield from entry("why", str(reason))
     if assumed := guard.get("assumed"):
@@ -185,15 +182,6 @@ def filter_text(filtered: Mapping[str, Any]) -> str:
     """Describe a filter of the velocity, as a report has it."""
     kind = {"lowpass": "low-pass", "notch": "notch"}[filtered["kind"]]
     return f"{kind} at {number(filtered['frequency_hz'])} Hz, quality {number(filtered['q'])}"
-
-
-def _rebound(low: float | None, high: float) -> str:
-    """Describe the entry speeds at which the device is guaranteed to return no faster."""
-    least = 0.0 if low is None else low
-    if least >= high:
-        return "no guarantee at any speed: the device may come back faster than it came"
-    span = f"up to {number(high)}" if low is None else f"from {number(low)} to {number(high)}"
-    return f"the device comes back no faster than it came, at speeds {span} rad/s"
 
 
 def _motion(report: Mapping[str, Any]) -> Iterator[str]:

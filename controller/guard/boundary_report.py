@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from typing import Any, get_args
 
@@ -21,11 +21,13 @@ from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE,
 from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
 from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import Limits
-from haptic_wall.controller.theory.guaranteed import cost_of_each_unknown
-from haptic_wall.controller.theory.ranges import Member, Ranges
+from haptic_wall.controller.theory import critical_stiffness, linear_limit
 from haptic_wall.hw.dynamixel.wire import cycle_s
 
 _CHANGES: tuple[Change, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
+_BELIEVED = ("inertia", "damping", "delay", "torque_gain")
+_LEAST = ("inertia", "damping")
+"""Of them the low end is the least safe, of the others the high end"""
 
 
 def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:
@@ -142,51 +144,53 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
 
 
 def unknown(question: Question, damping: float) -> dict[str, Any] | None:
-    """Return the stiffness guaranteed over all bounds, and the cost of each bound; two-sided walls.
+    """Return the two-sided stiffness at the least safe corner, and the cost of each open bound.
 
     Args:
         question: The servo and its loop.
         damping: Virtual damping [N·m·s/rad].
 
     Returns:
-        None where every value is known exactly, where the servo's own damping may be zero: then no
-        stiffness can be guaranteed, and where a load may vibrate or the velocity is filtered.
+        None where every value is known exactly, where a load may vibrate or the velocity is
+        filtered.
     """
     belief = question.situation.belief
-    known = {
-        "inertia": belief.inertia,
-        "damping": belief.damping,
-        "delay": belief.delay,
-        "torque_gain": belief.torque_gain,
-    }
-    open_ = [name for name, each in known.items() if each.low < each.high]
-    if not open_ or belief.damping.low == 0 or belief.is_flexible:
+    open_ = [name for name in _BELIEVED if getattr(belief, name).low < getattr(belief, name).high]
+    if not open_ or belief.is_flexible or question.velocity_filter is not None:
         return None
-    if question.velocity_filter is not None:
-        return None
-    costs = cost_of_each_unknown(
-        Ranges(**{name: (each.low, each.high) for name, each in known.items()}),
-        Member(**{name: each.value for name, each in known.items()}),
-        damping,
-        question.situation.period,
-        question.velocity_samples,
-    )
+
+    def stiffness(known: Iterable[str]) -> float:
+        """Return the limit with the named values known exactly."""
+        m, b, delay, gain = (
+            each.value if name in known else each.low if name in _LEAST else each.high
+            for name in _BELIEVED
+            for each in [getattr(belief, name)]
+        )
+        loop = (b, gain * damping, question.situation.period, delay, question.velocity_samples)
+        limit = min(critical_stiffness(m, *loop), linear_limit(*loop))
+        return max(0.0, float(limit)) / float(gain)
+
+    now, known = stiffness(()), stiffness(open_)
+    each = {name: stiffness([name]) for name in open_}
     return {
         "virtual_damping": damping,
-        "guaranteed": costs.limit.stiffness,
-        "known": costs.known,
-        "lost": costs.lost,
+        "stiffness": now,
+        "known": known,
+        "lost": _lost(now, known),
         "costs": [
             {
-                "name": each.name,
-                "known_at": each.known_at,
-                "guaranteed": each.limit.stiffness,
-                "lost": each.lost,
+                "name": name,
+                "known_at": getattr(belief, name).value,
+                "stiffness": limit,
+                "lost": _lost(now, limit),
             }
-            for each in costs.unknowns
-            if each.name in open_
+            for name, limit in each.items()
         ],
     }
+
+
+def _lost(now: float, known: float) -> float:
+    return 1.0 - now / known if known > now else 0.0
 
 
 def describe(improvement: Improvement, question: Question, damping: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 from haptic_wall.controller.detector.watch import Watch
@@ -19,7 +18,6 @@ from haptic_wall.controller.guard.reasons import (
     ServedSlower,
     WaitsForRest,
 )
-from haptic_wall.controller.guard.rebound import NOT_ONE_SIDED, rebound
 from haptic_wall.controller.laws.active import ActiveLaw
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
@@ -89,17 +87,7 @@ def guard_report(
         counts: The bus's.
     """
     if not law.guarded:
-        return decision_report(decision) | NOT_ONE_SIDED.report() | {"assumed": None}
-    stiffness, damping = tick.commanded
-    request = decision.request
-    limited = replace(
-        situation,
-        period=decision.period,
-        torque_limit=min(situation.torque_limit, law.clip),
-    )
-    promised = rebound(
-        stiffness, damping, request.side, request.velocity_samples, limited, decision.delay
-    )
+        return decision_report(decision) | {"assumed": None}
     model, belief = config.model, situation.belief
     unknown = model.flexible_hz is None and (
         config.servo.kind == "hardware" or belief.transmission_stiffness.high > 0.0
@@ -107,7 +95,6 @@ def guard_report(
     further = list(_besides_the_guard(config, decision, tick, watch, counts))
     return {
         **decision_report(decision, further, now=tick.commanded),
-        **promised.report(),
         "assumed": assumed(belief, decision, config.guard.damping_cap) if unknown else None,
     }
 

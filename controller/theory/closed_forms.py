@@ -86,7 +86,7 @@ def characteristic_polynomial(delta: float, alpha: float, beta: float, delay: in
         delta: Viscous damping >= 0.
         alpha: Stiffness.
         beta: Virtual damping.
-        delay: d, a whole number >= 0; for fractions see ``realisation.closed_loop``.
+        delay: d, a whole number >= 0; a fraction is not covered.
 
     Returns:
         d + 4 coefficients, the highest power first; the first one is 1.

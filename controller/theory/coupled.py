@@ -1,10 +1,7 @@
-"""Coupled stability: the critical stiffness of a wall while a given hand holds the device.
+"""The sampled response of a device that a hand holds, and the poles of its loop with a wall.
 
 The hand is a mass that moves with the device, and a damper and a spring to the ground. The plant is
-then a damped oscillator. On the unit circle the loop is still linear in the wall's stiffness, so
-each crossing of the circle is the zero of one real function of the frequency (see ``boundary``).
-Unlike on a free device, more stiffness can make an unstable loop stable. The limit is therefore the
-end of the stable interval that begins at zero stiffness; 0 where the damper alone is unstable.
+then a damped oscillator.
 """
 
 from __future__ import annotations
@@ -12,34 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.checks import (
-    ComplexArray,
-    FloatArray,
-    broadcast,
-    not_negative,
-    number,
-    positive,
-    samples,
-    scalar,
-)
-from haptic_wall.controller.theory.roots import dips, zeros
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 
 _TERMS = 18  # of the exponential, to rounding below _SMALL
 _SMALL = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Hand:
-    """Mass, damper and spring of a hand that holds the device; every number may be an array."""
-
-    mass: ArrayLike = 0.0
-    """Moves with the device, >= 0 [kg·m²]"""
-    damping: ArrayLike = 0.0
-    """To the ground, >= 0 [N·m·s/rad]"""
-    stiffness: ArrayLike = 0.0
-    """To the ground, >= 0 [N·m/rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,134 +76,6 @@ class HeldHand:
         a[shifted, shifted - 1] = 1.0
         real = not np.any(a.imag)
         return np.linalg.eigvals(a.real if real else a).astype(np.complex128)
-
-
-def coupled_limit(
-    inertia: ArrayLike,
-    damping: ArrayLike,
-    virtual_damping: ArrayLike,
-    period: ArrayLike,
-    delay: ArrayLike,
-    hand: Hand,
-    velocity_samples: ArrayLike = 1,
-) -> FloatArray:
-    """Return the stiffness below which a two-sided wall is stable with this hand on the device.
-
-    Exact for a linear hand, a held torque and any delay. With no hand it is ``critical_stiffness``;
-    a hand of only mass or damping adds to the device's own.
-
-    Args:
-        inertia: m > 0 of the device [kg·m²].
-        damping: Viscous damping b >= 0 of the device [N·m·s/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0, from the sample to its torque acting [s].
-        hand: The hand that holds the device.
-        velocity_samples: N of the velocity difference, >= 1.
-
-    Returns:
-        Stiffness [N·m/rad] in the broadcast shape; 0 where the loop is unstable (or undamped) with
-        the least stiffness.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-
-    Source: Gil et al., ICRA 2007, eq. (11), with the plant of device and hand; solved on the unit
-    circle.
-    """
-    m, b, big_b, t, t_d, n, m_h, b_h, k_h = broadcast(
-        inertia=positive("inertia", inertia),
-        damping=not_negative("damping", damping),
-        virtual_damping=number("virtual_damping", virtual_damping),
-        period=positive("period", period),
-        delay=not_negative("delay", delay),
-        velocity_samples=samples("velocity_samples", velocity_samples),
-        hand_mass=not_negative("hand.mass", hand.mass),
-        hand_damping=not_negative("hand.damping", hand.damping),
-        hand_stiffness=not_negative("hand.stiffness", hand.stiffness),
-    )
-    total = m + m_h
-    rows = ((b + b_h) * t / total, k_h * t**2 / total, t_d / t, n, big_b * t / total)
-    alpha = np.array(
-        [
-            _critical(HeldHand.of(delta, spring, late, int(n_samples)), beta)
-            for delta, spring, late, n_samples, beta in zip(
-                *(row.ravel().tolist() for row in rows), strict=True
-            )
-        ]
-    )
-    result: FloatArray = (alpha.reshape(total.shape) * total / t**2)[()]
-    return result
-
-
-def is_stable(
-    inertia: float,
-    damping: float,
-    stiffness: float,
-    virtual_damping: float,
-    period: float,
-    delay: float,
-    hand: Hand,
-    velocity_samples: int = 1,
-) -> bool:
-    """Whether every closed-loop pole of one wall with one hand is inside the unit circle.
-
-    Args:
-        inertia: m > 0 of the device [kg·m²].
-        damping: Viscous damping b >= 0 of the device [N·m·s/rad].
-        stiffness: K [N·m/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0, from the sample to its torque acting [s].
-        hand: The hand that holds the device; its values are single numbers.
-        velocity_samples: N of the velocity difference, >= 1.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    total = scalar(positive, "inertia", inertia) + scalar(not_negative, "hand.mass", hand.mass)
-    t = scalar(positive, "period", period)
-    unit = t / total
-    viscous = scalar(not_negative, "damping", damping)
-    viscous += scalar(not_negative, "hand.damping", hand.damping)
-    spring = scalar(not_negative, "hand.stiffness", hand.stiffness)
-    plant = HeldHand.of(
-        viscous * unit,
-        spring * t * unit,
-        scalar(not_negative, "delay", delay) / t,
-        int(scalar(samples, "velocity_samples", velocity_samples)),
-    )
-    poles = plant.poles(
-        scalar(number, "stiffness", stiffness) * t * unit,
-        scalar(number, "virtual_damping", virtual_damping) * unit,
-    )
-    return bool(np.max(np.abs(poles)) < 1)
-
-
-def _critical(plant: HeldHand, beta: float) -> float:
-    """Return the lowest crossing of the circle over alpha > 0, where the loop is stable below."""
-    w = _zeros(plant, beta)
-    alpha = (plant.inverse(w) - beta * plant.difference(w)).real
-    alpha = np.sort(alpha[alpha > 0])
-    if not alpha.size or np.max(np.abs(plant.poles(alpha[0] / 2, beta))) >= 1:
-        return 0.0
-    return float(alpha[0])
-
-
-def _zeros(plant: HeldHand, beta: float) -> FloatArray:
-    """Return the frequencies on 0 < w <= pi at which some alpha, of any sign, has a pole there."""
-
-    def imaginary(w: FloatArray) -> FloatArray:
-        result: FloatArray = (plant.inverse(w) - beta * plant.difference(w)).imag
-        return result
-
-    count = 256 + 32 * (plant.whole + plant.samples)
-    grid = np.concatenate(
-        [np.geomspace(1e-6, 1e-2, 64, endpoint=False), np.linspace(1e-2, np.pi, count)[:-1]]
-    )
-    grid = np.append(grid, np.nextafter(np.pi, 0))
-    grid = np.sort(np.append(grid, dips(imaginary, grid[None])))
-    return np.append(zeros(imaginary, grid), np.pi)
 
 
 def _motion(delta: float, spring: float, time: float) -> FloatArray:

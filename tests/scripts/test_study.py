@@ -123,9 +123,9 @@ def test_a_missing_place_is_one_sentence_on_the_command_line(
 ) -> None:
     page = tmp_path / "page.md"
     page.write_text("no place")
-    assert main(["uncertainty", "--out", str(page)]) == 2
+    assert main(["identify_check", "--out", str(page)]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("scripts/study uncertainty: the page has no place for corner, costs")
+    assert said.startswith("scripts/study identify_check: the page has no place for ")
     assert len(said.splitlines()) == 1
 
 

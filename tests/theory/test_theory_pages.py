@@ -7,12 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.cases import sampled
-
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.mark.parametrize("page", sampled(["limit-cycles.md", "coupled.md"], 2))
+@pytest.mark.parametrize("page", ["limit-cycles.md"])
 def test_the_page_shows_what_comes_out(page: str) -> None:
     found = doctest.testfile(str(DOCS / page), module_relative=False, encoding="utf-8")
     assert found.attempted > 5
