@@ -102,8 +102,6 @@ def _refuse(given: dict[str, object]) -> None:
         "sets": "--set",
         "out": "--out",
         "logs": "--logs",
-        "sweep": "--from-sweep",
-        "no_motion": "--no-motion",
         "yes": "--yes",
     }
     found = [text for name, text in names.items() if given.get(name)]

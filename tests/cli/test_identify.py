@@ -111,45 +111,6 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     assert "--plot fit.png: cannot be written: No space left" in said.err
 
 
-def test_the_boundary_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    points = [
-        {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025, "kick_rad": None}
-        for b in (0.0, 0.002, 0.004)
-    ]
-    (folder / "sweep.json").write_text(json.dumps({"points": points}))
-    words = ["identify", "simulated", *QUICK, "--from-sweep", "sweep.json", "--no-motion"]
-    assert call([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["from_sweep"]
-    assert found["line"]["damping"]["value"] == pytest.approx(0.004, rel=1e-6)
-    assert found["line"]["delay"]["value"] == pytest.approx(0.0, abs=1e-9)
-    assert set(found["compared"]) == {"damping", "delay"}
-    assert found["compared_with"] == "belief"
-    assert call(words) == 0
-    assert "agree within two standard errors" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("config", ['{"x": 1}', 100_000 * "[" + 100_000 * "]"])
-def test_a_sweep_that_holds_no_configuration_of_ours_is_refused_in_words(
-    config: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    point = '{"virtual_damping": %d, "delay_s": 0.002, "measured": 1.0}'
-    points = ", ".join(point % b for b in range(3))
-    (folder / "sweep.json").write_text(f'{{"points": [{points}], "config": {config}}}')
-    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
-    assert (
-        "--from-sweep sweep.json: this program does not know the configuration in it"
-        in capsys.readouterr().err
-    )
-
-
-def test_a_sweep_that_is_a_pipe_is_refused_at_once(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    os.mkfifo(folder / "sweep.json")
-    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep.json", "--no-motion"]) == 2
-    assert "cannot be read: it is a pipe, not a file" in capsys.readouterr().err
-
-
 def test_a_trip_ends_it_with_its_status(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
     assert call(words) == 3
@@ -164,10 +125,8 @@ def test_a_blocked_servo_is_unfit(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--no-motion"], "--from-sweep"),
         (["--reach=0.001"], "--reach: found 0.001"),
         (["--plot=x.pdf"], "--plot x.pdf"),
-        (["--from-sweep=nothing.json", "--no-motion"], "--from-sweep nothing.json"),
         (["--out=."], "--out: . is a folder"),
         (["--out=/proc/mine.yaml"], "--out /proc/mine.yaml: cannot be written"),
         (["--plot=/proc/mine.png"], "--plot /proc/mine.png: cannot be written"),
@@ -181,21 +140,6 @@ def test_wrong_input_is_told_before_anything_moves(
     err = capsys.readouterr().err
     assert said in err and "pulses" not in err
     assert not (folder / "runs").exists()
-
-
-@pytest.mark.parametrize("option", ["--out", "--plot"])
-def test_the_sweep_that_is_read_is_not_written_over(
-    option: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    points = [
-        {"virtual_damping": b, "delay_s": 0.002, "measured": (b + 0.004) / 0.0025}
-        for b in (0.0, 0.002, 0.004)
-    ]
-    text = json.dumps({"points": points})
-    (folder / "sweep").write_text(text)
-    assert call(["identify", "simulated", *QUICK, "--from-sweep=sweep", f"{option}=./sweep"]) == 2
-    assert f"--from-sweep and {option} both name sweep" in capsys.readouterr().err
-    assert (folder / "sweep").read_text() == text
 
 
 def test_ctrl_c_ends_it(

@@ -171,8 +171,8 @@ def test_a_hostile_file_is_refused_in_a_sentence(
     [
         (("simulated", "--record", "a.csv"), "--record: found with CONFIG"),
         (
-            ("--record", "a.csv", "--out", "b.yaml", "--no-motion"),
-            "found with --out and --no-motion",
+            ("--record", "a.csv", "--out", "b.yaml", "--yes"),
+            "found with --out and --yes",
         ),
         (("--record", "a.csv", "--pendulum-mass", "1"), "--pendulum-length: missing"),
         (("--record", "a.csv", *PENDULUM[:3], "-1"), "--pendulum-length: found -1, wanted"),

@@ -1,20 +1,12 @@
-"""Compares theory with measurement: the delay by two methods, the boundary, and its linear fit."""
+"""Compares theory with measurement: the delay by two methods, and the boundary."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.experiments.estimated import Estimated
-from haptic_wall.controller.experiments.identify.boundary_fit import (
-    BoundaryPoints,
-    KnownLoop,
-    fit_boundary,
-    read_points,
-)
-from haptic_wall.controller.experiments.identify.text import boundary_report, comparison
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
@@ -138,60 +130,3 @@ def _ends(
 def _commanded(effects: Mapping[str, float], gain: float) -> dict[str, float]:
     """Return the effects in commanded torque."""
     return {name: size / gain if name in _TORQUES else size for name, size in effects.items()}
-
-
-def _bent(
-    device: Device, points: BoundaryPoints, coulomb: float, effects: Mapping[str, float]
-) -> bool:
-    """Whether more than Coulomb friction decides where the measured boundary lies."""
-    friction = Lossy(device.inertia, device.damping, coulomb)
-    servo = Lossy(device.inertia, device.damping, coulomb, device.backlash, **effects)
-    for damping, delay, kick in zip(points.virtual_damping, points.delay, points.kick, strict=True):
-        if math.isfinite(kick):
-            loop = float(damping), device.period, float(delay), float(kick)
-            one, other = (
-                kick_limit(each, *loop, device.velocity_samples) for each in (friction, servo)
-            )
-            if abs(other - one) > _PERCENT * one:
-                return True
-    return False
-
-
-def line(config: Config, identify: Mapping[str, Any], sweep: Path) -> dict[str, Any]:
-    """Compare damping and delay of a line through the measured boundary with the identified ones.
-
-    Args:
-        config: Configuration with the identified model.
-        identify: Result of the identification step.
-        sweep: The sweep's JSON file.
-
-    Returns:
-        The comparison; only ``reason`` if there are too few points.
-    """
-    gain = identify["torque_gain"]["value"]
-    # The boundary is measured in commanded torque.
-    damping = Estimated(*(identify["damping"][key] / gain for key in ("value", "stderr")))
-    loop = KnownLoop(
-        inertia=identify["inertia"]["value"] / gain,
-        coulomb=identify["coulomb"]["value"] / gain,
-        period=config.period_s,
-        velocity_samples=config.wall.velocity_samples,
-        lag=config.belief().delay.value,
-    )
-    try:
-        points = read_points(sweep)[0]
-        effects = _commanded(identify.get("effects") or {}, gain)
-        if _bent(Device.of(config), points, loop.coulomb, effects):
-            return {"reason": "backlash, or friction other than Coulomb's, bends the boundary"}
-        fit = fit_boundary(points, loop)
-    except ValueError as error:  # too few points, or impossible figures
-        return {"reason": str(error)}
-    most = 0.5 * fit.damping.value, 0.5 * fit.delay.value + config.period_s
-    if fit.damping.stderr > most[0] or fit.delay.stderr > most[1]:
-        return {"reason": "the measured points scatter too much about any boundary"}
-    motion = damping, Estimated(**identify["delay"])
-    return {
-        **boundary_report(fit),
-        "motion": {"damping": identify["damping"]["value"] / gain, "delay": motion[1].value},
-        "compared": comparison(motion, (fit.damping, fit.delay)),
-    }

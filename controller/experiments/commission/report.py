@@ -11,9 +11,8 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission import agreement
 from haptic_wall.controller.experiments.commission.outcome import STEPS, TITLES, done, partly_done
 from haptic_wall.controller.experiments.commission.sequence import Ended
-from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG, SWEEP
+from haptic_wall.controller.experiments.commission.store import AGAIN, CONFIG
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
-from haptic_wall.controller.experiments.sweep.store import JSON
 
 COMPLETE, INCOMPLETE, NOT_MEASURED = "complete", "incomplete", "not measured"
 """Values of ``status``"""
@@ -84,7 +83,7 @@ def _agreement(
 ) -> dict[str, Any]:
     """Return theory beside measurement; null where either is missing."""
     identify, delay, sweep = found["identify"], found["delay"], found["sweep"]
-    answer: dict[str, Any] = {"delay": None, "boundary": None, "line": None}
+    answer: dict[str, Any] = {"delay": None, "boundary": None}
     if identify is None:
         return answer
     if delay is not None:
@@ -98,5 +97,4 @@ def _agreement(
             raise UserError(
                 f"sweep.json: {error}", field="--out", given=folder, advice=AGAIN.format("sweep")
             ) from None
-        answer["line"] = agreement.line(ended.config, identify, folder / SWEEP / JSON)
     return answer

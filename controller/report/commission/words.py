@@ -118,8 +118,6 @@ def agrees(report: Report) -> Iterator[str]:
             )
     if found["boundary"] is not None:
         yield from _boundary(found["boundary"], report["verdict"]["margin"])
-    if found["line"] is not None:
-        yield from _line(found["line"])
     if all(value is None for value in found.values()):
         yield "No quantity was measured twice, so none could be compared."
 
@@ -201,22 +199,6 @@ def _boundary(points: Sequence[Mapping[str, Any]], margin: float) -> Iterator[st
 
 def _below(point: Mapping[str, Any]) -> bool:
     return bool(point["measured"] < point["expected"])
-
-
-def _line(found: Mapping[str, Any]) -> Iterator[str]:
-    if "reason" in found:
-        yield f"Damping and delay could not be fitted to the boundary: {found['reason']}."
-        return
-    damping, compared = found["damping"], found["compared"]
-    said = [
-        f"the {name} {'agrees' if compared[name]['agree'] else 'does NOT agree'}"
-        for name in ("damping", "delay")
-    ]
-    yield (
-        f"A fit to the measured boundary gives a damping of {_n(damping['value'])} ±"
-        f" {damping['stderr']:.2g} N·m·s/rad and a delay of {_pm_ms(found['delay'])}: {said[0]} and"
-        f" {said[1]} with the motions of identify."
-    )
 
 
 def unknown(report: Report) -> Iterator[str]:

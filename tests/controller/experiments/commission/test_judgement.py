@@ -1,7 +1,5 @@
 """The verdict against the guard itself; agreement where there is, and where there is none."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -141,20 +139,3 @@ def test_two_delays_that_differ_are_told_with_the_longer_one() -> None:
     assert not found["device"]["agree"] and not found["inserted"]["points"][0]["agree"]
     said = " ".join(words._delay(found))
     assert "do NOT agree" in said and "0.00154 s" in said and "does NOT agree" in said
-
-
-def test_points_that_lie_on_no_boundary_tell_nothing_of_damping_and_delay(tmp_path: Path) -> None:
-    """A damping of 0.26 ± 0.14 N·m·s/rad agrees with whatever the motions say."""
-    measured = [(0.0891, 0, 21.08), (0.178, 0, 28.32), (0.0, 3, 14.03), (0.178, 3, 19.31)]
-    points = [
-        swept(stiffness, virtual_damping=damping, delay_s=0.0038 + 0.001 * steps)
-        for damping, steps, stiffness in [*measured, (0.0891, 3, 30.44)]
-    ]
-    path = tmp_path / "sweep.json"
-    path.write_text(json.dumps({"points": points}))
-    names = {"inertia": 0.0058, "damping": 0.0105, "coulomb": 0.0547, "delay": 0.0037}
-    identify = {name: {"value": value, "stderr": 0.1 * value} for name, value in names.items()}
-    identify["torque_gain"] = {"value": 0.707, "stderr": 0.0}
-    found = agreement.line(load_config("simulated").config, identify, path)
-    (said,) = words._line(found)
-    assert "could not be fitted to the boundary: the measured points scatter too much" in said
