@@ -28,7 +28,7 @@ from haptic_wall.controller.bench.bus_clients import (
     vendors,
 )
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus
-from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, ratio
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
 from haptic_wall.hw.dynamixel.serial_line import FdLine
@@ -63,7 +63,6 @@ def measure() -> Section:
             "-e '.[bench]' in the clone adds it, up to Python 3.13"
         )
     rows: list[Measurement] = []
-    drawn: list[Histogram] = []
     for count in _COUNTS:
         ids = range(1, count + 1)
         with _bus(ids) as path, ExitStack() as stack:
@@ -72,15 +71,13 @@ def measure() -> Section:
         for title, clients in times.items():
             what = f"{title}, {count} servos" if count > 1 else f"{title}, 1 servo"
             rows += _rows(what, clients)
-            each = {name: times.cycles for name, times in clients.items()}
-            drawn.append(Histogram(f"Time of a cycle, {what}", "µs", each))
             notes += [
                 f"{name}, {what}: {client.failed} of {_ROUNDS * _CYCLES} cycles failed and count"
                 " with their time"
                 for name, client in clients.items()
                 if client.failed
             ]
-    return Section(tuple(rows), tuple(notes), tuple(drawn))
+    return Section(tuple(rows), tuple(notes))
 
 
 def _taking_turns(

@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from haptic_wall.controller.bench import cyclictest
-from haptic_wall.controller.bench.bins import percentile
 from haptic_wall.controller.bench.lateness_client import PERIOD_NS, Orders
 from haptic_wall.controller.bench.loops import told_by
-from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.processes.plan import Plan
 from haptic_wall.controller.processes.supervisor import Supervisor
@@ -74,7 +73,8 @@ class _Seen:
 
     def percentile(self, q: float) -> list[float]:
         """Return the percentile of each round [µs]."""
-        return [percentile(turn.late_us, q) for turn in self.turns]
+        late = [np.percentile(turn.late_us, q, method="inverted_cdf") for turn in self.turns]
+        return [float(each) for each in late]
 
 
 def measure() -> Section:
@@ -95,11 +95,7 @@ def measure() -> Section:
         "a relative sleep and the rate limiter count each period from the previous wake-up, and so"
         " does their lateness here: the delivered rate shows the sum"
     )
-    series = {
-        name: np.concatenate([turn.late_us for turn in each.turns]).tolist()
-        for name, each in seen.items()
-    }
-    return Section(tuple(rows), tuple(notes), (Histogram("wake-up lateness", "µs", series),))
+    return Section(tuple(rows), tuple(notes))
 
 
 def _clients(core: int) -> tuple[dict[str, Client], list[str]]:

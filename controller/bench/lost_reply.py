@@ -19,7 +19,7 @@ from typing import Final
 
 from haptic_wall.controller.bench.bus_clients import rustypot
 from haptic_wall.controller.bench.loops import BAUD, emulated_bus, ours
-from haptic_wall.controller.bench.rows import Histogram, Measurement, Section
+from haptic_wall.controller.bench.rows import Measurement, Section
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
@@ -57,8 +57,7 @@ def measure() -> Section:
     notes = []
     if rustypot() is None:
         notes.append("rustypot is not installed, so nothing is compared with it")
-    rows, taken = _whole_program()
-    drawn = {"haptic-wall run, to its torque frame": taken}
+    rows = _whole_program()
     with emulated_bus("--fault", f"drop:every={_EVERY},way=reply") as path, ExitStack() as stack:
         waits = waits_ns(_clients(path, stack), _ROUNDS)
     for name, each in waits.items():
@@ -67,10 +66,8 @@ def measure() -> Section:
                 Problem(f"{name}: no reply was lost in {_MOST_READS} reads", advice="try again")
             )
         what = f"{name}, from a request whose reply is lost to going on"
-        drawn[name] = [wait / _PERIOD_NS for wait in each]
-        rows += _figures(what, drawn[name])
-    waited = Histogram("Wait for a reply that is lost", "periods", drawn)
-    return Section(tuple(rows), tuple(notes), (waited,))
+        rows += _figures(what, [wait / _PERIOD_NS for wait in each])
+    return Section(tuple(rows), tuple(notes))
 
 
 def waits_ns(clients: dict[str, Read], rounds: int) -> dict[str, list[int]]:
@@ -102,8 +99,8 @@ def request_to_torque_s(rows: Iterable[BusRow]) -> list[float]:
     return taken
 
 
-def _whole_program() -> tuple[list[Measurement], list[float]]:
-    """Return its rows, and each wait in periods."""
+def _whole_program() -> list[Measurement]:
+    """Return the rows of a run."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "bus.csv"
         fault = f"drop:every={_RARELY},way=reply"
@@ -119,7 +116,7 @@ def _whole_program() -> tuple[list[Measurement], list[float]]:
         )
     what = "haptic-wall run, from a request whose reply is lost to its torque frame"
     periods = [1e9 * each / _PERIOD_NS for each in taken]
-    rows = [
+    return [
         *_figures(what, periods),
         Measurement(
             f"haptic-wall run, periods skipped while {len(taken)} replies were lost",
@@ -128,7 +125,6 @@ def _whole_program() -> tuple[list[Measurement], list[float]]:
             "whether the losses were the cause; a busy machine skips periods as well",
         ),
     ]
-    return rows, periods
 
 
 def _figures(what: str, periods: list[float]) -> list[Measurement]:

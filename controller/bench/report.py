@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from haptic_wall.controller.bench.bins import binned
 from haptic_wall.controller.bench.machine import (
     load_average,
     machine,
@@ -36,7 +35,7 @@ def measured(modules: Mapping[str, str], tell: Callable[[str], None]) -> dict[st
 
     Returns:
         ``machine``, ``versions``, ``seconds``, ``interrupted`` and ``sections``, each with its
-        rows, notes, counted histograms, ``seconds`` and ``steal_percent``.
+        rows, notes, ``seconds`` and ``steal_percent``.
     """
     began, before = time.monotonic(), processor_time()
     report: dict[str, Any] = {
@@ -77,7 +76,6 @@ def measured_section(module: str) -> dict[str, Any]:
     return {
         "rows": [asdict(row) for row in section.rows],
         "notes": list(section.notes),
-        "histograms": [binned(histogram) for histogram in section.histograms],
         "seconds": time.monotonic() - began,
         "steal_percent": stolen_percent(before, processor_time()),
     }

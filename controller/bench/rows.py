@@ -25,24 +25,12 @@ class Measurement:
 
 
 @dataclass(frozen=True, slots=True)
-class Histogram:
-    """Samples of one quantity, a series for each compared client."""
-
-    name: str
-    """The measured quantity"""
-    unit: str
-    series: Mapping[str, Sequence[float]]
-    """The samples of each compared client, by name; at most some ten thousand"""
-
-
-@dataclass(frozen=True, slots=True)
 class Section:
     """Result of one section."""
 
     rows: tuple[Measurement, ...]
     notes: tuple[str, ...] = ()
     """Missing measurements, and the reasons"""
-    histograms: tuple[Histogram, ...] = ()
 
 
 def over_rounds(name: str, values: Sequence[float], unit: str, shows_not: str) -> Measurement:

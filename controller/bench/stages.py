@@ -6,7 +6,7 @@ import os
 from typing import Any, Final
 
 from haptic_wall.controller.bench.loops import AT_REST, FORGIVING, emulated_bus, told_by, wall_run
-from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds
+from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds
 from haptic_wall.controller.bench.stage_times import STAGES
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.realtime import pick_cores
@@ -44,7 +44,7 @@ def measure() -> Section:
         rows += _whole_rows(name, works)
     for name in servos:
         rows += _stage_rows(name, timed[name])
-    return Section(tuple(rows), (), tuple(_drawn(name, timed[name]) for name in servos))
+    return Section(tuple(rows))
 
 
 def _whole_run(preset: str, *sets: str) -> dict[str, float]:
@@ -108,12 +108,3 @@ def _stage_rows(name: str, runs: list[dict[str, Any]]) -> list[Measurement]:
         )
     )
     return rows
-
-
-def _drawn(name: str, runs: list[dict[str, Any]]) -> Histogram:
-    # The mean cost of the timing is subtracted, which can give negative values.
-    series = {
-        stage: [max(0.0, time) for run in runs for time in run["samples_us"][stage]]
-        for stage in STAGES
-    }
-    return Histogram(f"{name}: time of each stage of a tick", "µs", series)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.bench.bare_loop import GOAL_CURRENT_0, READ_16_AT_120, REPLY_BYTES
 from haptic_wall.controller.bench.loops import BAUD, LOOPS, emulated_bus
-from haptic_wall.controller.bench.rows import Histogram, Measurement, Section, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Measurement, Section, over_rounds, ratio
 from haptic_wall.controller.emulated_bus.record import BusRow, read_rows
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.dynamixel.codec import Instruction
@@ -60,7 +60,7 @@ def measure() -> Section:
     own = {name: [each[~held_up(each)] for each in turns] for name, turns in intervals.items()}
     period_us = 1e6 / _RATE_HZ
     deviations = {name: [np.abs(each - period_us) for each in turns] for name, turns in own.items()}
-    return Section((*_rows(deviations), *_left_out(intervals)), (), (_drawn(deviations),))
+    return Section((*_rows(deviations), *_left_out(intervals)))
 
 
 def torque_frames(rows: Iterable[BusRow]) -> NDArray[np.float64]:
@@ -152,11 +152,3 @@ def _left_out(intervals: dict[str, list[NDArray[np.float64]]]) -> list[Measureme
         )
         for name, each in intervals.items()
     ]
-
-
-def _drawn(deviations: dict[str, list[NDArray[np.float64]]]) -> Histogram:
-    return Histogram(
-        "Deviation of torque frames' intervals from the period, at the other end of the line",
-        "µs",
-        {name: np.concatenate(each).tolist() for name, each in deviations.items()},
-    )

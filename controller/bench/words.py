@@ -1,4 +1,4 @@
-"""Formats the report's figures and facts as text, for the terminal and the page."""
+"""Formats the report's figures and facts as text."""
 
 from __future__ import annotations
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import re
 import signal
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 
 from haptic_wall.controller.bench import words
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.options import answer, as_json, json_option, say, writing
-from haptic_wall.controller.cli.places import force_option, take_file
+from haptic_wall.controller.cli.options import answer, as_json, json_option, say
 from haptic_wall.controller.cli.working import length
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.system.file_kinds import Kind
 from haptic_wall.controller.system.signals import on_signals
-from haptic_wall.controller.system.whole_file import whole
 
 SECTIONS = {
     "lateness": "haptic_wall.controller.bench.lateness",
@@ -30,8 +25,6 @@ SECTIONS = {
     "highest_rate": "haptic_wall.controller.bench.highest_rate",
     "bus_cycle": "haptic_wall.controller.bench.bus_cycle",
     "lost_reply": "haptic_wall.controller.bench.lost_reply",
-    "telemetry_row": "haptic_wall.controller.bench.telemetry_row",
-    "detector": "haptic_wall.controller.bench.detector",
 }
 """Module of each section, which has ``measure() -> Section``."""
 ABOUT_S = {
@@ -43,14 +36,8 @@ ABOUT_S = {
     "highest_rate": 150,
     "bus_cycle": 30,
     "lost_reply": 8,
-    "telemetry_row": 3,
-    "detector": 1,
 }
 """Duration of each section with its peers [s]; up to 1.5 times as long on a busy machine"""
-_PAGE = Kind(
-    "a report of haptic-wall bench",
-    re.compile(rb"<!DOCTYPE html>.{0,400}<title>haptic-wall ", re.DOTALL),
-)
 
 
 @click.command()
@@ -61,15 +48,8 @@ _PAGE = Kind(
     type=click.Choice(list(SECTIONS)),
     help="Measure only this section (repeatable).",
 )
-@click.option(
-    "--html",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Also write the report as one HTML page, with histograms.",
-)
-@force_option
 @json_option
-def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_wanted: bool) -> None:
+def command(names: tuple[str, ...], as_json_wanted: bool) -> None:
     """Measure timing, limits, simulation and bus cycles of this program on this machine.
 
     Compared programs take turns over several rounds; the figures are medians. Times hold for this
@@ -77,8 +57,6 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     """
     from haptic_wall.controller.bench.report import measured
 
-    if html is not None:
-        take_file("--html", html, _PAGE, force=force)
     chosen = {name: SECTIONS[name] for name in names or SECTIONS}
 
     def tell(name: str) -> None:
@@ -93,11 +71,6 @@ def command(names: tuple[str, ...], html: Path | None, force: bool, as_json_want
     report = measured(chosen, tell)
     with on_signals(signal.SIG_IGN):  # a held Ctrl-C must not cost the report
         answer(as_json(report) if as_json_wanted else _text(report))
-        if html is not None:
-            from haptic_wall.controller.bench.page import page
-
-            with writing("--html", html), whole(html, _PAGE, force=force) as part:
-                part.write_text(page(report), encoding="utf-8")
     if report["interrupted"]:
         sys.exit(interrupt.INTERRUPTED)
 

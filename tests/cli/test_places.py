@@ -41,7 +41,6 @@ FILES = [
     (["identify", *SIMULATED], "--out"),
     (["identify", *SIMULATED], "--plot"),
     (BOUNDARY, "--plot"),
-    (["bench", "--section=detector"], "--html"),
     (["emulate"], "--record"),
 ]
 

@@ -2,47 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from haptic_wall.controller.bench.bins import binned, percentile
 from haptic_wall.controller.bench.machine import ProcessorTime, processor_time, stolen_percent
-from haptic_wall.controller.bench.rows import Histogram, over_rounds, ratio
+from haptic_wall.controller.bench.rows import over_rounds, ratio
 from haptic_wall.controller.bench.words import figure
-
-
-def test_a_percentile_is_one_of_the_values() -> None:
-    values = np.arange(1.0, 1001.0)
-    assert [percentile(values, q) for q in (50.0, 99.0, 99.9, 100.0)] == [500, 990, 999, 1000]
-    assert percentile(np.array([7.0]), 99.9) == 7.0
-
-
-@pytest.mark.parametrize(
-    ("samples", "scale"),
-    [
-        ([0.0, 0.04, 5.0, 20_000.0], "log"),
-        ([-3.0, 0.0, 4.0], "linear"),
-        ([2.0, 2.0], "log"),
-        ([0.0, 0.0], "linear"),
-    ],
-)
-def test_no_sample_is_lost_between_the_bins(samples: list[float], scale: str) -> None:
-    counted = binned(Histogram("h", "µs", {"one": samples, "none": []}))
-    assert counted["scale"] == scale
-    assert set(counted["series"]) == {"one"}
-    one = counted["series"]["one"]
-    assert sum(one["counts"]) == one["samples"] == len(samples)
-    assert one["max"] == max(samples)
-    edges = np.array(counted["edges"])
-    assert np.all(np.diff(edges) > 0)
-
-
-def test_a_sample_is_counted_in_the_bin_that_holds_it() -> None:
-    counted = binned(Histogram("h", "µs", {"one": [1.0, 10.0, 10.1, 1000.0]}))
-    edges, counts = np.array(counted["edges"]), np.array(counted["series"]["one"]["counts"])
-    (at,) = np.flatnonzero(counts == 2)
-    assert edges[at] <= 10.0
-    assert edges[at + 1] > 10.1
 
 
 @pytest.mark.parametrize(
