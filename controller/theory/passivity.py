@@ -92,7 +92,7 @@ def _kappa(ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
     theta = np.linspace(0.0, np.pi, steps + 1)
     theta[0] = 1e-7  # the limit theta -> 0
     values = _kappa_at(theta, ratio[:, None], delay, n_samples)
-    found = values.min(axis=1)
+    found: FloatArray = values.min(axis=1)
     beside = np.full((ratio.size, steps + 3), np.inf)
     beside[:, 1:-1] = values
     before, after = beside[:, :-2], beside[:, 2:]
