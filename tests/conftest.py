@@ -59,7 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
         "suite",
         deadline=None,
         derandomize=not thorough,
-        max_examples=100 if thorough or config.getoption("whole") else 20,
+        max_examples=100 if thorough else 40 if config.getoption("whole") else 10,
     )
     hypothesis.settings.load_profile("suite")
     # Thousands of tests are made and kept: looking for garbage among them takes a fifth of it.
@@ -86,13 +86,15 @@ def begin_to_watch() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked ``whole`` or needs the fixture, unless it is asked for."""
-    if config.getoption("whole") or config.getoption("thorough"):
+    """Leave out what is marked ``whole`` or ``thorough``, unless it is asked for."""
+    if config.getoption("thorough"):
         return
+    whole = config.getoption("whole")
     kept: list[pytest.Item] = []
     left_out: list[pytest.Item] = []
     for item in items:
-        (left_out if is_left_to_whole(item) else kept).append(item)
+        left = item.get_closest_marker("thorough") if whole else is_left_to_whole(item)
+        (left_out if left else kept).append(item)
     items[:] = kept
     config.hook.pytest_deselected(items=left_out)
 

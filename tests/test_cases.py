@@ -30,3 +30,6 @@ def test_of_many_cases_each_so_many_stay_and_none_is_lost() -> None:
     found = sampled(((number, "text") for number in range(7)), 3)
     assert [case.values for case in found] == [(number, "text") for number in range(7)]
     assert [case.values[0] for case in found if not case.marks] == [0, 3, 6]
+    told = [[mark.name for mark in case.marks] for case in sampled(range(1000), 50)]
+    assert told.count([]) == 20 and told.count(["whole"]) == 80
+    assert told.count(["thorough"]) == 900

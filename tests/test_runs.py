@@ -25,6 +25,7 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
+from tests.cases import sampled
 from tests.typed import not_none, status_of
 
 T = TypeVar("T")
@@ -498,7 +499,7 @@ def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: 
     assert "torque is on" not in said
 
 
-@pytest.mark.parametrize("place", ["in the way", "a long name", "killed"])
+@pytest.mark.parametrize("place", sampled(["in the way", "a long name", "killed"], 3))
 def test_a_run_without_its_dial_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
     log = f"{'x' * 240}.hwlog" if place == "a long name" else "run.hwlog"
     if place == "in the way":

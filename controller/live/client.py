@@ -74,14 +74,15 @@ class Client:
         """Send an object as soon as the client reads."""
         self._texts.append(json.dumps(what, allow_nan=False))
 
-    def serve(self, new: Messages, beat: int | None = None) -> None:
+    def serve(self, new: Messages, beat: int | None = None, *, last: bool = False) -> None:
         """Send the new rows and texts, if the client has read everything sent before.
 
         Args:
             new: Of this moment.
             beat: Of the dead man, for a client that may hold it; None: no page holds it.
+            last: Send them all the same: nothing comes later.
         """
-        if self.buffered:
+        if self.buffered and not last:
             return
         if beat is not None and self.turns:
             broadcast((self._connection,), json.dumps({"kind": "beat", "beat": beat}))

@@ -92,7 +92,7 @@ class LiveServer:
             beat = None if man is None else man.beat(time.monotonic_ns())
             new = Messages(view.source)
             for client in tuple(view.clients):
-                client.serve(new, beat)
+                client.serve(new, beat, last=over)
             if over:
                 return
             count += 1

@@ -18,7 +18,7 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-END_S: Final = 0.3
+END_S: Final = 1.0
 """Longest wait for the clients at the end [s]"""
 MOST_REQUEST: Final = 4096
 """Largest message of a client [bytes]"""

@@ -92,22 +92,27 @@ def _kappa(ratio: FloatArray, delay: float, n_samples: int) -> FloatArray:
     theta = np.linspace(0.0, np.pi, steps + 1)
     theta[0] = 1e-7  # the limit theta -> 0
     values = _kappa_at(theta, ratio[:, None], delay, n_samples)
-    # every local minimum of the scan may contain the least value
+    found: FloatArray = values.min(axis=1)
     beside = np.full((ratio.size, steps + 3), np.inf)
     beside[:, 1:-1] = values
-    row, low = np.nonzero((values <= beside[:, 2:]) & (values <= beside[:, :-2]))
+    before, after = beside[:, :-2], beside[:, 2:]
+    # every local minimum may contain the least value, if it can be low enough: a smooth minimum is
+    # below its lowest point by an eighth of the rise beside it at most
+    row, low = np.nonzero(
+        (values <= before)
+        & (values <= after)
+        & (2.0 * values < found[:, None] + np.maximum(before, after))
+    )
     left, right = theta[np.maximum(low - 1, 0)], theta[np.minimum(low + 1, steps)]
-    lows = np.arange(low.size)
-    least = values[row, low]
     for _ in range(_ZOOMS):
         points = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, _ZOOM_POINTS)
         zoomed = _kappa_at(points, ratio[row, None], delay, n_samples)
-        best = np.argmin(zoomed, axis=1)
-        least = np.minimum(least, zoomed[lows, best])
-        left = points[lows, np.maximum(best - 1, 0)]
-        right = points[lows, np.minimum(best + 1, _ZOOM_POINTS - 1)]
-    found = np.full(ratio.size, np.inf)
-    np.minimum.at(found, row, least)
+        lows, best = np.arange(row.size), np.argmin(zoomed, axis=1)
+        one, other = np.maximum(best - 1, 0), np.minimum(best + 1, _ZOOM_POINTS - 1)
+        least = zoomed[lows, best]
+        np.minimum.at(found, row, least)
+        kept = 2.0 * least < found[row] + np.maximum(zoomed[lows, one], zoomed[lows, other])
+        row, left, right = row[kept], points[lows, one][kept], points[lows, other][kept]
     return found
 
 

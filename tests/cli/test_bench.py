@@ -203,6 +203,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
     assert list(report["sections"]) == list(SECTIONS)[:1]
 
 
+@pytest.mark.whole
 def test_arrays_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
     rows = {row.name: row.value for row in array_simulation.measure().rows}

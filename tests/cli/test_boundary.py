@@ -29,6 +29,7 @@ from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+from tests.cases import sampled
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -251,7 +252,9 @@ def test_every_limit_of_the_table_is_drawn(sets: list[str]) -> None:
             assert np.isin(drawn, values).all() and drawn.size == 3
 
 
-@pytest.mark.parametrize("more", [[], ["wall.velocity_samples=3"], LOADED, ["delay.steps=8"]])
+@pytest.mark.parametrize(
+    "more", sampled([[], ["wall.velocity_samples=3"], LOADED, ["delay.steps=8"]], 4)
+)
 def test_the_best_virtual_damping_is_not_beaten_by_any_of_a_fine_table(
     capsys: pytest.CaptureFixture[str], more: list[str]
 ) -> None:

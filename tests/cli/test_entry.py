@@ -270,6 +270,7 @@ def called(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.whole
 def test_packages_of_the_same_name_on_the_path_are_not_taken_for_ours(
     tmp_path: Path, wholly: bool
 ) -> None:

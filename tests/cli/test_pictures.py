@@ -12,6 +12,7 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.reader import SUFFIX
+from tests.cases import sampled
 from tests.typed import status_of
 
 SIMULATED = "simulated", "--set", "loop.clock=simulated"
@@ -64,11 +65,14 @@ def test_no_picture_costs_the_result(
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        {"MPLBACKEND": "module://matplotlib_inline.backend_that_is_not_there"},
-        {"MPLBACKEND": "Qt4Agg"},
-        {"MATPLOTLIBRC": "matplotlibrc"},
-    ],
+    sampled(
+        [
+            {"MPLBACKEND": "module://matplotlib_inline.backend_that_is_not_there"},
+            {"MPLBACKEND": "Qt4Agg"},
+            {"MATPLOTLIBRC": "matplotlibrc"},
+        ],
+        3,
+    ),
     ids=["notebook", "old backend", "latex"],
 )
 def test_no_setting_of_the_user_changes_a_picture(

@@ -194,9 +194,10 @@ def test_the_installation_does_not_name_its_folder(project: Path) -> None:
 
 # .ci/run, with a suite that only looks where it is
 
+PARTS = ("wheel", "bare", "pythons", "lowest")
 SUITE = """#!/bin/sh
 cd "$(dirname "$0")/.." && pwd
-echo "$LC_ALL"
+echo "$* $LC_ALL"
 exit 7
 """
 
@@ -213,7 +214,7 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
             link.symlink_to(not_none(found))
     install_python(project)
     (project / "scripts" / "test").write_text(SUITE)
-    for part in ("wheel", "bare"):
+    for part in PARTS:
         (project / ".ci" / part).write_text(f"#!/bin/sh\necho {part} is tried >&2\n")
     folders = project.parent / "folders"
     folders.mkdir()
@@ -226,8 +227,8 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
         env=environment(project, TMPDIR=str(folders), **more),
     )
     place, locale = done.stdout.splitlines()[-2:]
-    assert locale == "C" and done.returncode == 7
-    for part in ("wheel", "bare"):
+    assert locale == "--browser --whole C" and done.returncode == 7
+    for part in PARTS:
         assert (f"{part} is tried" in done.stderr) == sets_up
     if sets_up:
         assert place.startswith(str(folders)) and place.endswith("/a wäll")

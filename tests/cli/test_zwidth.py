@@ -138,6 +138,7 @@ def test_the_same_command_keeps_what_was_measured(
     assert [w["measured"] for w in again["widths"]] == [w["measured"] for w in report["widths"]]
 
 
+@pytest.mark.whole
 def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

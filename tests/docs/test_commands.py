@@ -192,7 +192,7 @@ async def served_nobody(*_: object) -> None:
     """Serves until Ctrl-C, which comes at once."""
 
 
-SLOW = {"acceptance", "boundary"}
+SLOW = {"acceptance", "boundary", "doctor", "zwidth"}
 """Commands that take half a second, of which --whole runs all that the pages show"""
 
 

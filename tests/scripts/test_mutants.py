@@ -220,6 +220,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return root
 
 
+@pytest.mark.whole
 def test_mutants_are_tried_in_a_copy(project: Path, tmp_path: Path, thorough: bool) -> None:
     source = (project / "controller" / "runtime" / "safety.py").read_text()
     wanted = {

@@ -164,7 +164,7 @@ class _Page(Client):
     def __init__(self) -> None:
         super().__init__(cast("Any", None), 0, turns=False)
 
-    def serve(self, new: Messages, _beat: int | None = None) -> None:
+    def serve(self, new: Messages, _beat: int | None = None, *, last: bool = False) -> None:  # noqa: ARG002
         self._texts.clear()
         self.tail = new.since(self.tail)[1]
 

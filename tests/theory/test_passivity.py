@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from haptic_wall.controller.theory import linear_limit, passive_limit
+from haptic_wall.controller.theory import linear_limit, passive_limit, passivity
 from haptic_wall.controller.theory.passivity import passive_slope
 from tests.theory.oracles import Loop, radius
 from tests.theory.passive_loads import Wall, adverse_load, distance, random_load
@@ -188,3 +189,16 @@ def test_a_sampled_law_gives_back_no_more_than_friction_takes() -> None:
         potential = -slope * np.cos(wave * x) / wave**2
         given -= float(potential[begin] - potential[-1])
         assert given < b * float(np.sum(moved**2)) * fine
+
+
+def test_a_long_delay_costs_little_more_than_its_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    kappa_at = passivity._kappa_at
+
+    def counted(theta: FloatArray, ratio: FloatArray, *loop: Any) -> FloatArray:
+        sizes.append(np.broadcast(theta, ratio).size)
+        return kappa_at(theta, ratio, *loop)
+
+    monkeypatch.setattr(passivity, "_kappa_at", counted)
+    passive_limit(1.0, np.linspace(-0.95, 0.95, 20), 1.0, 99.4)
+    assert sum(sizes) < 1.5 * sizes[0]

@@ -330,6 +330,7 @@ def test_three_stops_in_a_row_are_the_walls_whatever_the_motion() -> None:
     assert stop.alarm
 
 
+@pytest.mark.whole
 def test_a_load_that_swings_the_shaft_at_one_hertz_is_not_asked_about_for_ever() -> None:
     """Its answers take longer than any without a load, so that none is clear."""
     load = operator_of(0.0, 0.0, np.zeros(13000), push=0.12 * 0.52, mass=0.004)

@@ -162,6 +162,7 @@ def test_the_critical_stiffness_parts_walls_that_decay_from_walls_that_grow() ->
     assert below < 0.05 < above
 
 
+@pytest.mark.whole
 def test_a_wall_that_oscillates_by_itself_is_found_and_what_follows_is_judged() -> None:
     wall = WallAsked(1e6, 0.04, forced=False)
     verdict = oscillation(Case(BENCH.name, LATE, wall, position=0.1))

@@ -43,7 +43,7 @@ def both(
             "safety.on_oscillation=reduce servo.hand=push wall.reference=start",
             "servo.gravity=0.8 servo.gravity_angle=1.57 servo.kick=0.3",
         ],
-        3,
+        8,
     ),
 )
 def test_detect_on_the_log_says_what_the_run_said(

@@ -9,6 +9,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.torque_law import torque_law
+from tests.cases import sampled
 
 
 def judged(current: int, *sets: str, model: str = "XM430-W350") -> Finding:
@@ -19,7 +20,7 @@ def judged(current: int, *sets: str, model: str = "XM430-W350") -> Finding:
     return judge_wall(config, current, servo.current_limit, law)
 
 
-@pytest.mark.parametrize("model", ["XM430-W350", "XL330-M288", "XM540-W270"])
+@pytest.mark.parametrize("model", sampled(["XM430-W350", "XL330-M288", "XM540-W270"], 3))
 @pytest.mark.parametrize("damping", [0.02, 0.03])
 def test_the_advised_current_limit_is_the_least_that_suffices(model: str, damping: float) -> None:
     sets = f"wall.damping={damping}"

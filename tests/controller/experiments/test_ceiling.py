@@ -102,6 +102,7 @@ def test_a_ceiling_out_of_reach_leaves_a_lower_bound() -> None:
     assert "the servo does not vibrate up to" in (result.reason or "")
 
 
+@pytest.mark.whole
 def test_the_believed_vibration_is_where_it_starts() -> None:
     believed = ("model.load_inertia=0.003", "model.inertia=0.015", "model.flexible_hz=41",
                 "model.flexible_damping_ratio=0.02")  # fmt: skip

@@ -5,6 +5,7 @@ import pytest
 
 from haptic_wall.controller.experiments.sweep.decrement import Growth, Turns, growth, turning_points
 from haptic_wall.controller.theory.checks import FloatArray
+from tests.cases import sampled
 
 COUNT = 2 * np.pi / 4096
 
@@ -22,7 +23,7 @@ def grown(time: FloatArray, position: FloatArray, least: float) -> tuple[Turns, 
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.0, 3.0])
-@pytest.mark.parametrize("hertz", [3.0, 11.0, 47.0, 160.0])
+@pytest.mark.parametrize("hertz", sampled([3.0, 11.0, 47.0, 160.0], 4))
 def test_growth_of_a_damped_sinusoid(rate: float, hertz: float) -> None:
     turns, found = grown(*swing(rate, hertz), 1e-4)
     assert turns.half_period == pytest.approx(0.5 / hertz, rel=1e-3)

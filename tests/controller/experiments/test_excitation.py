@@ -56,6 +56,7 @@ def test_a_dead_band_makes_a_throw_stronger_and_its_coast_no_longer() -> None:
         assert abs(more) == pytest.approx(abs(torque) + 0.1)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("hanging", sampled([1.9, -math.pi / 2, 2.8], 3))
 def test_a_weight_leaves_the_motions_as_large_as_planned(hanging: float) -> None:
     """It is 0.8 of the friction, and drives a coasting shaft that much further."""

@@ -56,6 +56,7 @@ def test_with_friction_it_is_that_of_the_amplitude_told(start: float) -> None:
         assert found.amplitude == pytest.approx(KICK)
 
 
+@pytest.mark.whole
 def test_its_uncertainty_is_what_repeating_it_scatters() -> None:
     errors, claimed = [], []
     for seed in range(60):

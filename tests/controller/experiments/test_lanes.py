@@ -106,7 +106,7 @@ def states(loops: Loops) -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize("seed", sampled(CASES, 6))
+@pytest.mark.parametrize("seed", sampled(CASES, 24))
 def test_random_walls_move_as_the_arrays_do(
     run: Run, arrays: pytest.MonkeyPatch, seed: int
 ) -> None:
@@ -129,7 +129,7 @@ def test_random_walls_move_as_the_arrays_do(
     assert np.ptp(found.bodies.position) > 0.0
 
 
-@pytest.mark.parametrize("seed", sampled([3, 0, 1, 5, 2, 4], 3))
+@pytest.mark.parametrize("seed", sampled([3, 0, 1, 5, 2, 4], 6))
 def test_servos_with_a_current_loop_move_as_in_the_arrays(
     run: Run, arrays: pytest.MonkeyPatch, seed: int
 ) -> None:
@@ -277,7 +277,7 @@ def drawn_law(seed: int) -> Table:
     return Table(positions, elongations, seed % 2 == 0)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", sampled(range(12), 4))
 def test_random_laws_move_as_in_the_arrays(run: Run, arrays: pytest.MonkeyPatch, seed: int) -> None:
     few = run is lanes.run
     walls = replace(drawn(seed, SOME if few else 150), law=drawn_law(seed))
@@ -346,6 +346,7 @@ def test_the_draws_have_every_trait_and_its_absence() -> None:
     assert {bool(np.isfinite(walls.torque_limit[0])) for walls in every} == {False, True}
 
 
+@pytest.mark.whole
 def test_an_operator_pushes_as_in_the_arrays(run: Run, arrays: pytest.MonkeyPatch) -> None:
     walls = drawn(3, SOME)
     hands = np.random.default_rng(3).normal(0.0, 0.1, (40, SOME)) * walls.inertia
@@ -378,6 +379,7 @@ def test_growth_and_returned_speeds_are_those_of_the_arrays(
     assert len(list(blocks(walls))) >= 1
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("one_sided", sampled([True, False], 2))
 def test_critical_stiffnesses_are_those_of_the_arrays(
     arrays: pytest.MonkeyPatch, one_sided: bool

@@ -126,6 +126,7 @@ def test_the_standard_error_is_honest(
     assert 0.2 < np.mean(np.square(off)) < 1.44 * (1.0 + spread)
 
 
+@pytest.mark.whole
 def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     config = config_of("servo.backlash=0.004", "servo.hand=none")
     lost, stderr = not_none(lost_motion(shaken(config, tmp_path, bursts=6).fit))
@@ -146,7 +147,7 @@ def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> 
     gain = fit.acceleration * not_none(config.servo.inertia)
     error = fit.acceleration_stderr * not_none(config.servo.inertia)
     assert gain == pytest.approx(1.5 / (4.1 / 2.3), abs=3 * error)
-    assert error < 0.02
+    assert gain + 3 * error < 1.0  # not what was meant
 
 
 def test_a_servo_that_does_not_move_is_told(tmp_path: Path) -> None:
@@ -194,6 +195,7 @@ def two_masses(
     return dataclasses.replace(RIGID.with_mode(hertz, damping_ratio, load), encoder=encoder)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("hertz", "damping_ratio", "load", "encoder"),
     sampled(
@@ -220,6 +222,7 @@ def test_a_flexible_transmission_tells_no_lag(
         shaken(config, tmp_path, bursts=2)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("encoder", sampled(["output", "motor"], 2))
 def test_a_known_vibration_is_counted(encoder: str, tmp_path: Path) -> None:
     load = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
@@ -241,6 +244,7 @@ def test_a_stiff_transmission_widens_the_error_and_says_so(
     assert "differs a little from that of a rigid servo" in found.note
 
 
+@pytest.mark.whole
 def test_the_same_servo_rigid_is_measured_as_well_as_ever(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -22,6 +22,7 @@ from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
 from haptic_wall.hw.plant.encoders import ManyEncoderErrors
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import TrueServo
+from tests.cases import sampled
 
 PERIOD = 1e-3
 
@@ -89,22 +90,25 @@ def alone(walls: Walls, i: int, start: float, velocity: float, periods: int) -> 
 
 @pytest.mark.parametrize(
     "given",
-    [
-        {},
-        {"delay": 3e-3, "velocity_samples": 4},
-        {"delay": 1.25e-3, "torque_limit": 0.3},
-        {"coulomb": 0.01, "counts_per_radian": 4096 / math.tau, "delay": 2e-3},
-        {"one_sided": True, "counts_per_radian": 4096 / math.tau, "torque_step": 0.0048},
-        {
-            "coulomb": 0.01,
-            "counts_per_radian": 4096 / math.tau,
-            "backlash": 0.003,
-            "delay": 0.4e-3,
-            "torque_limit": 0.3,
-            "one_sided": True,
-        },
-        {"backlash": 0.01, "delay": 1e-3 * np.arange(7), "coulomb": 0.002},
-    ],
+    sampled(
+        [
+            {},
+            {"delay": 3e-3, "velocity_samples": 4},
+            {"delay": 1.25e-3, "torque_limit": 0.3},
+            {"coulomb": 0.01, "counts_per_radian": 4096 / math.tau, "delay": 2e-3},
+            {"one_sided": True, "counts_per_radian": 4096 / math.tau, "torque_step": 0.0048},
+            {
+                "coulomb": 0.01,
+                "counts_per_radian": 4096 / math.tau,
+                "backlash": 0.003,
+                "delay": 0.4e-3,
+                "torque_limit": 0.3,
+                "one_sided": True,
+            },
+            {"backlash": 0.01, "delay": 1e-3 * np.arange(7), "coulomb": 0.002},
+        ],
+        3,
+    ),
     ids=["plain", "delay-difference", "fraction-limit", "friction", "counts", "all", "play"],
 )
 def test_each_wall_moves_as_if_alone_to_the_last_bit(given: dict[str, Any]) -> None:
@@ -121,34 +125,37 @@ def test_each_wall_moves_as_if_alone_to_the_last_bit(given: dict[str, Any]) -> N
 
 @pytest.mark.parametrize(
     ("sets", "given"),
-    [
-        ((), {"virtual_damping": 0.1, "stiffness": 300.0, "inertia": 1.0, "damping": 0.1}),
-        (
+    sampled(
+        [
+            ((), {"virtual_damping": 0.1, "stiffness": 300.0, "inertia": 1.0, "damping": 0.1}),
             (
-                "servo.coulomb=0.05",
-                "servo.counts_per_rev=4096",
-                "servo.backlash=0.001",
-                "servo.torque_limit=2",
-                "servo.torque_step=0.01",
-                "servo.delay=0.0013",
-                "delay.steps=2",
-                "wall.velocity_samples=3",
+                (
+                    "servo.coulomb=0.05",
+                    "servo.counts_per_rev=4096",
+                    "servo.backlash=0.001",
+                    "servo.torque_limit=2",
+                    "servo.torque_step=0.01",
+                    "servo.delay=0.0013",
+                    "delay.steps=2",
+                    "wall.velocity_samples=3",
+                ),
+                {
+                    "virtual_damping": 0.1,
+                    "stiffness": 300.0,
+                    "inertia": 1.0,
+                    "damping": 0.1,
+                    "coulomb": 0.05,
+                    "counts_per_radian": 4096 / math.tau,
+                    "backlash": 0.001,
+                    "torque_limit": 2.0,
+                    "torque_step": 0.01,
+                    "delay": 0.0033,
+                    "velocity_samples": 3,
+                },
             ),
-            {
-                "virtual_damping": 0.1,
-                "stiffness": 300.0,
-                "inertia": 1.0,
-                "damping": 0.1,
-                "coulomb": 0.05,
-                "counts_per_radian": 4096 / math.tau,
-                "backlash": 0.001,
-                "torque_limit": 2.0,
-                "torque_step": 0.01,
-                "delay": 0.0033,
-                "velocity_samples": 3,
-            },
-        ),
-    ],
+        ],
+        2,
+    ),
     ids=["linear", "all"],
 )
 def test_it_is_what_the_program_does(

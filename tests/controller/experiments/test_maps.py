@@ -168,6 +168,7 @@ def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting: MapSettings
         critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Cancelling())
 
 
+@pytest.mark.whole
 def test_the_servos_own_delay_comes_on_top_and_may_be_a_fraction() -> None:
     sets = ("servo.delay=0.00125", "wall.velocity_samples=2")
     setting = MapSettings.of(load_config("paper-table2", sets).config)
@@ -209,6 +210,7 @@ def test_the_drive_of_the_servo_takes_part() -> None:
     np.testing.assert_array_equal(walls.torque_limit, 0.5)
 
 
+@pytest.mark.whole
 def test_friction_and_loads_of_the_servo_take_part_as_on_a_servo_alone() -> None:
     sets = [
         "servo.static_friction=0.15",

@@ -140,7 +140,7 @@ def alone(servo: TrueServo, stiffness: float, damping: float, periods: int) -> l
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["linear", "friction"])
-@pytest.mark.parametrize("seed", sampled(range(8), 3))
+@pytest.mark.parametrize("seed", sampled(range(8), 8))
 def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough: bool) -> None:
     periods = 600 if thorough else 150
     given = drawn(seed, 20 if thorough else 4, rough=rough)
@@ -161,7 +161,7 @@ def test_random_walls_move_as_each_servo_alone(seed: int, rough: bool, thorough:
 
 
 @pytest.mark.parametrize("drive", [False, True], ids=["", "current-loop"])
-@pytest.mark.parametrize("seed", sampled(range(8), 3))
+@pytest.mark.parametrize("seed", sampled(range(8), 8))
 def test_compiled_walls_move_as_the_arrays_do(seed: int, drive: bool, thorough: bool) -> None:
     pytest.importorskip("numba", reason="pip install 'haptic-wall[fast]'")
     given = drawn(seed, 200 if thorough else 20, rough=bool(seed % 3))
@@ -199,6 +199,7 @@ def test_growths_and_returned_speeds_are_those_of_the_arrays(
     np.testing.assert_allclose(answer, asked(walls, kick), rtol=0.0, atol=COMPILED)
 
 
+@pytest.mark.whole
 def test_the_source_of_the_compiled_loop_does_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     given = drawn(3, 3, rough=True)
     walls, starts = as_walls(given), np.array([servo.position for servo, _, _ in given])

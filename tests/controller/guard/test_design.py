@@ -123,6 +123,7 @@ def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
     assert "encoder" not in found
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(("step", "delay"), sampled([(COUNT, 2e-3), (0.0, 2e-3), (COUNT, 0.0)], 3))
 def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top(
     step: float, delay: float

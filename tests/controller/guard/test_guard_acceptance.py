@@ -87,7 +87,7 @@ def cases(thorough: bool, wholly: bool) -> list[Case]:
     random = np.random.default_rng(20)
     settings = GuardSettings("stable", MARGIN, CAP)
     found = []
-    for i in range(1000 if thorough else 125 if wholly else 40):
+    for i in range(1000 if thorough else 125 if wholly else 15):
         period = float(random.choice([0.5e-3, 1e-3, 2e-3]))
         situation = Situation(
             belief=random_belief(random, period),

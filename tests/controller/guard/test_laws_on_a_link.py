@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from scipy.linalg import expm
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
@@ -58,6 +59,7 @@ def speeds(stiffness: float, damping: float, ticks: int = 4_000) -> tuple[float,
     return np.abs(found[2 * quarter : 3 * quarter]).max(), np.abs(found[3 * quarter :]).max()
 
 
+@pytest.mark.whole
 def test_ridges_at_the_frequency_of_the_vibration_do_not_turn_a_link_for_ever() -> None:
     third, last = speeds(*commanded(linear=False))
     assert last < 0.8 * third

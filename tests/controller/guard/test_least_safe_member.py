@@ -162,7 +162,7 @@ def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(known:
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) -> None:
-    for seed in range(400 if thorough else 6):
+    for seed in range(400 if thorough else 3):
         random = np.random.default_rng((seed, rigid))
         check(drawn(random, rigid), random, 300 if thorough else 60)
 

@@ -12,6 +12,7 @@ from haptic_wall.controller.guard.sentences import sentences
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray
+from tests.cases import sampled
 
 T = 1e-3
 NOISE = 0.34
@@ -79,7 +80,7 @@ def torque_rms(cases: Cases, noise: FloatArray, seed: int) -> FloatArray:
 def test_noise_at_rest_commands_less_than_its_share(thorough: bool, wholly: bool) -> None:
     random = np.random.default_rng(4)
     cases: Cases = []
-    for i in range(3000 if thorough else 600 if wholly else 40):
+    for i in range(3000 if thorough else 200 if wholly else 15):
         inertia = 10 ** random.uniform(-3.5, -1)
         where = servo(
             inertia,
@@ -104,7 +105,7 @@ def test_noise_at_rest_commands_less_than_its_share(thorough: bool, wholly: bool
     assert 0.3 < np.mean([d.is_coarse for d in asked]) < 0.9
 
 
-@pytest.mark.parametrize("side", ["above", "below", "both"])
+@pytest.mark.parametrize("side", sampled(["above", "below", "both"], 3))
 @pytest.mark.parametrize("stiffness", [0.0, 8.0])
 def test_damping_above_the_share_is_clamped_either_way_with_its_reason(
     side: Side, stiffness: float

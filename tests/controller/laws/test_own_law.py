@@ -23,6 +23,7 @@ EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "ridge_law"
 GRID = Grid(1e-3, math.tau / 4096)
 
 
+@pytest.mark.whole
 def test_a_law_of_another_distribution_is_rendered(tmp_path: Path) -> None:
     folder = tmp_path / "site"
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]

@@ -133,6 +133,7 @@ def test_a_short_run_is_drawn_row_by_row() -> None:
     assert drawn.mean_time.size == 0
 
 
+@pytest.mark.whole
 def test_detect_sees_the_same_in_windows_as_in_the_whole(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,7 +81,7 @@ def fresh(bench: Bench) -> None:
             ("wrong-id:p=0.1,way=reply", {"lost"}, 0.1),
             ("noise:p=0.1,way=reply", set(), 0.0),
         ],
-        3,
+        5,
     ),
 )
 def test_a_struck_reply_costs_no_more_than_the_periods_it_misses_and_is_counted_as_what_it_was(

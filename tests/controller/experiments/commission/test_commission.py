@@ -429,6 +429,7 @@ def test_a_step_is_taken_anew_when_the_model_is_another(
     assert called == ["identify", "delay", "rendered", "sweep"]
 
 
+@pytest.mark.whole
 def test_another_model_undoes_what_was_measured_beside_the_one_before(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -562,6 +563,7 @@ def test_what_costs_only_stiffness_is_told_and_does_not_end_it(
     assert "return delay" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.whole
 def test_who_moves_a_servo_again_looks_at_it_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

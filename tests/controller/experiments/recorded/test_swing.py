@@ -35,6 +35,7 @@ def test_a_free_swing_is_that_of_the_solver(interval: float) -> None:
     assert np.max(np.abs(found - pieces.position)[pieces.held]) < 2e-4
 
 
+@pytest.mark.whole
 def test_a_driven_motion_is_that_of_the_solver() -> None:
     truth = Truth()
     time = np.arange(0.0, 2.0, 0.005)
