@@ -33,7 +33,7 @@ _NEAR_NS: Final = 5_000_000
 _MISTAKEN_NS: Final = 200_000_000
 """Largest error of an accepted sample's time [ns]: the drift of the longest pause"""
 _NEVER_NS: Final = -1 << 62
-_PROOFS: Final = 3
+PROOFS: Final = 3
 """Consecutive samples that prove that the servo's clock is not what it was taken for"""
 
 
@@ -146,7 +146,7 @@ class ServoClock:
             again = self._doubts and _explained(self._doubted, seen)
             self._doubts = self._doubts + 1 if again else 1
             self._doubted = seen
-            if self._doubts >= _PROOFS:
+            if self._doubts >= PROOFS:
                 if explained:
                     return self._accept(seen)
                 self.restarted = True

@@ -35,6 +35,10 @@ from haptic_wall.hw.settings import DriverSettings
 
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
+_LISTENINGS: Final = 3
+_LISTEN_NS: Final = 20_000_000
+"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
+16 ms timer"""
 _REPLIES: Final = 5
 """Number of replies whose median decides whether replies come in time"""
 _IN_TIME: Final = 1.8
@@ -119,6 +123,7 @@ class Startup:
         if self._link.echoes:
             self.list.add("echo", True, f"{ECHOES}: switch its echo off", "none")
         self.table = identify(self.table, self._model, number, self.list)
+        self.be_alone()
         torque_off(self.table, self.list)
         judge_what_only_a_person_changes(self.table, self.list)
         bounds = judge_supply_and_heat(self.table, self.list, watchdog_units(self._settings))
@@ -150,6 +155,17 @@ class Startup:
         if latency_ms is not None and latency_ms > 1:
             found += f", which delays replies; `echo 1 | sudo tee {self._timer_file}` sets 1 ms"
         self.list.add("latency timer", True, found, "1 ms, or none")
+
+    def be_alone(self) -> None:
+        """Refuse a second servo with this id.
+
+        Replies that come apart are of different return delays. Others collide, and are lost, unless
+        both servos send the same: then nothing distinguishes them.
+        """
+        for _ in range(_LISTENINGS):
+            self.table.read("return_delay_time")
+            self._link.listen(self._clock.now_ns() + _LISTEN_NS)
+        self.table.be_one()
 
     # Settings of the driver
 
