@@ -98,7 +98,7 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
     if found is Armed.UNKNOWN:
         return ServoLostError(
             f"The {name} no longer answers, after {silence} without an answered request",
-            advice="check the cable and the power supply.",
+            advice="check the cable and the power supply: a servo that restarts is silent meanwhile.",
         )
     if not silence_ns:
         return TorqueLostError(
