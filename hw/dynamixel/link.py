@@ -64,7 +64,7 @@ _EEPROM_END: Final = 64
 """Registers before this one change by a write only"""
 _TICKS_APART: Final = 3
 _COUNTS_APART: Final = 16
-"""More than a tick or position changes between two replies to one request, if the line repeats it"""
+"""More than the change between two replies to one request, if the line repeats it"""
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 _STATUS: Final = Instruction.STATUS
@@ -109,6 +109,8 @@ class Link:
         self._odd_number = 0
         self.twins = False
         """Two servos have replied to one request"""
+        self.longest_ns = 0
+        """Longest time that an answer took, or a late sample by its clock [ns]"""
         self.echoes = False
         """An instruction came back as it was sent"""
         self.refusal = 0
@@ -148,9 +150,10 @@ class Link:
         return self._servo_clock.restarted
 
     def forget(self) -> None:
-        """Discard the servo's clock, and ``twins``: the servos may have changed."""
+        """Discard what is known of the servo and its line: both may have changed."""
         self._servo_clock = ServoClock()
         self.twins = False
+        self.longest_ns = 0
 
     def wire_ns(self, count: int) -> int:
         """Return the time of ``count`` bytes on the wire [ns]."""
@@ -338,9 +341,13 @@ class Link:
             self._quarantine(self._asked)
         self._undecided = False
         self.listen(self._now_ns())
-        deadline_ns = self._now_ns() + patience_ns + self.wire_ns(ASKING_BYTES + size)
+        sent_ns = self._now_ns()
+        deadline_ns = sent_ns + patience_ns + self.wire_ns(ASKING_BYTES + size)
         self._line.write(encode(self._id, instruction, params))
-        return self._await(instruction, size, deadline_ns)
+        found = self._await(instruction, size, deadline_ns)
+        if found is not None:
+            self.longest_ns = max(self.longest_ns, self._now_ns() - sent_ns)
+        return found
 
     def _await(self, instruction: int, size: int, deadline_ns: int) -> bytes | None:
         """Return the first answer of ``size`` bytes of data; None: none came in time."""
@@ -356,8 +363,8 @@ class Link:
                     self.refusal = code if instruction else self.refusal
                 elif len(frame.params) == size and found is None:
                     found = frame.params
-                elif not frame.params.startswith(self._eeprom.get(len(frame.params), b"")):
-                    self.twins = True
+                else:
+                    self._compare(frame)
         return found
 
     def _is_good_reply(self, frame: Frame) -> bool:
@@ -442,12 +449,19 @@ class Link:
             self._refusals += 1
 
     def _compare(self, frame: Frame) -> None:
-        """Compare another reply with the last sample, if it has the same length."""
+        """Compare a late or second reply with the answer in a block of the same length."""
+        if not frame.params.startswith(self._eeprom.get(len(frame.params), b"")):
+            self.twins = True
         asked = self._requests.get(len(frame.params))
-        if asked is None or len(frame.params) != len(self._body) - 1:
+        if asked is None:
             return
         layout = asked.layout
         _, tick, _, position = layout.unpack_from(bytes((frame.error,)) + frame.params)
+        age_ns = self._servo_clock.age_ns(tick, self._now_ns())
+        if self.longest_ns < age_ns < _LATEST_NS:
+            self.longest_ns = age_ns
+        if len(frame.params) != len(self._body) - 1:
+            return
         _, last_tick, _, last_position = layout.unpack_from(self._body)
         ticks = (tick - last_tick + TICK_MODULUS // 2) % TICK_MODULUS - TICK_MODULUS // 2
         apart = abs(ticks) >= _TICKS_APART or abs(position - last_position) >= _COUNTS_APART

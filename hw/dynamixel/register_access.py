@@ -32,7 +32,18 @@ _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" fo
 APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
 ECHOES: Final = "the adapter returns what is sent"
 """Of a half-duplex adapter; the reply comes behind the echo"""
+_LATE_NS: Final = 10_000_000
 _Found = TypeVar("_Found")
+
+
+def lost(
+    link: Link, what: str, advice: str = "check the cable and the power supply."
+) -> ServoLostError:
+    """Return the error for a servo that stops answering; it names late replies, if any came."""
+    if link.longest_ns > _LATE_NS:
+        what += f"; replies came up to {link.longest_ns * 1e-6:.0f} ms late"
+        advice = "set the adapter's latency timer to 1 ms, use no hub, and check the cable."
+    return ServoLostError(what, advice=advice)
 
 
 class Table:
@@ -153,7 +164,8 @@ class Table:
                     advice="check that it is the configured model and that its torque is off.",
                 )
             )
-        return ServoLostError(
+        return lost(
+            self.link,
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
-            advice="check the cable and for a second servo with this id.",
+            "check the cable and for a second servo with this id.",
         )

@@ -110,6 +110,11 @@ class ServoClock:
         Not seen if the old clock began at 0 within 0.2 s of the restart, or since the last accepted
         sample: the new clock then reads what a held reply would."""
 
+    def age_ns(self, tick: int, now_ns: int) -> int:
+        """Return how long ago the servo's clock was at ``tick`` [ns]."""
+        advance = (tick - self._last.tick + _HALF) % TICK_MODULUS - _HALF
+        return now_ns - self._last.since_ns - advance * 1_000_000
+
     def accept(self, tick: int, sent_ns: int, now_ns: int) -> bool:
         """Whether a tick has advanced by the time since the last accepted one.
 

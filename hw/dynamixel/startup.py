@@ -22,14 +22,13 @@ from haptic_wall.hw.dynamixel.inspection import (
 from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
+from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
-from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
@@ -316,8 +315,9 @@ class Startup:
             sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
-        raise ServoLostError(
+        self.table.read("torque_enable")  # it may show how late replies are
+        raise lost(
+            self._link,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
-            advice="check the cable.",
         )

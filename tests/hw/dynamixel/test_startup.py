@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import random
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +29,7 @@ from haptic_wall.hw.plant.body import PlantParameters
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.hw.dynamixel.lines import MS, TroubledLine
 
 COUNT = 2 * 3.141592653589793 / 4096
 
@@ -656,3 +658,32 @@ def test_a_line_that_repeats_every_request_is_no_second_servo() -> None:
     bench.servo.start()
     for torque in [0.5] * 500 + [-0.5] * 500:  # repeated requests have replies that differ a little
         bench.cycle(torque)
+
+
+@pytest.mark.parametrize("grid", [False, True])
+@pytest.mark.parametrize(
+    ("late_ms", "first"),
+    sampled(itertools.product((12, 40, 80, 150, 220), (0, 30, 44, 60, 300)), 4),
+)
+def test_replies_that_the_adapter_holds_are_named_with_their_delay(
+    late_ms: int, first: int, *, grid: bool
+) -> None:
+    """Each reply is held as long, or until a common time."""
+    bench = Bench(probe_torque=0.3)
+    free_ns = 0
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        nonlocal free_ns
+        now_ns = bench.clock.now_ns()
+        free_ns = free_ns if grid and now_ns < free_ns else now_ns + late_ms * MS
+        return [(free_ns - now_ns if number >= first else 0, reply)]
+
+    servo = type(bench.servo)(bench.settings, TroubledLine(bench.line, fate))
+    try:
+        servo.start()
+    except ServoLostError as error:
+        said = re.search(r"replies came up to (\d+) ms late: .*latency timer.*hub", str(error))
+        assert said, str(error)
+        assert (late_ms / 3 if grid else late_ms - 1) <= int(said[1]) <= late_ms + 2
+    else:
+        assert first == 300 or (grid and late_ms < 80)
