@@ -42,7 +42,7 @@ def lost(
     """Return the error for a servo that stops answering; it names late replies, if any came."""
     if link.longest_ns > _LATE_NS:
         what += f"; replies came up to {link.longest_ns * 1e-6:.0f} ms late"
-        advice = "set the adapter's latency timer to 1 ms, use no hub, and check the cable."
+        advice = f"set the adapter's latency timer to 1 ms, use no hub, and {advice}"
     return ServoLostError(what, advice=advice)
 
 
