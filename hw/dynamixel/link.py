@@ -18,6 +18,9 @@ A request may ask for a wider block around the sample, of a length that no other
 Registers follow the first rule too: each is read in a block whose size no request of the last
 0.5 s had. What is written is read back, since all confirmations of writes look alike.
 
+So a second reply of the same length is a copy, or that of a second servo with this id: then its
+EEPROM differs, or its tick or position in several samples in succession.
+
 Two lengths would not do: a reply two periods late has the right one. The clock alone cannot tell
 periods of 1 ms. A late reply may arrive after the receive buffer was drained. The longer replies
 cost 1.25 µs a cycle at 4 Mbit/s.
@@ -39,6 +42,7 @@ from haptic_wall.hw.dynamixel.codec import (
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
+    PROOFS,
     QUARANTINE,
     SAMPLE_ADDRESS,
     SAMPLE_END,
@@ -46,7 +50,7 @@ from haptic_wall.hw.dynamixel.samples import (
     SampleRequest,
     ServoClock,
 )
-from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.tables import TICK_MODULUS, Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES, wire_ns
 from haptic_wall.hw.servo import BusCounts, Outcome
 
@@ -56,6 +60,11 @@ _TABLE_END: Final = 147
 """After Present Temperature"""
 _LATEST_NS: Final = 500_000_000
 """Time after a request without its reply or a copy of it [ns]: either may be 200 ms late"""
+_EEPROM_END: Final = 64
+"""Registers before this one change by a write only"""
+_TICKS_APART: Final = 3
+_COUNTS_APART: Final = 16
+"""More than the change between two replies to one request, if the line repeats it"""
 _GOAL_CURRENT: Final = 102
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 _STATUS: Final = Instruction.STATUS
@@ -93,6 +102,15 @@ class Link:
         self._refusals = 0
         self._read_ns: dict[int, int] = {}
         """When a register was last read in a block of this size [ns]"""
+        self._eeprom: dict[int, bytes] = {}
+        """What the answer in a block of this size began with, of the EEPROM"""
+        self._odd_cycles = 0
+        """Successive requests of samples with two different answers"""
+        self._odd_number = 0
+        self.twins = False
+        """Two servos have replied to one request"""
+        self.longest_ns = 0
+        """Longest time that an answer took, or a late sample by its clock [ns]"""
         self.echoes = False
         """An instruction came back as it was sent"""
         self.refusal = 0
@@ -122,13 +140,20 @@ class Link:
         return self._body[1:]
 
     @property
+    def damaged(self) -> bool:
+        """Whether any bytes have come that are no frame."""
+        return self._parser.corrupt > 0 or not self._parser.idle
+
+    @property
     def restarted(self) -> bool:
         """Whether the servo has restarted: no stall explains its clock."""
         return self._servo_clock.restarted
 
     def forget(self) -> None:
-        """Discard the servo's clock: it may have restarted since its last reading."""
+        """Discard what is known of the servo and its line: both may have changed."""
         self._servo_clock = ServoClock()
+        self.twins = False
+        self.longest_ns = 0
 
     def wire_ns(self, count: int) -> int:
         """Return the time of ``count`` bytes on the wire [ns]."""
@@ -276,9 +301,21 @@ class Link:
             self._line.clock.wait_until(read_ns[size] + _LATEST_NS)
         read_ns[size] = self._now_ns()
         address = min(register.address, _TABLE_END - size)
+        self._eeprom.pop(size, None)
         block = self.ask(Instruction.READ, struct.pack("<HH", address, size), size, patience_ns)
+        if block is None:
+            return None
+        self._eeprom[size] = block[: max(0, _EEPROM_END - address)]
         at = register.address - address
-        return None if block is None else register.decode(block[at : at + register.size])
+        return register.decode(block[at : at + register.size])
+
+    def listen(self, until_ns: int) -> None:
+        """Read what still comes until ``until_ns`` [ns], to find ``twins``.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        self._await(0, -1, until_ns)
 
     def ask(
         self, instruction: Instruction, params: bytes, size: int, patience_ns: int
@@ -300,25 +337,35 @@ class Link:
         Raises:
             ServoLostError: The port is gone.
         """
-        line, parser, now_ns = self._line, self._parser, self._now_ns
         if self._asked is not None:
             self._quarantine(self._asked)
         self._undecided = False
-        parser.feed(line.read())
-        deadline_ns = now_ns() + patience_ns + self.wire_ns(ASKING_BYTES + size)
-        line.write(encode(self._id, instruction, params))
+        self.listen(self._now_ns())
+        sent_ns = self._now_ns()
+        deadline_ns = sent_ns + patience_ns + self.wire_ns(ASKING_BYTES + size)
+        self._line.write(encode(self._id, instruction, params))
+        found = self._await(instruction, size, deadline_ns)
+        if found is not None:
+            self.longest_ns = max(self.longest_ns, self._now_ns() - sent_ns)
+        return found
+
+    def _await(self, instruction: int, size: int, deadline_ns: int) -> bytes | None:
+        """Return the first answer of ``size`` bytes of data; None: none came in time."""
+        line, now_ns = self._line, self._now_ns
+        found: bytes | None = None
         in_time = True  # a bus without a servo may never be silent
-        while in_time and line.wait(deadline_ns):
+        while found is None and in_time and line.wait(deadline_ns):
             in_time = now_ns() < deadline_ns
-            for frame in parser.feed(line.read()):
+            for frame in self._parser.feed(line.read()):
                 if frame.id != self._id or frame.instruction != _STATUS:
                     self.echoes |= (frame.id, frame.instruction) == (self._id, instruction)
-                    continue
-                if code := frame.error & _REFUSED:
-                    self.refusal = code
-                elif len(frame.params) == size:
-                    return frame.params
-        return None
+                elif code := frame.error & _REFUSED:
+                    self.refusal = code if instruction else self.refusal
+                elif len(frame.params) == size and found is None:
+                    found = frame.params
+                else:
+                    self._compare(frame)
+        return found
 
     def _is_good_reply(self, frame: Frame) -> bool:
         return frame.id == self._id and frame.instruction == _STATUS and not frame.error & _REFUSED
@@ -397,5 +444,29 @@ class Link:
         """Count a sample that no request waits for, or a refusal (it does not name its request)."""
         if self._is_good_reply(frame):
             self.counts.late += len(frame.params) in self._requests
+            self._compare(frame)
         elif frame.id == self._id and frame.error:
             self._refusals += 1
+
+    def _compare(self, frame: Frame) -> None:
+        """Compare a late or second reply with the answer in a block of the same length."""
+        if not frame.params.startswith(self._eeprom.get(len(frame.params), b"")):
+            self.twins = True
+        asked = self._requests.get(len(frame.params))
+        if asked is None:
+            return
+        layout = asked.layout
+        _, tick, _, position = layout.unpack_from(bytes((frame.error,)) + frame.params)
+        age_ns = self._servo_clock.age_ns(tick, self._now_ns())
+        if self.longest_ns < age_ns < _LATEST_NS:
+            self.longest_ns = age_ns
+        if len(frame.params) != len(self._body) - 1:
+            return
+        _, last_tick, _, last_position = layout.unpack_from(self._body)
+        ticks = (tick - last_tick + TICK_MODULUS // 2) % TICK_MODULUS - TICK_MODULUS // 2
+        apart = abs(ticks) >= _TICKS_APART or abs(position - last_position) >= _COUNTS_APART
+        if apart and self._odd_number != self._number:
+            successive = self._odd_number == self._number - 1
+            self._odd_cycles = self._odd_cycles + 1 if successive else 1
+            self._odd_number = self._number
+            self.twins |= self._odd_cycles >= PROOFS

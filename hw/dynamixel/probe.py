@@ -16,7 +16,7 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS
+from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, lost
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
@@ -84,9 +84,9 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
         try:
             prober.wait_for_rest()
             push = prober.push(limit)
-        except ServoLostError:
+        except ServoLostError as error:
             if silent or not prober.ended():
-                raise
+                raise lost(link, error.problem.what) from None
             silent = True
             continue
         if wrong or push.sign_is_right:
@@ -164,8 +164,7 @@ class _Prober:
         if not self.ended():
             raise ServoLostError(
                 f"The {self._name} has not confirmed its goal of zero torque after the "
-                "probe of the torque's sign",
-                advice="check the cable and the power supply.",
+                "probe of the torque's sign"
             )
 
     def _cycle(self, goal: int) -> int:
@@ -182,8 +181,7 @@ class _Prober:
             self._losses += 1
             if self._losses >= _LOSSES:
                 raise ServoLostError(
-                    f"The {self._name} stopped answering while the torque's sign was probed",
-                    advice="check the cable and the power supply.",
+                    f"The {self._name} stopped answering while the torque's sign was probed"
                 )
         clock.wait_until(begun + self._period_ns)
         return clock.now_ns()

@@ -29,9 +29,21 @@ _PING_BYTES: Final = 3
 _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
 """Refusals of a request that the line has damaged"""
 _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" for code in ErrorCode}
+APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
 ECHOES: Final = "the adapter returns what is sent"
 """Of a half-duplex adapter; the reply comes behind the echo"""
+_LATE_NS: Final = 10_000_000
 _Found = TypeVar("_Found")
+
+
+def lost(
+    link: Link, what: str, advice: str = "check the cable and the power supply."
+) -> ServoLostError:
+    """Return the error for a servo that stops answering; it names late replies, if any came."""
+    if link.longest_ns > _LATE_NS:
+        what += f"; replies came up to {link.longest_ns * 1e-6:.0f} ms late"
+        advice = f"set the adapter's latency timer to 1 ms, use no hub, and {advice}"
+    return ServoLostError(what, advice=advice)
 
 
 class Table:
@@ -63,10 +75,11 @@ class Table:
         failure = self._failure("a ping")
         if isinstance(failure, UnfitServoError):
             raise failure
+        for_a_second = ", and for a second servo with this id" if self.link.damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
-            advice="check its power and cable; `haptic-wall scan` lists what answers at which id"
-            " and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
+            advice=f"check its power and cable{for_a_second}; `haptic-wall scan` lists what answers"
+            " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
     def read(self, name: str) -> int:
@@ -74,10 +87,11 @@ class Table:
 
         Raises:
             ServoLostError: No valid reply, though it replied before.
-            UnfitServoError: The servo refuses.
+            UnfitServoError: The servo refuses, or two have replied.
         """
         register = self.registers[name]
         found = self._try(lambda patience: self.link.read_register(register, patience))
+        self.be_one()
         if found is None:
             raise self._failure(f"to read {self.label(name)}")
         return found
@@ -87,17 +101,27 @@ class Table:
 
         Raises:
             ServoLostError: No valid reply, though it replied before.
-            UnfitServoError: The servo refuses.
+            UnfitServoError: The servo refuses, or two have replied.
         """
         register = self.registers[name]
         for patience_ns in PATIENCE_NS:
             self.link.refusal = 0
             found = self.link.write_register(register, value, patience_ns)
+            self.be_one()
             if found == value:
                 return found
         if found is None or self.link.refusal:
             raise self._failure(f"to write {value} to {self.label(name)}")
         return found
+
+    def be_one(self) -> None:
+        """Refuse two servos with this id.
+
+        Raises:
+            UnfitServoError: Two have replied.
+        """
+        if self.link.twins:
+            raise UnfitServoError(f"Two servos answer as {self.name}", advice=APART)
 
     def reboot(self) -> None:
         """Restart the servo; it replies again after about a second.
@@ -128,7 +152,9 @@ class Table:
         code = self.link.refusal
         if code:
             return f" ({_REASONS.get(code, f'error {code}')})"
-        return f" ({ECHOES})" if self.link.echoes else ""
+        if self.link.echoes:
+            return f" ({ECHOES})"
+        return " (damaged replies came)" if self.link.damaged else ""
 
     def _failure(self, doing: str) -> ServoError:
         if self.link.refusal and self.link.refusal not in _GARBLED:
@@ -138,7 +164,8 @@ class Table:
                     advice="check that it is the configured model and that its torque is off.",
                 )
             )
-        return ServoLostError(
+        return lost(
+            self.link,
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
-            advice="check the cable and for a second servo with this id.",
+            "check the cable and for a second servo with this id.",
         )

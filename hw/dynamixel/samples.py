@@ -33,7 +33,7 @@ _NEAR_NS: Final = 5_000_000
 _MISTAKEN_NS: Final = 200_000_000
 """Largest error of an accepted sample's time [ns]: the drift of the longest pause"""
 _NEVER_NS: Final = -1 << 62
-_PROOFS: Final = 3
+PROOFS: Final = 3
 """Consecutive samples that prove that the servo's clock is not what it was taken for"""
 
 
@@ -110,6 +110,11 @@ class ServoClock:
         Not seen if the old clock began at 0 within 0.2 s of the restart, or since the last accepted
         sample: the new clock then reads what a held reply would."""
 
+    def age_ns(self, tick: int, now_ns: int) -> int:
+        """Return how long ago the servo's clock was at ``tick`` [ns]."""
+        advance = (tick - self._last.tick + _HALF) % TICK_MODULUS - _HALF
+        return now_ns - self._last.since_ns - advance * 1_000_000
+
     def accept(self, tick: int, sent_ns: int, now_ns: int) -> bool:
         """Whether a tick has advanced by the time since the last accepted one.
 
@@ -146,7 +151,7 @@ class ServoClock:
             again = self._doubts and _explained(self._doubted, seen)
             self._doubts = self._doubts + 1 if again else 1
             self._doubted = seen
-            if self._doubts >= _PROOFS:
+            if self._doubts >= PROOFS:
                 if explained:
                     return self._accept(seen)
                 self.restarted = True

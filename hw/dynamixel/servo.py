@@ -14,6 +14,7 @@ from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import APART
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
@@ -23,6 +24,7 @@ from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.dynamixel.watchdog_monitor import WatchdogMonitor
 from haptic_wall.hw.errors import (
     ServoError,
+    ServoHealthError,
     ServoLostError,
     ServoMissingError,
     StrangeServoError,
@@ -184,6 +186,8 @@ class DynamixelServo:
         # Do not wait within a period for a reply that takes several.
         sample = self._link.collect(0 if self._reply_ns else deadline_ns)
         self.bus.waited_ns = self._link.waited_ns
+        if self._link.twins:
+            raise ServoHealthError(f"A second servo answers as the {self.facts.name}", advice=APART)
         if self._health.asked and sample.outcome is Outcome.OK and not sample.alert:
             # A latched error explains more than its consequences.
             self._judge_health()

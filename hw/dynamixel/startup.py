@@ -22,19 +22,22 @@ from haptic_wall.hw.dynamixel.inspection import (
 from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
 from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
+from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
-from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
+_LISTENINGS: Final = 3
+_LISTEN_NS: Final = 20_000_000
+"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
+16 ms timer"""
 _REPLIES: Final = 5
 """Number of replies whose median decides whether replies come in time"""
 _IN_TIME: Final = 1.8
@@ -119,6 +122,7 @@ class Startup:
         if self._link.echoes:
             self.list.add("echo", True, f"{ECHOES}: switch its echo off", "none")
         self.table = identify(self.table, self._model, number, self.list)
+        self.be_alone()
         torque_off(self.table, self.list)
         judge_what_only_a_person_changes(self.table, self.list)
         bounds = judge_supply_and_heat(self.table, self.list, watchdog_units(self._settings))
@@ -150,6 +154,17 @@ class Startup:
         if latency_ms is not None and latency_ms > 1:
             found += f", which delays replies; `echo 1 | sudo tee {self._timer_file}` sets 1 ms"
         self.list.add("latency timer", True, found, "1 ms, or none")
+
+    def be_alone(self) -> None:
+        """Refuse a second servo with this id.
+
+        Replies that come apart are of different return delays. Others collide, and are lost, unless
+        both servos send the same: then nothing distinguishes them.
+        """
+        for _ in range(_LISTENINGS):
+            self.table.read("return_delay_time")
+            self._link.listen(self._clock.now_ns() + _LISTEN_NS)
+        self.table.be_one()
 
     # Settings of the driver
 
@@ -300,8 +315,9 @@ class Startup:
             sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
-        raise ServoLostError(
+        self.table.read("torque_enable")  # it may show how late replies are
+        raise lost(
+            self._link,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
-            advice="check the cable.",
         )

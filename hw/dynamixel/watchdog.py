@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Final
 
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import lost
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
@@ -85,10 +86,13 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     return Armed.UNKNOWN
 
 
-def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:
+def unarmed(
+    link: Link, found: Armed, name: str, silence_ns: int, watchdog_s: float
+) -> ServoLostError:
     """Return the error for a watchdog that was not armed.
 
     Args:
+        link: The servo.
         found: Its state.
         name: Name of the servo.
         silence_ns: Time without an instruction [ns]; 0: there was none.
@@ -96,9 +100,10 @@ def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLo
     """
     silence = f"{silence_ns * 1e-6:.0f} ms"
     if found is Armed.UNKNOWN:
-        return ServoLostError(
+        return lost(
+            link,
             f"The {name} no longer answers, after {silence} without an answered request",
-            advice="check the cable and the power supply.",
+            "check the cable and the power supply: a servo that restarts is silent meanwhile.",
         )
     if not silence_ns:
         return TorqueLostError(

@@ -7,7 +7,7 @@ from typing import Final
 from haptic_wall.hw.clock import Clock, Suspension
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import WATCHDOG_UNIT_NS
-from haptic_wall.hw.dynamixel.watchdog import Armed, lost, rearm, watchdog_units
+from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, unarmed, watchdog_units
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.settings import DriverSettings
 
@@ -96,7 +96,9 @@ class WatchdogMonitor:
         """
         armed = rearm(self._link, self._units, under_torque=under_torque)
         if armed is not Armed.YES:
-            raise self.explained(lost(armed, self._name, silence_ns, self._watchdog_s))
+            raise self.explained(
+                unarmed(self._link, armed, self._name, silence_ns, self._watchdog_s)
+            )
 
     def explained(self, error: ServoLostError) -> ServoLostError:
         """Return the error; if the computer was suspended, an error that names this cause.

@@ -193,6 +193,18 @@ def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(
 
 
 @pytest.mark.realtime
+def test_a_current_limit_that_leaves_no_stiffness_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with emulate() as (_, port):
+        set_registers(port, return_delay_time=0, current_limit=50)
+        _, checks, wrong, _ = report(capsys, *at(port))
+    assert wrong == {"stiffness"}
+    assert checks["stiffness"]["found"] == "0 of 7 N·m/rad at a Current Limit (38) of 50"
+    assert "raise Current Limit (38) to " in checks["stiffness"]["fix"]
+
+
+@pytest.mark.realtime
 def test_a_port_that_somebody_else_has_names_him(capsys: pytest.CaptureFixture[str]) -> None:
     with emulate() as (_, port), Path(port).open("rb") as end:
         other = subprocess.Popen(

@@ -27,6 +27,7 @@ from haptic_wall.controller.processes.recorder import Recorder, begun_log
 from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
+from haptic_wall.hw.emulated.servo import EmulatedServo
 from tests.typed import not_none, status_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -429,3 +430,22 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     first = brief_text(report).replace("\n", " ")
     assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 8" in first) == (status == 3)
     assert ("ended as planned" in first) == (status == 0)
+
+
+@pytest.mark.parametrize(("current_limit", "status"), [(50, 3), (1193, 0)])
+def test_a_servo_whose_current_limit_leaves_the_wall_no_stiffness_is_no_success(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    current_limit: int,
+    status: int,
+) -> None:
+    def limited(*arguments: Any, **named: Any) -> EmulatedServo:
+        servo = EmulatedServo(*arguments, **named)
+        servo.memory["current_limit"] = current_limit
+        return servo
+
+    monkeypatch.setattr("haptic_wall.hw.emulated.servo.EmulatedServo", limited)
+    found, out, _ = run(capsys, "emulated-xm430", "--no-plot")
+    assert found == status
+    first = brief_text(json.loads(out)).replace("\n", " ")
+    assert ("THE WALL HAS NO STIFFNESS: the guard commands 0 of 7" in first) == (status == 3)

@@ -7,6 +7,8 @@ are looked at from outside.
 from __future__ import annotations
 
 import itertools
+import random
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -14,11 +16,20 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.emulated.adapter import Adapter
+from haptic_wall.hw.emulated.servo import EmulatedServo
+from haptic_wall.hw.errors import (
+    ServoError,
+    ServoHealthError,
+    ServoLostError,
+    ServoMissingError,
+    UnfitServoError,
+)
 from haptic_wall.hw.plant.body import PlantParameters
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.hw.dynamixel.lines import MS, TroubledLine
 
 COUNT = 2 * 3.141592653589793 / 4096
 
@@ -588,3 +599,91 @@ def test_the_no_load_speed_goes_with_the_supply_and_a_limit_above_it_is_told(
     assert ("below" in said) is ("below" in found)
     assert bench.servo.facts.no_load_speed == pytest.approx(4.817 * supply / 12.0, rel=1e-3)
     assert bench.servo.facts.fastest == pytest.approx(3 * 4.817 * supply / 12.0, rel=1e-3)
+
+
+def add_twin(bench: Bench, delay: int, *, position: float = 1.0, tick: int = 999) -> EmulatedServo:
+    """Another servo with the same id, and this Return Delay Time [2 us]."""
+    true, now_ns = replace(TRUE, position=position), bench.clock.now_ns()
+    model, baud = bench.truth.model, bench.truth.baud
+    twin = EmulatedServo(model, 1, 48, true, start_ns=now_ns, baud=baud, tick=tick)
+    twin.memory["return_delay_time"] = delay
+    bench.bus.servos += (twin,)
+    return twin
+
+
+@pytest.mark.parametrize("seed", sampled(range(1000), 25))
+def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
+    """Unless they send the same bytes at the same time: the same delay, clock and position."""
+    chance = random.Random(seed)
+    baud = chance.choice([57_600, 1_000_000, *3 * [4_000_000]])
+    bench = Bench(baud=baud, bus_baud=baud, period_s=0.02, probe_torque=chance.choice([0.0, 0.3]))
+    bench.bus._adapter = chance.choice([None, *(Adapter(ms * 1_000_000, 62, 0) for ms in (1, 16))])
+    if fault := chance.choice(["", "", "duplicate:p=0.5", "drop:p=0.05", "late:ms=20,p=0.1"]):
+        bench.bus.inject(fault, bench.clock.now_ns())
+    first, other = chance.choice([0, chance.randrange(255)]), chance.randrange(255)
+    bench.truth.memory["return_delay_time"] = first
+    other = chance.choice([first, other, other])
+    position = chance.choice([-0.3, 1.0])
+    twin = add_twin(bench, other, position=position, tick=12_345 if position == 1.0 else 999)
+    chance.choice([bench.truth, twin]).memory["drive_mode"] = chance.choice([0, 1])
+    with pytest.raises(ServoError) as refusal:
+        bench.servo.start()
+    assert "must not be driven" in str(refusal.value) or any(
+        said in str(refusal.value) for said in ("Two servos answer", "a second servo with this id")
+    )
+    assert bench.truth.memory["torque_enable"] == twin.memory["torque_enable"] == 0
+    apart_s, reply_s = abs(first - other) * 2e-6, 39 * 10 / baud
+    if not fault and apart_s > reply_s + 2e-6:
+        assert "Two servos answer as id 1" in str(refusal.value)
+
+
+@pytest.mark.parametrize("fault", ["", "duplicate:way=reply", "late:ms=3,p=0.02", "drop:p=0.2"])
+def test_a_second_servo_that_comes_later_ends_the_run(fault: str) -> None:
+    bench = Bench(probe_torque=0.0)
+    bench.servo.start()
+    if fault:
+        bench.bus.inject(fault, bench.clock.now_ns())
+    for _ in range(100):
+        bench.cycle(0.1)
+    add_twin(bench, 150)
+    with pytest.raises(ServoHealthError, match=r"A second servo answers as the XM430-W350 id 1"):
+        for _ in range(100):
+            bench.cycle(0.1)
+    assert bench.servo.stop()
+
+
+def test_a_line_that_repeats_every_request_is_no_second_servo() -> None:
+    bench = Bench(probe_torque=0.0)
+    bench.bus.inject("duplicate:p=1", bench.clock.now_ns())
+    bench.servo.start()
+    for torque in [0.5] * 500 + [-0.5] * 500:  # repeated requests have replies that differ a little
+        bench.cycle(torque)
+
+
+@pytest.mark.parametrize("grid", [False, True])
+@pytest.mark.parametrize(
+    ("late_ms", "first"),
+    sampled(itertools.product((12, 40, 80, 150, 220), (0, 30, 44, 60, 300)), 4),
+)
+def test_replies_that_the_adapter_holds_are_named_with_their_delay(
+    late_ms: int, first: int, *, grid: bool
+) -> None:
+    """Each reply is held as long, or until a common time."""
+    bench = Bench(probe_torque=0.3)
+    free_ns = 0
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        nonlocal free_ns
+        now_ns = bench.clock.now_ns()
+        free_ns = free_ns if grid and now_ns < free_ns else now_ns + late_ms * MS
+        return [(free_ns - now_ns if number >= first else 0, reply)]
+
+    servo = type(bench.servo)(bench.settings, TroubledLine(bench.line, fate))
+    try:
+        servo.start()
+    except ServoLostError as error:
+        said = re.search(r"replies came up to (\d+) ms late: .*latency timer.*hub", str(error))
+        assert said, str(error)
+        assert (late_ms / 3 if grid else late_ms - 1) <= int(said[1]) <= late_ms + 2
+    else:
+        assert first == 300 or (grid and late_ms < 80)
