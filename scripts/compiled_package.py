@@ -28,7 +28,7 @@ DRIVER = (
     "hw.dynamixel.codec.cyclic",
     "hw.dynamixel.codec.parser",
     "hw.dynamixel.samples",
-    "hw.dynamixel.serial_line",
+    "hw.serialport.line",
     "hw.dynamixel.link",
     "hw.dynamixel.jump_filter",
     "hw.dynamixel.torque_law",

@@ -18,13 +18,13 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.doctor.checkup import examine
+from haptic_wall.controller.doctor.cycles import Series
+from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.doctor.report import Consent, Report
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.hw.dynamixel.examine.cycles import Series
 from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import percentile
 
 WRONG = 1
 HARDWARE = 4

@@ -14,9 +14,13 @@ from dataclasses import replace
 from typing import Any, Final
 
 from haptic_wall.controller.doctor import machine, timing
+from haptic_wall.controller.doctor.adapter import examine_port
+from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
+from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
+from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
@@ -24,15 +28,10 @@ from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.drivable import drivable
-from haptic_wall.hw.dynamixel.examine.adapter import examine_port
-from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
 from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
 from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
 from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
-from haptic_wall.hw.dynamixel.examine.replies import Replies
-from haptic_wall.hw.dynamixel.examine.search import FoundServo, opened
 from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
-from haptic_wall.hw.dynamixel.port import kept_settings, open_port
 from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.errors import (
@@ -42,6 +41,7 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     UnfitServoError,
 )
+from haptic_wall.hw.serialport.port import kept_settings, open_port
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
 _CABLE: Final = "check the cable and the power supply"

@@ -5,13 +5,9 @@ from __future__ import annotations
 import contextlib
 import shlex
 
+from haptic_wall.controller.doctor.adapter import examine_latency_timer
 from haptic_wall.controller.doctor.report import Consent, Report, Tell
-from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.examine.adapter import examine_latency_timer
-from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
-from haptic_wall.hw.dynamixel.examine.search import (
+from haptic_wall.controller.doctor.search import (
     IDS,
     LIKELY_FIRST,
     BaudSearch,
@@ -20,11 +16,15 @@ from haptic_wall.hw.dynamixel.examine.search import (
     scan,
     search,
 )
-from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
+from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
 from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
+from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
 from haptic_wall.hw.settings import DriverSettings
 
 

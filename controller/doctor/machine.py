@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
 from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
-from haptic_wall.hw.dynamixel.examine.replies import percentile
 
 _LATE_SHARE = 4
 """A wake-up later than a period over this leaves too little time for the bus"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from haptic_wall.hw.dynamixel.examine.cycles import Series
+from haptic_wall.controller.doctor.cycles import Series
 from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, Findings
 from haptic_wall.hw.dynamixel.examine.judgement import Judgement, Repair
 

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from haptic_wall.controller.doctor.cycles import Series
+from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
-from haptic_wall.hw.dynamixel.examine.cycles import Series
 from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.settings import Schedule
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.serialport.line import Line
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)

@@ -19,17 +19,16 @@ from haptic_wall.hw.dynamixel.inspection import (
     judge_what_only_a_person_changes,
     torque_off,
 )
-from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.examine.finding import Change
 from haptic_wall.hw.dynamixel.examine.judgement import Examined, Repair
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError
+from haptic_wall.hw.serialport.line import Line
 
 READ: Final = (
     "status_return_level",

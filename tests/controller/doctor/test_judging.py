@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
+from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting
-from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
 from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
 from haptic_wall.hw.settings import Schedule
 
 MS = 1_000_000

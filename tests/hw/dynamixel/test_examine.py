@@ -10,24 +10,24 @@ from pathlib import Path
 
 import pytest
 
+from haptic_wall.controller.doctor import adapter as adapters
+from haptic_wall.controller.doctor.cycles import Series, run_series
+from haptic_wall.controller.doctor.replies import time_replies
+from haptic_wall.controller.doctor.search import search
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel import latency
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
-from haptic_wall.hw.dynamixel.examine import adapter as adapters
-from haptic_wall.hw.dynamixel.examine.cycles import Series, run_series
 from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
 from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
-from haptic_wall.hw.dynamixel.examine.replies import time_replies
-from haptic_wall.hw.dynamixel.examine.search import search
-from haptic_wall.hw.dynamixel.port import kept_settings, open_port
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError, ServoLostError
+from haptic_wall.hw.serialport import timer as latency
+from haptic_wall.hw.serialport.port import kept_settings, open_port
 from haptic_wall.hw.settings import Schedule, TrueServo
 from tests.typed import not_none
 
@@ -479,7 +479,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
             assert request == termios.TIOCGSERIAL
             return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
 
-        monkeypatch.setattr("haptic_wall.hw.dynamixel.latency.fcntl.ioctl", answer)
+        monkeypatch.setattr("haptic_wall.hw.serialport.timer.fcntl.ioctl", answer)
         assert latency.low_latency(path) is on
         assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
         # A port that is open already is not opened again: that may be refused, and looks like

@@ -23,9 +23,9 @@ from typing import Final
 import serial
 
 from haptic_wall.hw.clock import ready
-from haptic_wall.hw.dynamixel.holders import holders, is_terminal
-from haptic_wall.hw.dynamixel.latency import timer_file, timer_ms
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
+from haptic_wall.hw.serialport.timer import timer_file, timer_ms
+from haptic_wall.hw.serialport.users import holders, is_terminal
 
 _LOG = logging.getLogger(__name__)
 

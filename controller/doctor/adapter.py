@@ -16,13 +16,12 @@ from typing import Final, NamedTuple
 from serial.tools import list_ports
 
 from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
-from haptic_wall.hw.dynamixel.holders import holders, is_terminal
-from haptic_wall.hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
-from haptic_wall.hw.dynamixel.port import access_remedy
 from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.serialport.port import access_remedy
+from haptic_wall.hw.serialport.timer import CLASSES, describe, timer_file, timer_ms
+from haptic_wall.hw.serialport.users import holders, is_pseudo, is_terminal
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
-_PTS_MAJORS: Final = range(136, 144)
 
 # Source: the USB ID repository (usb-ids.org); for the OpenRB its maker's board definition.
 _KINDS: Final[Mapping[tuple[int, int], str]] = MappingProxyType(
@@ -127,7 +126,16 @@ def is_pseudo_terminal(path: str) -> bool:
         found = Path(path).stat()
     except OSError:
         return False
-    return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) in _PTS_MAJORS
+    return stat.S_ISCHR(found.st_mode) and is_pseudo(found.st_rdev)
+
+
+def may_be_serial(path: str) -> bool:
+    """Whether a path leads to a terminal, or nowhere yet; the port is not opened."""
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return True
+    return stat.S_ISCHR(found.st_mode) and is_terminal(found.st_rdev)
 
 
 def examine_port(path: str) -> list[Finding]:
