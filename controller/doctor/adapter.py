@@ -15,11 +15,12 @@ from typing import Final, NamedTuple
 
 from serial.tools import list_ports
 
-from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
+from haptic_wall.controller.doctor.report import not_applicable
 from haptic_wall.hw.errors import PortError
 from haptic_wall.hw.serialport.port import access_remedy
 from haptic_wall.hw.serialport.timer import CLASSES, describe, timer_file, timer_ms
 from haptic_wall.hw.serialport.users import holders, is_pseudo, is_terminal
+from haptic_wall.hw.servo import Check
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
 
@@ -138,7 +139,7 @@ def may_be_serial(path: str) -> bool:
     return stat.S_ISCHR(found.st_mode) and is_terminal(found.st_rdev)
 
 
-def examine_port(path: str) -> list[Finding]:
+def examine_port(path: str) -> list[Check]:
     """Check whether a port exists, is permitted and free, and its kind; stop at the first fault.
 
     The port is opened briefly, without changing its settings, and nothing is sent; a port in use is
@@ -153,20 +154,20 @@ def examine_port(path: str) -> list[Finding]:
         return [_missing(path)]
     if not stat.S_ISCHR(found.st_mode):
         fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
-        return [Finding("port", False, f"{path} is no device", "a serial device", fix)]
+        return [Check("port", False, f"{path} is no device", "a serial device", fix)]
     real = os.path.realpath(path)
-    checks = [Finding("port", True, path if real == path else f"{path} -> {real}", "a device")]
+    checks = [Check("port", True, path if real == path else f"{path} -> {real}", "a device")]
     used_by = _used_by(path, found.st_rdev)
     if not used_by.ok and is_terminal(found.st_rdev):
         return [*checks, used_by]  # opening it would disturb a wall in use there
     checks.append(_rights(path))
     if checks[-1].ok:
-        checks.append(Finding("adapter", True, kind_of_port(path), "a serial adapter"))
+        checks.append(Check("adapter", True, kind_of_port(path), "a serial adapter"))
         checks.append(used_by)
     return checks
 
 
-def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
+def examine_latency_timer(path: str, classes: Path = CLASSES) -> Check:
     """Check how long an FTDI adapter holds short replies; the port is open in low-latency mode.
 
     Args:
@@ -186,18 +187,18 @@ def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
             "with 0 some U2D2 are reported to find no servos; if yours finds none, "
             f"`echo 1 | sudo tee {timer}`"
         )
-        return Finding(name, True, found, wanted, fix)
+        return Check(name, True, found, wanted, fix)
     fix = "" if latency_ms == 1 else f"`echo 1 | sudo tee {timer}` (until it is unplugged)"
-    return Finding(name, latency_ms == 1, found, wanted, fix)
+    return Check(name, latency_ms == 1, found, wanted, fix)
 
 
-def _missing(path: str) -> Finding:
+def _missing(path: str) -> Check:
     listed = "; ".join(map(str, adapters())) or "no USB serial adapter"
     fix = f"plug the adapter in, or set servo.port (there is {listed})"
-    return Finding("port", False, f"{path} does not exist", "a serial device", fix)
+    return Check("port", False, f"{path} does not exist", "a serial device", fix)
 
 
-def _rights(path: str) -> Finding:
+def _rights(path: str) -> Check:
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
@@ -209,16 +210,16 @@ def _rights(path: str) -> Finding:
             found, fix = "is in use by another program", f"end it (`sudo fuser -v {path}` shows it)"
         else:
             found, fix = f"cannot be opened ({error.strerror})", "plug the adapter out and in"
-        return Finding("rights", False, found, "reading and writing", fix)
+        return Check("rights", False, found, "reading and writing", fix)
     terminal = os.isatty(descriptor)
     os.close(descriptor)
     if not terminal:
         fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
-        return Finding("rights", False, "is not a serial port", "a serial port", fix)
-    return Finding("rights", True, "reading and writing", "reading and writing")
+        return Check("rights", False, "is not a serial port", "a serial port", fix)
+    return Check("rights", True, "reading and writing", "reading and writing")
 
 
-def _used_by(path: str, device: int) -> Finding:
+def _used_by(path: str, device: int) -> Check:
     users = [f"{program} (pid {pid})" for pid, program in holders(device)]
     fix = f"end that program (`sudo fuser -v {path}` shows it)" if users else ""
-    return Finding("used by", not users, ", ".join(users) or "nobody", "nobody", fix)
+    return Check("used by", not users, ", ".join(users) or "nobody", "nobody", fix)

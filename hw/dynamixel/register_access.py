@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.tables import Model, Register
 from haptic_wall.hw.errors import (
     Problem,
     ServoError,
@@ -20,6 +20,7 @@ from haptic_wall.hw.errors import (
     ServoMissingError,
     UnfitServoError,
 )
+from haptic_wall.hw.serialport.line import Line
 
 PATIENCE_NS: Final = (3_000_000, 6_000_000, 20_000_000, 250_000_000)
 """Time allowed for each attempt [ns]: at first the servo's return delay (0.5 ms) and the adapter's
@@ -47,6 +48,24 @@ class Table:
         self.link = link
         self.name = name
         self.registers = registers
+
+    @classmethod
+    def on(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Table:
+        """Return the servo with this id on a line.
+
+        Args:
+            line: The bus.
+            baud: Its rate [bit/s].
+            servo_id: The servo's id.
+            where: Names the bus in messages.
+            model: Its model.
+        """
+        link = Link(line, servo_id, baud=baud)
+        return cls(link, f"id {servo_id} at {baud} baud on {where}", model.registers)
+
+    def at(self, registers: Mapping[str, Register]) -> Table:
+        """Return the same servo with other registers, those of its firmware."""
+        return Table(self.link, self.name, registers)
 
     def ping(self) -> int:
         """Return the servo's model number.

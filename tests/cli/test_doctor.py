@@ -17,7 +17,7 @@ import pytest
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.doctor.search import opened
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port as serial_port
@@ -75,7 +75,7 @@ def at(port: str | Path) -> list[str]:
 
 def set_registers(port: str, **values: int) -> None:
     with opened(port, 4_000_000, MonotonicClock()) as line:
-        table = ServoAccess.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
+        table = Table.on(line, 4_000_000, 1, port, MODELS["XM430-W350"])
         for name, value in values.items():
             table.write(name, value)
 
@@ -252,7 +252,7 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
 ) -> None:
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
-            table = ServoAccess.of(line, 4_000_000, 2, port, MODELS["XM430-W350"]).table
+            table = Table.on(line, 4_000_000, 2, port, MODELS["XM430-W350"])
             table.link.write_register(table.registers["id"], 1, 3_000_000)
         _, checks, wrong, _ = report(capsys, *at(port))
     assert wrong == {"servo answers"}
