@@ -16,7 +16,7 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
+from haptic_wall.hw.dynamixel.register_access import Table, confirmed, read_patiently
 from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
@@ -209,12 +209,10 @@ class _Prober:
     def ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
         link, self._losses = self._link, 0
-        return any(
-            link.write_register(REGISTERS["goal_current"], 0, patience_ns) == 0
-            # It then accepts no goal, and has no torque.
-            or link.read_register(REGISTERS["bus_watchdog"], patience_ns) == WATCHDOG_TRIPPED
-            for patience_ns in PATIENCE_NS
-        )
+        if confirmed(link, REGISTERS["goal_current"], 0) == 0:
+            return True
+        # A tripped one accepts no goal, and has no torque.
+        return read_patiently(link, REGISTERS["bus_watchdog"]) == WATCHDOG_TRIPPED
 
     def _end(self) -> None:
         if not self.ended():

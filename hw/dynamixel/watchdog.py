@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Final
 
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed, read_patiently
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
@@ -14,9 +15,6 @@ _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
-_PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
-"""Time allowed for each reply of each attempt [ns], without its time on the wire; the last outlasts
-an adapter's 16 ms timer"""
 
 
 class Armed(Enum):
@@ -63,26 +61,20 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     Raises:
         ServoLostError: The port is gone.
     """
-    steps = arming = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
-    after_trip = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *arming, (_TORQUE_ENABLE, 1)]
-    begun = False
-    for patience_ns in _PATIENCE_NS:
-        found = link.read_register(_BUS_WATCHDOG, patience_ns)
-        if found is None:  # unknown whether there is a torque to lose
-            continue
-        if found == units and not begun:
-            return Armed.YES
-        if under_torque:
-            return Armed.NO
-        if found == WATCHDOG_TRIPPED:
-            steps = after_trip
-        begun = True
-        if all(
-            link.write_register(register, value, _PATIENCE_NS[-1]) == value
-            for register, value in steps
-        ):
-            return Armed.YES
-    return Armed.UNKNOWN
+    found = read_patiently(link, _BUS_WATCHDOG, QUICK_NS)
+    if found is None:  # unknown whether there is a torque to lose
+        return Armed.UNKNOWN
+    if found == units:
+        return Armed.YES
+    if under_torque:
+        return Armed.NO
+    steps = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
+    if found == WATCHDOG_TRIPPED:
+        steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
+    armed = all(
+        confirmed(link, register, value, 2 * QUICK_NS[-1:]) == value for register, value in steps
+    )
+    return Armed.YES if armed else Armed.UNKNOWN
 
 
 def lost(found: Armed, name: str, silence_ns: int, watchdog_s: float) -> ServoLostError:
