@@ -32,7 +32,7 @@ DRIVER = (
     "hw.dynamixel.link",
     "hw.dynamixel.jump_filter",
     "hw.dynamixel.torque_law",
-    "hw.dynamixel.watchdog_monitor",
+    "hw.dynamixel.watchdog",
     "hw.dynamixel.health",
     "hw.dynamixel.servo",
 )

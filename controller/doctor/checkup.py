@@ -31,14 +31,15 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
-    Repair,
-    Seen,
+    judge,
     judge_firmware,
     judge_model,
     judge_status_level,
+    read_servo,
     read_status_level,
 )
 from haptic_wall.hw.dynamixel.tables import RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import (
     PortBusyError,
     PortError,
@@ -214,10 +215,10 @@ class _Checkup:
     ) -> tuple[dict[str, Check], dict[str, Repair]]:
         """Return all checks of the registers, and the repairs of those that fail, by name."""
         constant = settings.torque_constant or model.torque_constant or 0.0
-        seen = Seen.of(table, model, constant, settings.torque_limit, start=False)
+        seen = read_servo(table, model, constant, settings.torque_limit)
         self._return_delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
         checks, repairs = {}, {}
-        for rule, verdict in seen.judged():
+        for rule, verdict in judge(seen):
             checks[rule.name] = verdict.check(rule.name, fixable=rule.repair is not None)
             if rule.repair is not None and not verdict.ok:
                 repairs[rule.name] = rule.repair

@@ -10,7 +10,7 @@ from typing import Final
 from haptic_wall.controller.doctor.report import Change
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import Repair
+from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import ServoError, ServoLostError, ServoMissingError
 
 _BOOT_NS: Final = 3_000_000_000

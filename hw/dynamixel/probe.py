@@ -17,9 +17,9 @@ from typing import Final
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import Table, confirmed, read_patiently
-from haptic_wall.hw.dynamixel.rules import Verdict
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
+from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError

@@ -6,12 +6,10 @@ a person, or by a person's ``doctor --fix``. Reading changes nothing in the serv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Final
 
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
-from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import (
     CURRENT_MODE,
@@ -21,9 +19,8 @@ from haptic_wall.hw.dynamixel.tables import (
     Model,
     model_by_number,
 )
-from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
-from haptic_wall.hw.errors import Problem, ServoLostError
-from haptic_wall.hw.servo import Check
+from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
+from haptic_wall.hw.errors import ServoLostError
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
@@ -35,156 +32,29 @@ _WARM: Final = 8
 """Distance to the highest temperature from which it is reported [°C]"""
 
 
-class Verdict(NamedTuple):
-    """The judgement of one thing.
-
-    With ``ok``, ``advice`` says what could be better, unless it belongs to a fault, ``why``.
-    """
-
-    ok: bool
-    found: str
-    wanted: str
-    why: str = ""
-    """The fault as the begin of a sentence, which ``advice`` completes after a colon"""
-    advice: str = ""
-    """The remedy; empty: none is needed"""
-
-    def check(self, name: str, *, fixable: bool = False) -> Check:
-        """Return the line for people.
-
-        Args:
-            name: Name of the check.
-            fixable: Whether ``doctor --fix`` can repair the fault.
-        """
-        why = "" if self.ok else self.why
-        advice = "" if self.ok and self.why else self.advice
-        fix = str(Problem(why, advice=advice, mark=": "))
-        return Check(name, self.ok, self.found, self.wanted, fix, fixable=fixable and not self.ok)
-
-
-class Repair(NamedTuple):
-    """The repair of a fault: bits of a register, or a reboot where no register is named."""
-
-    register: str = ""
-    value: int | None = 0
-    """None: the factory's"""
-    mask: int = 0xFFFF
-    """The affected bits of ``value``"""
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """The registers of a servo as read; missing ones do not exist in it."""
-
-    table: Table
-    values: Mapping[str, int]
-    model: Model
-    constant: float
-    """Torque per current of the motor [N·m/A]"""
-    torque_limit: float
-    """The configured one [N·m]; 0: the servo's own"""
-
-    @classmethod
-    def of(
-        cls, table: Table, model: Model, constant: float, torque_limit: float, *, start: bool
-    ) -> Seen:
-        """Read the registers that the rules need.
-
-        Args:
-            table: The servo.
-            model: Its model.
-            constant: Torque per current of the motor [N·m/A].
-            torque_limit: The configured one [N·m]; 0: the servo's own.
-            start: Only what a start refuses is judged.
-
-        Raises:
-            ServoLostError: It stops replying.
-            UnfitServoError: It refuses.
-        """
-        names = dict.fromkeys(n for rule in RULES if rule.refuses or not start for n in rule.reads)
-        values = {name: table.read(name) for name in names if name in table.registers}
-        return cls(table, values, model, constant, torque_limit)
-
-    def __getitem__(self, name: str) -> int:
-        """Return the value of a register, which must exist."""
-        return self.values[name]
-
-    @property
-    def volts(self) -> float:
-        """Return the present supply [V]."""
-        return self["present_input_voltage"] / 10
-
-    @property
-    def law(self) -> TorqueLaw:
-        """Return the relation of goal currents and torques at the present supply."""
-        return torque_law(self.model, self.constant, self.volts)
-
-    def factory(self, name: str) -> int:
-        """Return the factory setting of a register."""
-        return self.table.registers[name].default
-
-    def bounds(self, watchdog: int) -> DrivingRange:
-        """Return the range in which the servo may be driven.
-
-        Args:
-            watchdog: Setting of Bus Watchdog [20 ms].
-        """
-        names = ("min_voltage_limit", "max_voltage_limit", "temperature_limit")
-        return DrivingRange(watchdog, *(self[name] for name in names))
-
-    def judged(self, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
-        """Yield every rule that applies to this servo, with its verdict.
-
-        Args:
-            start: Only the rules by which a start is refused.
-        """
-        for rule in RULES:
-            if start and not rule.refuses:
-                continue
-            if all(name in self.values for name in rule.reads):
-                yield rule, rule.judge(self)
-            elif rule.missing is not None:
-                yield rule, rule.missing
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One row of the table."""
-
-    name: str
-    reads: tuple[str, ...]
-    """The registers that it judges; the rule is for servos that have them"""
-    judge: Callable[[Seen], Verdict]
-    repair: Repair | None = None
-    """None: a person's decision"""
-    refuses: bool = False
-    """Whether a start is refused by it"""
-    missing: Verdict | None = None
-    """The verdict on a servo without these registers; None: it needs none"""
-
-
 # Before anything else: without model and firmware no register has a meaning
 
 
 def judge_model(number: int, name: str) -> Verdict:
     """Judge a model number against the name of the configured model."""
     model = model_by_number(number)
-    wanted = f"connect an {name}"
+    advice = f"connect an {name}"
     if model is None:
         return Verdict(
             False,
             f"unknown model ({number})",
             name,
             f"Its model number {number} is not known, so nothing was written to it",
-            f"{wanted}, or another model that is known and name it in servo.model; if this one has "
+            f"{advice}, or another model that is known and name it in servo.model; if this one has "
             "torque, switch its power off",
         )
-    no_current = "" if model.current_mode else ", which has no current mode"
-    advice = wanted if no_current else f"{wanted}, or set servo.model={model.name}"
-    ok = model.name == name and not no_current
-    why = f"It is an {model.name} (model number {number}){no_current}"
-    found = f"{model.name} ({number})"
-    return Verdict(ok, found, name, why, advice)
+    why = f"It is an {model.name} (model number {number})"
+    if not model.current_mode:
+        why += ", which has no current mode"
+    elif model.name != name:
+        advice += f", or set servo.model={model.name}"
+    ok = model.name == name and model.current_mode
+    return Verdict(ok, f"{model.name} ({number})", name, why, advice)
 
 
 def judge_firmware(model: Model, firmware: int) -> Verdict:
@@ -224,11 +94,35 @@ def judge_status_level(level: int, found: str) -> Verdict:
 # The registers
 
 
-def _torque(seen: Seen) -> Verdict:
-    if not seen["torque_enable"]:
-        return Verdict(True, "off", "off")
-    advice = "end that program, hold any load on the shaft, and switch its power off and on"
-    return Verdict(False, "on", "off", "A program has left its torque on", advice)
+def _clear(
+    name: str,
+    register: str,
+    dangers: Mapping[int, str],
+    good: str,
+    why: str,
+    advice: str,
+    refuses: bool = True,
+) -> Rule:
+    """Return the rule that bits of a register must be 0.
+
+    Args:
+        name: Name of the check.
+        register: The register.
+        dangers: What each of these bits means.
+        good: What it means that none is set.
+        why: The fault; the dangers stand in place of ``{}``.
+        advice: The remedy.
+        refuses: Whether a start is refused.
+    """
+
+    def judge(seen: Seen) -> Verdict:
+        found = " and ".join(text for bit, text in dangers.items() if seen[register] >> bit & 1)
+        if not found:
+            return Verdict(True, good, good)
+        return Verdict(False, found, good, why.format(found), advice)
+
+    mask = sum(1 << bit for bit in dangers)
+    return Rule(name, (register,), judge, Repair(register, 0, mask), refuses)
 
 
 def _error(seen: Seen) -> Verdict:
@@ -238,26 +132,6 @@ def _error(seen: Seen) -> Verdict:
     names = error_names(error) or "unknown"
     why = f"It has latched a hardware error ({names})"
     return Verdict(False, f"{names} (0x{error:02x})", "none", why, what_to_do(error))
-
-
-def _drive_mode(bit: int, name: str, bad: str, good: str, why: str, then: str = "") -> Rule:
-    def judge(seen: Seen) -> Verdict:
-        if not seen["drive_mode"] >> bit & 1:
-            return Verdict(True, good, good)
-        return Verdict(False, bad, good, why, f"{_FIX} clears bit {bit} of Drive Mode (10){then}")
-
-    return Rule(name, ("drive_mode",), judge, Repair("drive_mode", 0, 1 << bit), True)
-
-
-def _startup(seen: Seen) -> Verdict:
-    dangers = ("torque on at power-up", "old goals restored")
-    found = " and ".join(
-        danger for bit, danger in enumerate(dangers) if seen["startup_configuration"] >> bit & 1
-    )
-    if not found:
-        return Verdict(True, "0", "0")
-    why = f"Its Startup Configuration means {found}"
-    return Verdict(False, found, "0", why, f"{_FIX} clears Startup Configuration (60)")
 
 
 def _return_delay(seen: Seen) -> Verdict:
@@ -353,37 +227,48 @@ def _temperature(seen: Seen) -> Verdict:
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
-    Rule("torque", ("torque_enable",), _torque, Repair("torque_enable")),
+    _clear(
+        "torque",
+        "torque_enable",
+        {0: "on"},
+        "off",
+        "A program has left its torque on",
+        "end that program, hold any load on the shaft, and switch its power off and on",
+        refuses=False,
+    ),
     Rule("hardware error", ("hardware_error_status",), _error, Repair(), True),
-    _drive_mode(
-        0,
+    _clear(
         "direction",
-        "reverse",
+        "drive_mode",
+        {0: "reverse"},
         "normal",
         "Its Drive Mode is reverse, which may reverse the position but not the torque, so that a "
         "wall would push the wrong way",
+        f"{_FIX} clears bit 0 of Drive Mode (10)",
     ),
-    _drive_mode(
-        1,
+    _clear(
         "dual joint",
-        "slave",
+        "drive_mode",
+        {1: "slave"},
         "no slave",
         "It is the slave of a dual joint, which follows another servo and not this program",
-        "; then drive the master",
+        f"{_FIX} clears bit 1 of Drive Mode (10); then drive the master",
     ),
-    _drive_mode(
-        3,
+    _clear(
         "torque on by goal update",
-        "on",
+        "drive_mode",
+        {3: "on"},
         "off",
         "Any goal, even a late one, would switch its torque back on",
+        f"{_FIX} clears bit 3 of Drive Mode (10)",
     ),
-    Rule(
+    _clear(
         "start-up configuration",
-        ("startup_configuration",),
-        _startup,
-        Repair("startup_configuration"),
-        True,
+        "startup_configuration",
+        {0: "torque on at power-up", 1: "old goals restored"},
+        "0",
+        "Its Startup Configuration means {}",
+        f"{_FIX} clears these bits of Startup Configuration (60)",
     ),
     Rule("return delay", ("return_delay_time",), _return_delay, Repair("return_delay_time")),
     Rule("operating mode", ("operating_mode",), _operating_mode),
@@ -408,3 +293,40 @@ RULES: Final = (
 )
 """In the order in which they are printed, and repaired but for a reboot, which comes last: torque
 locks EEPROM, and a reboot follows Startup Configuration"""
+
+
+def read_servo(
+    table: Table, model: Model, constant: float, torque_limit: float, *, start: bool = False
+) -> Seen:
+    """Read the registers that the rules need.
+
+    Args:
+        table: The servo.
+        model: Its model.
+        constant: Torque per current of the motor [N·m/A].
+        torque_limit: The configured one [N·m]; 0: the servo's own.
+        start: Only those by which a start is refused.
+
+    Raises:
+        ServoLostError: It stops replying.
+        UnfitServoError: It refuses.
+    """
+    names = dict.fromkeys(n for rule in RULES if rule.refuses or not start for n in rule.reads)
+    values = {name: table.read(name) for name in names if name in table.registers}
+    return Seen(table, values, model, constant, torque_limit)
+
+
+def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
+    """Yield every rule that applies to a servo, with its verdict.
+
+    Args:
+        seen: The servo.
+        start: Only the rules by which a start is refused.
+    """
+    for rule in RULES:
+        if start and not rule.refuses:
+            continue
+        if all(name in seen.values for name in rule.reads):
+            yield rule, rule.judge(seen)
+        elif rule.missing is not None:
+            yield rule, rule.missing

@@ -18,7 +18,7 @@ from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.watchdog_monitor import WatchdogMonitor
+from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
 from haptic_wall.hw.errors import (
     ServoError,
     ServoLostError,

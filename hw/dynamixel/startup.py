@@ -17,16 +17,17 @@ from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
-    Seen,
-    Verdict,
+    judge,
     judge_firmware,
     judge_model,
     judge_status_level,
+    read_servo,
     read_status_level,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
+from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.serialport.line import FdLine, Line
@@ -113,10 +114,10 @@ class Startup:
             self._report("echo", f"{ECHOES}: switch its echo off", "none")
         self._identify(number)
         self._torque_off()
-        seen = Seen.of(
+        seen = read_servo(
             self.table, self._model, self._constant, self._settings.torque_limit, start=True
         )
-        for rule, verdict in seen.judged(start=True):
+        for rule, verdict in judge(seen, start=True):
             self._judge(rule.name, verdict)
         self._refuse_if_unfit()
         self._set_up()

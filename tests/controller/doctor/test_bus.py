@@ -20,8 +20,9 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import Repair, Rule, Seen, Verdict
+from haptic_wall.hw.dynamixel.rules import judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Verdict
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -87,8 +88,8 @@ class Bus:
         self.sent.clear()
 
     def judged(self, torque_limit: float = 4.0) -> dict[str, tuple[Rule, Verdict]]:
-        seen = Seen.of(self.table, MODELS["XM430-W350"], 4.1 / 2.3, torque_limit, start=False)
-        return {rule.name: (rule, verdict) for rule, verdict in seen.judged()}
+        seen = read_servo(self.table, MODELS["XM430-W350"], 4.1 / 2.3, torque_limit)
+        return {rule.name: (rule, verdict) for rule, verdict in judge(seen)}
 
     def wrong(self) -> list[str]:
         return [name for name, (_, verdict) in self.judged().items() if not verdict.ok]
@@ -490,7 +491,7 @@ def test_a_port_that_is_none_is_said_so(tmp_path: Path) -> None:
     assert not missing.ok
     assert "does not exist" in missing.found
     (tmp_path / "file").write_text("")
-    assert "no device" in adapters.examine_port(str(tmp_path / "file"))[-1].found
+    assert "not a serial port" in adapters.examine_port(str(tmp_path / "file"))[-1].found
     assert "not a serial port" in adapters.examine_port("/dev/null")[-1].found
 
 

@@ -7,8 +7,9 @@ import random
 import pytest
 
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.rules import RULES, Seen, Verdict
+from haptic_wall.hw.dynamixel.rules import RULES, judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.errors import UnfitServoError
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import BAUD, Bench
@@ -42,8 +43,8 @@ def test_a_start_refuses_by_the_table_and_by_nothing_else(seed: int) -> None:
     for name in draw.sample(names, draw.choice((0, 1, 1, 2, len(names)))):
         bench.truth.memory[name] = draw.choice(CHOICES[name])
     before = {name: bench.truth.memory[name] for name in names}
-    seen = Seen.of(table, model, 4.1 / 2.3, 0.0, start=False)
-    judged = list(seen.judged())
+    seen = read_servo(table, model, 4.1 / 2.3, 0.0)
+    judged = list(judge(seen))
     assert {name: bench.truth.memory[name] for name in names} == before, "judging only reads"
     refused = [verdict for rule, verdict in judged if rule.refuses and not verdict.ok]
     try:
