@@ -179,7 +179,8 @@ def _current_limit(seen: Seen) -> Verdict:
     torque = seen.law.torque(current)
     why = advice = ""
     if current == 0:
-        why, advice = "It can make no torque", "raise Current Limit (38) with Dynamixel Wizard"
+        why = "Its Current Limit is 0, so it can make no torque"
+        advice = "raise Current Limit (38) with Dynamixel Wizard"
     elif current > most:
         why = f"Its Current Limit (38) reads {current}, but an {name} has at most {most}"
         advice = "start again, and replace the servo if it still reads so"
