@@ -64,7 +64,7 @@ class Backend:
     """Required fields of ``servo.*``, and their meaning, for people"""
     models: Callable[[], Mapping[str, TorqueModel]] | None = None
     """The models that ``servo.model`` may name; None: any, and no facts of them are known"""
-    cycle_s: Callable[[int], float] | None = None
+    cycle_s: Callable[[float], float] | None = None
     """Returns the time of a cycle on the wire [s] at ``servo.baud`` [bit/s]; None: not known"""
     problems: Callable[[ServoSettings], Iterable[Problem]] | None = None
     """Finds conflicts between fields that are valid by themselves; ``field`` is one's path"""

@@ -20,7 +20,7 @@ from haptic_wall.hw.settings import ServoSettings
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-    from haptic_wall.hw.dynamixel.port_users import PortUsers
+    from haptic_wall.hw.serialport.users import PortUsers
 
 GROUP: Final = "haptic_wall.servos"
 """The entry point group in which a distribution registers its backends, ``NAME =
@@ -133,7 +133,7 @@ def port_users(descriptor: int) -> PortUsers | None:
     Returns:
         The search, to be closed before the port; None where it is no serial port.
     """
-    from haptic_wall.hw.dynamixel.port_users import PortUsers
+    from haptic_wall.hw.serialport.users import PortUsers
 
     return PortUsers(descriptor) if os.isatty(descriptor) else None
 

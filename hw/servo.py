@@ -108,12 +108,18 @@ class Bus:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the start-up sequence: found against wanted."""
+    """One line of a start or an examination: found against wanted."""
 
     name: str
     ok: bool
     found: str
     wanted: str
+    fix: str = ""
+    """The remedy; with ``ok`` it is advice: it works, but could be better"""
+    applies: bool = True
+    """False: it does not exist here; ``found`` gives the reason"""
+    fixable: bool = False
+    """Whether ``doctor --fix`` can apply the remedy"""
 
 
 class Servo(Protocol):

@@ -28,11 +28,11 @@ DRIVER = (
     "hw.dynamixel.codec.cyclic",
     "hw.dynamixel.codec.parser",
     "hw.dynamixel.samples",
-    "hw.dynamixel.serial_line",
+    "hw.serialport.line",
     "hw.dynamixel.link",
     "hw.dynamixel.jump_filter",
     "hw.dynamixel.torque_law",
-    "hw.dynamixel.watchdog_monitor",
+    "hw.dynamixel.watchdog",
     "hw.dynamixel.health",
     "hw.dynamixel.servo",
 )

@@ -25,9 +25,9 @@ from haptic_wall.hw.dynamixel.codec import (
     SyncWrite,
     encode,
 )
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.together import Together, Way
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
 _PATIENCE_NS = 50_000_000

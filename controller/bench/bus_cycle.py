@@ -31,7 +31,7 @@ from haptic_wall.controller.bench.loops import BAUD, emulated_bus
 from haptic_wall.controller.bench.rows import Measurement, Section, ratio
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
-from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.serialport.line import FdLine
 
 _ROUNDS, _CYCLES = 40, 24
 _COUNTS = (1, 3, 6)

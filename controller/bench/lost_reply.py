@@ -26,8 +26,8 @@ from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.errors import Problem
+from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.servo import Outcome
 
 _PERIOD_NS: Final = 1_000_000

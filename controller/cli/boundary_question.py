@@ -10,14 +10,15 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.boundary_curve import Load, Question, WallSide
 from haptic_wall.controller.guard.delay_parts import ADAPTER, WIRE, DelayParts
+from haptic_wall.controller.guard.design import FAST_BAUD
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.rules import MOST_LOWPASS_Q, MOST_OF_RATE
 from haptic_wall.controller.theory.flexible import MOST_PERIODS
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.names import did_you_mean
+from haptic_wall.hw.open import backend
 
 _LONGEST_PERIOD_S, _LONGEST_DELAY_S = 0.5, 1.0
 """Larger values are probably milliseconds in place of seconds."""
@@ -328,11 +329,14 @@ def _delay_parts(
 ) -> DelayParts:
     """Return the parts of the delay, as far as the options give them."""
     named: dict[str, float] = {}
+    quickest = 0.0
     _check("--baud", baud, "wanted bits per second", "give --baud 1000000")
     _check("--latency-timer", latency_timer, "wanted milliseconds, 0 or more",
            "the factory setting is 16", zero=True)  # fmt: skip
     if baud is not None:
-        named[WIRE] = cycle_s(baud)
+        cycle_s = backend("dynamixel").cycle_s
+        assert cycle_s is not None
+        named[WIRE], quickest = cycle_s(baud), cycle_s(FAST_BAUD)
     if latency_timer is not None:
         named[ADAPTER] = 1e-3 * latency_timer
     rest = delay - sum(named.values())
@@ -344,7 +348,7 @@ def _delay_parts(
             advice="give the total delay from sample to torque, or leave out --baud and "
             "--latency-timer",
         )
-    return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)})
+    return DelayParts(period, {**named, "rest" if named else "delay": max(rest, 0.0)}, quickest)
 
 
 def _span(value: Bounded) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import click
@@ -18,13 +19,13 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.doctor.checkup import examine
+from haptic_wall.controller.doctor.cycles import Series
+from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.doctor.report import Consent, Report
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.signals import interrupting
-from haptic_wall.hw.dynamixel.examine.cycles import Series
-from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import percentile
+from haptic_wall.hw.servo import Check
 
 WRONG = 1
 HARDWARE = 4
@@ -69,7 +70,7 @@ def command(
     with interrupting():  # the port's settings are restored
         report = examine(loaded.config, _say, consent, change_baud)
     answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
-    sys.exit(HARDWARE if not report.reached else WRONG if report.findings.wrong else 0)
+    sys.exit(HARDWARE if not report.reached else WRONG if report.wrong else 0)
 
 
 def _consent(yes: bool) -> Consent:
@@ -85,7 +86,7 @@ def _say(text: str) -> None:
 def _json(name: str, report: Report) -> dict[str, Any]:
     return {
         "name": name,
-        "checks": [finding._asdict() for finding in report.findings.checks],
+        "checks": [asdict(finding) for finding in report.found.values()],
         "changes": [change._asdict() for change in report.changes],
         "not_examined": report.not_examined,
         "reached": report.reached,
@@ -122,9 +123,9 @@ def _ages(ages_ns: list[int]) -> dict[str, float] | None:
 
 
 def _text(name: str, report: Report) -> str:
-    column = max((len(finding.name) for finding in report.findings.checks), default=0)
+    column = max((len(finding.name) for finding in report.found.values()), default=0)
     lines = [f"{name}. {TORQUE}", ""]
-    for finding in report.findings.checks:
+    for finding in report.found.values():
         lines += _rows(finding, column)
     if report.changes:
         lines += ["", "Changed:"]
@@ -135,7 +136,7 @@ def _text(name: str, report: Report) -> str:
     return "\n".join(lines)
 
 
-def _rows(finding: Finding, column: int) -> Iterator[str]:
+def _rows(finding: Check, column: int) -> Iterator[str]:
     mark = "WRONG" if not finding.ok else "-" if not finding.applies else "ok"
     wanted = f" (wanted: {finding.wanted})" if not finding.ok else ""
     head = f"{mark:<5}  {finding.name:<{column}}  "
@@ -147,7 +148,7 @@ def _rows(finding: Finding, column: int) -> Iterator[str]:
 
 
 def _verdict(report: Report) -> str:
-    wrong = report.findings.wrong
+    wrong = report.wrong
     if not wrong:
         return "All well."
     fixable = [finding.name for finding in wrong if finding.fixable]

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import stat
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import click
 
 from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.cli.options import answer, as_json, json_option, say
+from haptic_wall.controller.doctor.adapter import kind_of_port, may_be_serial, only_adapter
+from haptic_wall.controller.doctor.search import IDS, LIKELY_FIRST, BaudSearch, scan
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
-from haptic_wall.hw.dynamixel.examine.adapter import kind_of_port, only_adapter
-from haptic_wall.hw.dynamixel.examine.search import IDS, LIKELY_FIRST, BaudSearch, scan
-from haptic_wall.hw.dynamixel.holders import is_terminal
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 
 HARDWARE = 4
@@ -66,14 +62,12 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
 
 def _refuse_no_port(path: str) -> None:
     """Refuse a path that exists and is no serial port; the search reports a missing one."""
-    with suppress(OSError):
-        found = Path(path).stat()
-        if not stat.S_ISCHR(found.st_mode) or not is_terminal(found.st_rdev):
-            raise UserError(
-                f"found {path}, which is no serial port",
-                field="--port",
-                wanted="the adapter's device, such as /dev/ttyUSB0",
-            )
+    if not may_be_serial(path):
+        raise UserError(
+            f"found {path}, which is no serial port",
+            field="--port",
+            wanted="the adapter's device, such as /dev/ttyUSB0",
+        )
 
 
 def _report(path: str, searches: list[BaudSearch]) -> dict[str, Any]:

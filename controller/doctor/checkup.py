@@ -9,39 +9,44 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 from haptic_wall.controller.doctor import machine, timing
+from haptic_wall.controller.doctor.adapter import examine_port
+from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
-from haptic_wall.controller.doctor.report import Consent, Report, Tell, question, told
+from haptic_wall.controller.doctor.mending import mend, question
+from haptic_wall.controller.doctor.replies import Replies
+from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
+from haptic_wall.controller.doctor.search import FoundServo, opened
 from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.drivable import drivable
-from haptic_wall.hw.dynamixel.examine.adapter import examine_port
-from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
-from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, not_applicable, of_error
-from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
-from haptic_wall.hw.dynamixel.examine.replies import Replies
-from haptic_wall.hw.dynamixel.examine.search import FoundServo, opened
-from haptic_wall.hw.dynamixel.inspection import WATCHDOG_FIRMWARE
-from haptic_wall.hw.dynamixel.port import kept_settings, open_port
-from haptic_wall.hw.dynamixel.tables import MODELS, RETURN_DELAY_UNIT_NS, Model, model_by_number
-from haptic_wall.hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.rules import (
+    STATUS_LEVEL,
+    judge,
+    judge_firmware,
+    judge_model,
+    judge_status_level,
+    read_servo,
+    read_status_level,
+)
+from haptic_wall.hw.dynamixel.tables import RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import (
     PortBusyError,
     PortError,
     ServoError,
-    ServoLostError,
-    UnfitServoError,
 )
+from haptic_wall.hw.serialport.port import kept_settings, open_port
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
 _CABLE: Final = "check the cable and the power supply"
@@ -76,7 +81,8 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
     Raises:
         ServoError: The emulated bus did not start.
     """
-    checkup = _Checkup(config, tell, consent, change_baud)
+    report = Report(tell, consent)
+    checkup = _Checkup(config, report, change_baud)
     settings = config.servo_settings()
     if config.servo.backend == "dynamixel":
         with _port_of(config, settings) as path:
@@ -85,9 +91,9 @@ def examine(config: Config, tell: Tell, consent: Consent | None, change_baud: bo
         why = f"a servo of the backend {config.servo.backend} is not examined"
         if config.servo.kind == "simulated":
             why = "the servo is simulated in this process"
-        checkup.report.findings.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
+        report.add(*(not_applicable(name, why) for name in _ON_THE_BUS))
         checkup.machine(measure(config, None))
-    return checkup.report
+    return report
 
 
 @contextlib.contextmanager
@@ -103,27 +109,23 @@ def _port_of(config: Config, settings: ServoSettings) -> Iterator[str]:
 
 
 class _Checkup:
-    def __init__(
-        self, config: Config, tell: Tell, consent: Consent | None, change_baud: bool
-    ) -> None:
-        self.report = Report()
+    def __init__(self, config: Config, report: Report, change_baud: bool) -> None:
+        self.report = report
+        self._add = report.add
         self._config = config
-        self._tell = tell
-        self._consent = consent
         self._clock = MonotonicClock()
         self._return_delay_ns = 0
-        self._locator = Locator(self.report, self._clock, tell, consent, change_baud)
-        self._add = self.report.findings.add
+        self._locator = Locator(report, self._clock, change_baud)
         self._check = _EMULATOR if config.servo.is_emulated else _CABLE
 
     # The bus
 
     def bus(self, settings: DriverSettings) -> None:
         """Run all checks from the port to the processor."""
-        self._tell(f"port {settings.port}")
+        self.report.tell(f"port {settings.port}")
         self._add(*examine_port(settings.port))
         measured = None
-        if self.report.findings.wrong:
+        if self.report.wrong:
             self.report.reached = False
             self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
@@ -131,7 +133,7 @@ class _Checkup:
                 measured = self._servo(settings)
         if measured is None:
             self.report.leave_out("reply time", "schedule")
-            if any(finding.name == "used by" for finding in self.report.findings.wrong):
+            if "used by" in (check.name for check in self.report.wrong):
                 # A measurement would take the core from the program that drives the servo there.
                 self.report.leave_out("wake-up lateness", "real-time rights")
                 self._core()
@@ -149,7 +151,7 @@ class _Checkup:
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
                 return None
-            self._tell("reply time, and both schedules at every phase: about 5 s")
+            self.report.tell("reply time, and both schedules at every phase: about 5 s")
             descriptor = open_port(settings.port, settings.baud)
             try:
                 return measure(self._config, descriptor)
@@ -170,108 +172,76 @@ class _Checkup:
 
     def _set_up(self, settings: DriverSettings, found: FoundServo) -> bool:
         """Check model, firmware and registers; return whether torque is off."""
-        model = self._model(settings, found)
+        report, number = self.report, found.model_number
+        self._add(judge_model(number, settings.model).check("model"))
+        model = model_by_number(number)
         if model is None:
-            self.report.leave_out("firmware", "registers")
+            report.leave_out("firmware", "registers")
             return False
-        self._tell(f"registers of {name_of(found)}")
-        self._firmware(model, found.firmware)
+        report.tell(f"registers of {name_of(found)}")
+        self._add(judge_firmware(model, found.firmware).check("firmware"))
         with opened(settings.port, found.baud, self._clock) as line:
-            servo = ServoAccess.of(line, found.baud, found.id, settings.port, model)
-            if not self._status_level(servo):
-                self.report.leave_out("registers")
+            table = Table.on(line, found.baud, found.id, settings.port, model)
+            if not self._replies(table):
+                report.leave_out("registers")
                 return False
-            judged = self._judge(servo, settings, model, found.firmware)
-            if self._consent is not None and self._mend(servo, judged):
-                again = self._judge(servo, settings, model, found.firmware)
-                before = {judgement.finding.name: judgement.finding for judgement in judged}
-                judged = [told(judgement, before) for judgement in again]
-        self._add(*(judgement.finding for judgement in judged))
-        return next(j.finding.ok for j in judged if j.finding.name == "torque")
+            table = table.at(model.registers_at(found.firmware))
+            checks, repairs = self._judge(table, settings, model)
+            if self._mend(table, checks, repairs):
+                before = checks
+                checks, _ = self._judge(table, settings, model)
+                for name, check in checks.items():
+                    first = before.get(name, check)
+                    if first.found != check.found:
+                        found_both = f"{first.found}, now {check.found}"
+                        checks[name] = replace(check, found=found_both)
+        self._add(*checks.values())
+        return checks["torque"].ok
 
-    def _model(self, settings: DriverSettings, found: FoundServo) -> Model | None:
-        """Return the found model, judged against the configured one; None if it is unknown."""
-        model = model_by_number(found.model_number)
-        number = found.model_number
-        text = f"{model.name} ({number})" if model else f"unknown model ({number})"
-        fix, ok = "", model is not None and model.name == settings.model
-        if model is not None and not model.current_mode:
-            fix = "it has no current mode, so it cannot follow a torque: use another model"
-            ok = False
-        elif not ok:
-            known = f", or set servo.model={model.name}" if model else ""
-            fix = f"connect an {settings.model}{known}"
-        elif settings.model in MODELS:
-            try:
-                drivable(settings)
-            except UnfitServoError as error:
-                ok, fix = False, str(error)
-        self._add(Finding("model", ok, text, settings.model, fix))
-        return model
-
-    def _firmware(self, model: Model, firmware: int) -> None:
-        ok = firmware >= WATCHDOG_FIRMWARE
-        fix = ""
-        if not ok:
-            fix = (
-                "update it with Dynamixel Wizard:"
-                f" from {WATCHDOG_FIRMWARE} on it has a Bus Watchdog"
-            )
-        elif not model.knows_fast_reads(firmware):
-            fix = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
-        wanted = f"at least {WATCHDOG_FIRMWARE}"
-        self._add(Finding("firmware", ok, str(firmware), wanted, fix))
-
-    def _status_level(self, servo: ServoAccess) -> bool:
+    def _replies(self, table: Table) -> bool:
         """Whether the servo replies to reads and writes; otherwise no other check is possible."""
-        register = servo.table.registers["status_return_level"]
-        try:
-            found = str(level := servo.table.read(register.name))
-        except ServoLostError:
-            found, level = "no replies to reads", 0
-        if level != register.default and self._may(f"status return level: {found} -> 2"):
-            change = set_status_level(servo)
-            self._note(change)
-            if change.verified:
-                found, level = f"{found}, now {change.after}", register.default
-        ok = level == register.default
-        fix = "" if ok else "it does not confirm writes: write 2 to Status Return Level (68)"
-        wanted = str(register.default)
-        self._add(Finding("status return level", ok, found, wanted, fix, fixable=not ok))
+        name, repair = "status return level", Repair("status_return_level", STATUS_LEVEL)
+        level, found = read_status_level(table)
+        asked = question(name, found, str(STATUS_LEVEL), repair)
+        if level != STATUS_LEVEL and self.report.may(asked):
+            change = mend(table, self._clock, name, repair)
+            if self.report.note(change):
+                level, found = STATUS_LEVEL, f"{found}, now {change.after}"
+        self._add(judge_status_level(level, found).check(name, fixable=True))
         return level > 0
 
     def _judge(
-        self, servo: ServoAccess, settings: DriverSettings, model: Model, firmware: int
-    ) -> list[Judgement]:
+        self, table: Table, settings: DriverSettings, model: Model
+    ) -> tuple[dict[str, Check], dict[str, Repair]]:
+        """Return all checks of the registers, and the repairs of those that fail, by name."""
         constant = settings.torque_constant or model.torque_constant or 0.0
-        examined = read_all(servo, model, firmware)
-        delay = examined.values["return_delay_time"] or 0
-        self._return_delay_ns = delay * RETURN_DELAY_UNIT_NS
-        judged = judge(examined, settings.torque_limit, constant)
-        current, volts = (
-            examined.values[name] or 0 for name in ("current_limit", "present_input_voltage")
-        )
-        if 0 < current <= model.current_limit:
-            law = torque_law(model, constant, volts / 10)
-            judged.append(Judgement(judge_wall(self._config, current, model.current_limit, law)))
-        return judged
+        seen = read_servo(table, model, constant, settings.torque_limit)
+        self._return_delay_ns = seen["return_delay_time"] * RETURN_DELAY_UNIT_NS
+        checks, repairs = {}, {}
+        for rule, verdict in judge(seen):
+            checks[rule.name] = verdict.check(rule.name, fixable=rule.repair is not None)
+            if rule.repair is not None and not verdict.ok:
+                repairs[rule.name] = rule.repair
+        current, most = seen.values.get("current_limit", 0), model.current_limit
+        if 0 < current <= most:
+            wall = judge_wall(self._config, current, most, seen.law)
+            checks[wall.name] = wall
+        return checks, repairs
 
-    def _mend(self, servo: ServoAccess, judged: list[Judgement]) -> bool:
-        """Repair the registers for which there is consent; return whether any repair was tried."""
+    def _mend(
+        self, table: Table, checks: Mapping[str, Check], repairs: Mapping[str, Repair]
+    ) -> bool:
+        """Make the repairs for which there is consent; return whether any was tried.
+
+        A reboot comes last.
+        """
         tried = False
-        for finding, repair in in_order_of_repair(judged):
-            if repair is None or not self._may(question(finding, repair)):
-                continue
-            tried = True
-            self._note(mend(servo, finding.name, repair))
+        for name, repair in sorted(repairs.items(), key=lambda item: not item[1].register):
+            check = checks[name]
+            if self.report.may(question(name, check.found, check.wanted, repair)):
+                tried = True
+                self.report.note(mend(table, self._clock, name, repair))
         return tried
-
-    def _may(self, question: str) -> bool:
-        return self._consent is not None and self._consent(question)
-
-    def _note(self, change: Change) -> None:
-        self.report.changes.append(change)
-        self._tell(f"{change}")  # at once: after an interrupt the user should know what was changed
 
     # The machine
 

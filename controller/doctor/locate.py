@@ -5,13 +5,9 @@ from __future__ import annotations
 import contextlib
 import shlex
 
-from haptic_wall.controller.doctor.report import Consent, Report, Tell
-from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.examine.adapter import examine_latency_timer
-from haptic_wall.hw.dynamixel.examine.finding import Change, Finding
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
-from haptic_wall.hw.dynamixel.examine.search import (
+from haptic_wall.controller.doctor.adapter import examine_latency_timer
+from haptic_wall.controller.doctor.report import Change, Report
+from haptic_wall.controller.doctor.search import (
     IDS,
     LIKELY_FIRST,
     BaudSearch,
@@ -20,11 +16,14 @@ from haptic_wall.hw.dynamixel.examine.search import (
     scan,
     search,
 )
-from haptic_wall.hw.dynamixel.latency import set_timer_to_1_ms
-from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS
+from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
+from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError
+from haptic_wall.hw.serialport.timer import set_timer_to_1_ms
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings
 
 
@@ -32,26 +31,15 @@ class Locator:
     """Finds one servo on a usable port.
 
     Args:
-        report: Receives the findings.
+        report: Receives the checks.
         clock: Real time.
-        tell: Called with the current step.
-        consent: Asked before each change; None: nothing is changed.
-        change_baud: Whether the servo's baud rate may be changed too.
+        change_baud: Whether the servo's baud rate may be changed too, with consent.
     """
 
-    def __init__(
-        self,
-        report: Report,
-        clock: Clock,
-        tell: Tell,
-        consent: Consent | None,
-        change_baud: bool,
-    ) -> None:
+    def __init__(self, report: Report, clock: Clock, change_baud: bool) -> None:
         self._report = report
-        self._add = report.findings.add
+        self._add = report.add
         self._clock = clock
-        self._tell = tell
-        self._consent = consent
         self._change_baud = change_baud
 
     def find(self, settings: DriverSettings) -> FoundServo | None:
@@ -64,17 +52,17 @@ class Locator:
         here = self._look(settings)
         if here.refused:
             fix = "set servo.baud and the servo's Baud Rate (8) to a rate this adapter has"
-            self._add(Finding("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
+            self._add(Check("baud rate", False, here.refused, f"{settings.baud} bit/s", fix))
         else:
-            self._add(Finding("baud rate", True, f"{settings.baud} bit/s", "set by the adapter"))
+            self._add(Check("baud rate", True, f"{settings.baud} bit/s", "set by the adapter"))
         mine = next((servo for servo in here.servos if servo.id == settings.id), None)
         wanted = f"id {settings.id} at {settings.baud} bit/s"
         if mine is not None:
             others = [name_of(servo) for servo in here.servos if servo is not mine]
             found = "yes" + (f"; beside it {', '.join(others)}" if others else "")
-            self._add(Finding("servo answers", True, found, wanted))
+            self._add(Check("servo answers", True, found, wanted))
             return mine
-        self._tell("no answer: searching the other baud rates")
+        self._report.tell("no answer: searching the other baud rates")
         rates = [baud for baud in LIKELY_FIRST if baud != settings.baud]
         ids = {*IDS, settings.id}
         searches = [here]
@@ -99,7 +87,7 @@ class Locator:
                 "two servos have one id, or there is noise: connect only one servo, and give it "
                 "another id if it answers"
             )
-        self._add(Finding("servo answers", False, found, wanted, fix))
+        self._add(Check("servo answers", False, found, wanted, fix))
         return None
 
     def _look(self, settings: DriverSettings) -> BaudSearch:
@@ -107,10 +95,10 @@ class Locator:
         try:
             with opened(settings.port, settings.baud, self._clock) as line:
                 timer = examine_latency_timer(settings.port)
-                if not timer.ok and self._may(f"latency timer: {timer.found} -> 1 ms"):
+                if not timer.ok and self._report.may(f"latency timer: {timer.found} -> 1 ms"):
                     set_timer_to_1_ms(settings.port)
                     after = examine_latency_timer(settings.port)
-                    self._note(Change(timer.name, timer.found, after.found, after.ok))
+                    self._report.note(Change(timer.name, timer.found, after.found, after.ok))
                     timer = after
                 self._add(timer)
                 return search(line, settings.baud, {settings.id}, to_the_end=False)
@@ -125,12 +113,12 @@ class Locator:
         It never sets a rate that the adapter does not support: the servo would be unreachable.
         """
         question = f"baud rate of {name_of(found)} -> {settings.baud}"
-        if self._change_baud and not refused and self._may(question):
+        if self._change_baud and not refused and self._report.may(question):
             change, now = self._set_baud(settings, found)
-            self._note(change)
+            self._report.note(change)
             if change.verified:
                 text = f"yes; it was at {found.baud} bit/s"
-                self._add(Finding("servo answers", True, text, wanted))
+                self._add(Check("servo answers", True, text, wanted))
                 return now
         fixes = []
         if cycle_s(found.baud) <= COLLECT_SHARE * settings.period_s:
@@ -139,7 +127,7 @@ class Locator:
             command = "`haptic-wall doctor CONFIG --fix --change-baud`"
             fixes.append(f"change the servo's rate with {command}")
         fix = ", or ".join(fixes) or "set servo.baud to a faster rate that this adapter has"
-        self._add(Finding("servo answers", False, f"at {found.baud} bit/s", wanted, fix))
+        self._add(Check("servo answers", False, f"at {found.baud} bit/s", wanted, fix))
         return found
 
     def _set_baud(self, settings: DriverSettings, found: FoundServo) -> tuple[Change, FoundServo]:
@@ -150,7 +138,7 @@ class Locator:
         if model is None or value > model.registers["baud_rate"].maximum:
             return Change(name, before, f"it cannot have {settings.baud}", False), found
         with opened(settings.port, found.baud, self._clock) as line:
-            table = ServoAccess.of(line, found.baud, found.id, settings.port, model).table
+            table = Table.on(line, found.baud, found.id, settings.port, model)
             try:
                 if table.read("torque_enable"):
                     return Change(name, before, "its torque is on, so it is locked", False), found
@@ -164,13 +152,6 @@ class Locator:
         if now is None:
             return Change(name, before, f"silent at {settings.baud}", False), found
         return Change(name, before, str(now.baud), True), now
-
-    def _note(self, change: Change) -> None:
-        self._report.changes.append(change)
-        self._tell(f"{change}")
-
-    def _may(self, question: str) -> bool:
-        return self._consent is not None and self._consent(question)
 
 
 def name_of(servo: FoundServo) -> str:

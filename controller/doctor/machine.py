@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from haptic_wall.controller.doctor.replies import percentile
+from haptic_wall.controller.doctor.report import not_applicable
 from haptic_wall.controller.runtime.lateness.machine_setup import SettingState
 from haptic_wall.controller.runtime.realtime import Profile, Setting, missing_for_strict
-from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
-from haptic_wall.hw.dynamixel.examine.replies import percentile
+from haptic_wall.hw.servo import Check
 
 _LATE_SHARE = 4
 """A wake-up later than a period over this leaves too little time for the bus"""
 
 
-def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]:
+def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Check]:
     """Judge the granted real-time rights; only ``strict`` counts a missing one as a fault.
 
     Args:
@@ -24,7 +25,7 @@ def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]
         return [not_applicable("real-time rights", "realtime.profile is off")]
     required = missing_for_strict(list(settings)) if profile == "strict" else []
     return [
-        Finding(
+        Check(
             f"real time: {setting.name}",
             setting not in required,
             setting.got,
@@ -35,7 +36,7 @@ def judge_rights(settings: Sequence[Setting], profile: Profile) -> list[Finding]
     ]
 
 
-def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
+def judge_lateness(lateness_ns: list[int], period_ns: int) -> Check:
     """Judge the lateness of wake-ups that were measured without a bus.
 
     Args:
@@ -45,7 +46,7 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
     p50, p99 = percentile(lateness_ns, 0.5), percentile(lateness_ns, 0.99)
     limit_ns = period_ns // _LATE_SHARE
     ok = p99 < limit_ns
-    return Finding(
+    return Check(
         "wake-up lateness",
         ok,
         f"median {p50 / 1000:.0f} µs, 99 % {p99 / 1000:.0f} µs, longest "
@@ -55,10 +56,10 @@ def judge_lateness(lateness_ns: list[int], period_ns: int) -> Finding:
     )
 
 
-def judge_setup(setup: Sequence[SettingState]) -> list[Finding]:
+def judge_setup(setup: Sequence[SettingState]) -> list[Check]:
     """Describe how kernel, core and processor are set up; the findings are advice, never faults.
 
     Args:
         setup: Settings of the machine from ``machine_setup``.
     """
-    return [Finding(row.name, True, row.found, row.better, row.remedy) for row in setup]
+    return [Check(row.name, True, row.found, row.better, row.remedy) for row in setup]

@@ -1,24 +1,64 @@
-"""The report of an examination and its repairs, and the questions before each repair."""
+"""The report of an examination and its repairs; asks before each repair."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
-from haptic_wall.hw.dynamixel.examine.cycles import Series
-from haptic_wall.hw.dynamixel.examine.finding import Change, Finding, Findings
-from haptic_wall.hw.dynamixel.examine.judgement import Judgement, Repair
+from haptic_wall.controller.doctor.cycles import Series
+from haptic_wall.hw.errors import ExplainedError
+from haptic_wall.hw.servo import Check
 
 Tell = Callable[[str], None]
 Consent = Callable[[str], bool]
 """Asked before each change; returns whether it may be made"""
 
 
+def of_error(name: str, error: ExplainedError, wanted: str, otherwise: str) -> Check:
+    """Return a check that ended in an error.
+
+    Args:
+        name: Name of the check.
+        error: The error.
+        wanted: The wanted value.
+        otherwise: The remedy where the message has none.
+    """
+    found = str(replace(error.problem, advice="")).rstrip(".")
+    return Check(name, False, found, wanted, error.problem.advice.rstrip(".") or otherwise)
+
+
+def not_applicable(name: str, why: str) -> Check:
+    """Return a check of something that does not exist here."""
+    return Check(name, True, f"does not apply: {why}", "", applies=False)
+
+
+class Change(NamedTuple):
+    """One repair, made or attempted."""
+
+    name: str
+    before: str
+    after: str
+    """The value read back"""
+    verified: bool
+    """Whether the value read back is the wanted one"""
+
+    def __str__(self) -> str:
+        end = "read back" if self.verified else "NOT AS WANTED"
+        return f"{self.name}: {self.before} -> {self.after} ({end})"
+
+
 @dataclass(slots=True)
 class Report:
-    """Findings, repairs made, and items that could not be examined."""
+    """Checks, repairs made, and items that could not be examined."""
 
-    findings: Findings = field(default_factory=Findings)
+    tell: Tell
+    """Called with the current step, and with each change at once: after an interrupt the user
+    should know what was changed"""
+    consent: Consent | None
+    """None: nothing is changed"""
+    found: dict[str, Check] = field(default_factory=dict)
+    """The checks by name, in order; a later one of the same name replaces the first"""
     changes: list[Change] = field(default_factory=list)
     not_examined: list[str] = field(default_factory=list)
     reached: bool = True
@@ -27,24 +67,25 @@ class Report:
     """The suitable schedule; None: none, or not measured"""
     cycles: list[Series] = field(default_factory=list)
 
+    @property
+    def wrong(self) -> list[Check]:
+        """Return the checks that found a fault."""
+        return [check for check in self.found.values() if not check.ok]
+
+    def add(self, *checks: Check) -> None:
+        """Record checks, in the place of earlier ones of the same name."""
+        self.found.update({check.name: check for check in checks})
+
     def leave_out(self, *names: str) -> None:
         """Record items that could not be examined."""
         self.not_examined += names
 
+    def may(self, question: str) -> bool:
+        """Whether a change may be made; it is asked."""
+        return self.consent is not None and self.consent(question)
 
-def told(judgement: Judgement, before: dict[str, Finding]) -> Judgement:
-    """Return a finding after the repair, with the value found before it."""
-    first = before.get(judgement.finding.name)
-    if first is None or first.found == judgement.finding.found:
-        return judgement
-    found = f"{first.found}, now {judgement.finding.found}"
-    return judgement._replace(finding=judgement.finding._replace(found=found))
-
-
-def question(finding: Finding, repair: Repair) -> str:
-    """Return the question to ask before a repair."""
-    if not repair.register:
-        return f"{finding.name}: {finding.found} -> reboot"
-    if repair.register == "torque_enable":
-        return "torque: on -> off (a load on the shaft will fall)"
-    return f"{finding.name}: {finding.found} -> {finding.wanted}"
+    def note(self, change: Change) -> bool:
+        """Record a change, and tell it; return whether the wanted value was read back."""
+        self.changes.append(change)
+        self.tell(f"{change}")
+        return change.verified

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from haptic_wall.controller.doctor.cycles import Series
+from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
-from haptic_wall.hw.dynamixel.examine.cycles import Series
-from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
 from haptic_wall.hw.dynamixel.wire import cycle_s
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
 MOST_MISSED: Final = 0.05
@@ -48,7 +48,7 @@ class Wanted:
     """This machine wakes up late even without a bus"""
 
 
-def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Finding]:
+def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Check]:
     """Judge the replies: the resulting rate and schedule, and the noise of the encoder.
 
     Args:
@@ -135,7 +135,7 @@ def _about_the_timer(replies: Replies, wanted: Wanted) -> str:
     return f"{text}; until then a run has one sample in {periods} periods, and a softer wall"
 
 
-def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Finding:
+def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Check:
     limit_ns = _PERIODS[wanted.schedule] * 1e9 / wanted.rate_hz
     found = f"{replies.lost} lost, {replies.corrupt} broken of {replies.asked}"
     limit = (
@@ -147,10 +147,10 @@ def _reply_time(replies: Replies, wanted: Wanted, advice: str) -> Finding:
         ok &= p99 <= limit_ns
         longest = _ms(replies.took_ns[-1])
         found = f"median {_ms(p50)}, 99 % {_ms(p99)}, longest {longest}; {found}"
-    return Finding("reply time", ok, found, limit, "" if ok else advice)
+    return Check("reply time", ok, found, limit, "" if ok else advice)
 
 
-def _rate(replies: Replies, wanted: Wanted, advice: str) -> Finding:
+def _rate(replies: Replies, wanted: Wanted, advice: str) -> Check:
     rates = {
         schedule: sustainable_hz(replies, schedule, wanted.baud, wanted.most_missed)
         for schedule in _PERIODS
@@ -158,7 +158,7 @@ def _rate(replies: Replies, wanted: Wanted, advice: str) -> Finding:
     ok = rates[wanted.schedule] >= wanted.rate_hz
     found = ", ".join(f"{schedule} {hz:.0f} Hz" for schedule, hz in rates.items())
     text = f"{wanted.rate_hz:g} Hz ({wanted.schedule})"
-    return Finding("sustainable rate", ok, found, text, "" if ok else advice)
+    return Check("sustainable rate", ok, found, text, "" if ok else advice)
 
 
 def _lower_rate(replies: Replies, wanted: Wanted) -> int | None:
@@ -167,14 +167,14 @@ def _lower_rate(replies: Replies, wanted: Wanted) -> int | None:
     return next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
 
 
-def _encoder(replies: Replies) -> Finding:
+def _encoder(replies: Replies) -> Check:
     spread = replies.most_counts - replies.least_counts
     fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
     found = f"{spread} counts apart in {replies.asked - replies.lost - replies.corrupt} readings"
-    return Finding("encoder at rest", True, found, "at most 1 count apart", fix)
+    return Check("encoder at rest", True, found, "at most 1 count apart", fix)
 
 
-def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Finding]:
+def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Check]:
     """Judge each schedule at every phase, and whether the configured one is suitable."""
     findings = []
     for one in series:
@@ -185,14 +185,14 @@ def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Fi
         if not used and not holds:
             found = f"not suitable here: {found}"
         fix = "" if holds or not used else advice
-        findings.append(Finding(f"schedule {one.schedule}", holds or not used, found, limit, fix))
+        findings.append(Check(f"schedule {one.schedule}", holds or not used, found, limit, fix))
     best = suits(series, wanted.most_missed)
     ok = any(s.schedule == wanted.schedule and s.worst <= wanted.most_missed for s in series)
     fix = "" if ok else advice
     if ok and best != wanted.schedule:
         fix = f"set servo.schedule={best}, which has younger samples"
     text = best or f"none at {wanted.rate_hz:g} Hz"
-    findings.append(Finding("schedule", ok, wanted.schedule, f"suitable: {text}", fix))
+    findings.append(Check("schedule", ok, wanted.schedule, f"suitable: {text}", fix))
     return findings
 
 

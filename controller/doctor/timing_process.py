@@ -14,14 +14,14 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from haptic_wall.controller.doctor.cycles import SCHEDULES, run_series
+from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel.examine.cycles import SCHEDULES, run_series
-from haptic_wall.hw.dynamixel.examine.replies import time_replies
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.serialport.line import FdLine
 
 PHASES = 10
 LEAST_CYCLES, MOST_CYCLES = 20, 200

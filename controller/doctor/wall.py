@@ -8,15 +8,15 @@ from typing import Final
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.sentences import sentences
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
+from haptic_wall.hw.servo import Check
 
 _NONE: Final = 1e-6
 """Stiffness that is none [N·m/rad]"""
 
 
-def judge_wall(config: Config, current: int, most: int, law: TorqueLaw) -> Finding:
+def judge_wall(config: Config, current: int, most: int, law: TorqueLaw) -> Check:
     """Judge the stiffness that the guard would command.
 
     Args:
@@ -50,4 +50,4 @@ def judge_wall(config: Config, current: int, most: int, law: TorqueLaw) -> Findi
             if best > _NONE
             else "; ".join(sentences(decision.reasons))
         )
-    return Finding("stiffness", ok, found, "above 0" if asked else "0", fix)
+    return Check("stiffness", ok, found, "above 0" if asked else "0", fix)

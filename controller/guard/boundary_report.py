@@ -22,7 +22,6 @@ from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
 from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import Limits
 from haptic_wall.controller.theory import critical_stiffness, linear_limit
-from haptic_wall.hw.dynamixel.wire import cycle_s
 
 _CHANGES: tuple[Change, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
 _BELIEVED = ("inertia", "damping", "delay", "torque_gain")
@@ -213,7 +212,7 @@ def describe(improvement: Improvement, question: Question, damping: float) -> st
         case "damping":
             return f"twice the viscous damping, {2 * low:.3g} instead of {low:.3g}"
         case "baud":
-            fast, now = ms(cycle_s(FAST_BAUD)), ms(parts.named[WIRE])
+            fast, now = ms(parts.quickest_wire), ms(parts.named[WIRE])
             return f"{FAST_BAUD / 1e6:g} Mbit/s, {fast} on the wire instead of {now}"
         case "latency_timer":
             now = ms(parts.named[ADAPTER])

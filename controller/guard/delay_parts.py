@@ -19,6 +19,8 @@ class DelayParts:
     """[s]; half of it, the zero-order hold, counts as delay"""
     named: Mapping[str, float]
     """The parts of t_d by name, each >= 0 [s]"""
+    quickest_wire: float = 0.0
+    """The part ``WIRE`` at the fastest rate of the bus [s]"""
 
     @property
     def delay(self) -> float:

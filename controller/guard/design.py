@@ -26,7 +26,6 @@ from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.hw.dynamixel.wire import cycle_s
 
 FAST_BAUD = 4_000_000
 FINER = 4
@@ -181,8 +180,9 @@ def _changed(
                 for each in parts
             ]
         case "baud":
-            fast = cycle_s(FAST_BAUD)
-            made = [each.with_part(WIRE, min(fast, each.named[WIRE])) for each in parts]
+            made = [
+                each.with_part(WIRE, min(each.quickest_wire, each.named[WIRE])) for each in parts
+            ]
         case "latency_timer":
             made = [
                 each.with_part(ADAPTER, min(SHORT_TIMER, each.named[ADAPTER])) for each in parts

@@ -2,8 +2,8 @@
 
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.port import open_port
-from haptic_wall.hw.dynamixel.serial_line import FdLine
+from haptic_wall.hw.serialport.line import FdLine
+from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.settings import DriverSettings
 
 clock = MonotonicClock()

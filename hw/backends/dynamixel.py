@@ -17,7 +17,7 @@ from haptic_wall.hw.servo import Servo
 from haptic_wall.hw.settings import ServoSettings, TrueServo
 
 if TYPE_CHECKING:
-    from haptic_wall.hw.dynamixel.line import Line
+    from haptic_wall.hw.serialport.line import Line
     from haptic_wall.hw.settings import DriverSettings
 
 EMULATED_FIRMWARE: Final = 48
@@ -55,7 +55,8 @@ def _problems(settings: ServoSettings) -> Iterator[Problem]:
 
 
 def _open_port(settings: ServoSettings) -> int:
-    from haptic_wall.hw.dynamixel import cut, port, serial_line  # noqa: F401 - to cut the torque without delay
+    from haptic_wall.hw.dynamixel import cut  # noqa: F401 - to cut the torque without delay
+    from haptic_wall.hw.serialport import line, port  # noqa: F401
 
     if not settings.port:
         raise PortError(
@@ -78,7 +79,7 @@ def _open(settings: ServoSettings, clock: Clock, descriptor: int | None) -> Serv
             )
         return DynamixelServo(driver, _memory_line(settings, driver, settings.true, clock))
 
-    from haptic_wall.hw.dynamixel.serial_line import FdLine
+    from haptic_wall.hw.serialport.line import FdLine
 
     line = FdLine(_open_port(settings) if descriptor is None else descriptor, clock)
     try:
@@ -115,7 +116,7 @@ def _memory_line(
 def _cut_torque(settings: ServoSettings, descriptor: int | None, clock: Clock) -> bool:
     """See ``haptic_wall.hw.dynamixel.cut``."""
     from haptic_wall.hw.dynamixel import cut
-    from haptic_wall.hw.dynamixel.serial_line import FdLine
+    from haptic_wall.hw.serialport.line import FdLine
 
     if descriptor is None:
         return False

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.serialport.line import Line
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
-_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000, 24_000_000)
-"""Time allowed for each reply of each attempt [ns]: short at first, since a lost frame is the
-likely cause; the last outlasts an adapter's 16 ms timer"""
 _SIZES: Final = range(4, 16)
 """Sizes of the blocks that are read: of no other process's requests, whose replies may be late"""
 _GAP_NS: Final = 2_000_000
@@ -48,9 +46,9 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 
 
 def torque_off(link: Link) -> bool:
-    """Write Torque Enable 0 and read it back; try up to four times.
+    """Write Torque Enable 0 and read it back; try several times.
 
-    It takes at most 90 ms; a slow bus adds its wire time. Only what is read back counts, in a block
+    It takes at most 72 ms; a slow bus adds its wire time. Only what is read back counts, in a block
     of a size that no other request has: a late reply must not be taken for the answer.
 
     Returns:
@@ -59,7 +57,4 @@ def torque_off(link: Link) -> bool:
     Raises:
         ServoLostError: The port is gone.
     """
-    return any(
-        link.write_register(_TORQUE_ENABLE, 0, patience_ns, _SIZES) == 0
-        for patience_ns in _PATIENCE_NS
-    )
+    return confirmed(link, _TORQUE_ENABLE, 0, QUICK_NS, _SIZES) == 0

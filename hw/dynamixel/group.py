@@ -13,10 +13,10 @@ from contextlib import suppress
 from typing import Final
 
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.together import Together, Way
 from haptic_wall.hw.errors import ServoError, UnfitServoError
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 

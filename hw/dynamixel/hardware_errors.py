@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, read_patiently
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 
@@ -23,8 +24,6 @@ _BITS: Final[Mapping[int, tuple[str, str]]] = {
     5: ("overload", "free its shaft, or lower servo.torque_limit"),
 }
 _STATUS: Final = REGISTERS["hardware_error_status"]
-_PATIENCE_NS: Final = (3_000_000, 6_000_000, 12_000_000)
-"""Time allowed for each attempt to read the latched error [ns]"""
 
 
 def error_names(error: int) -> str:
@@ -41,12 +40,11 @@ def what_to_do(error: int) -> str:
 
 def latched(link: Link, name: str) -> str:
     """Read the latched errors of a servo; return names and advice, or an empty text."""
-    for patience in _PATIENCE_NS:
-        try:
-            error = link.read_register(_STATUS, patience)
-        except ServoLostError:
-            return ""
-        if error:
-            names = error_names(error) or f"0x{error:02x}"
-            return f"the {name} has latched: {names}; {what_to_do(error)}"
-    return ""
+    try:
+        error = read_patiently(link, _STATUS, QUICK_NS)
+    except ServoLostError:
+        return ""
+    if not error:
+        return ""
+    names = error_names(error) or f"0x{error:02x}"
+    return f"the {name} has latched: {names}; {what_to_do(error)}"

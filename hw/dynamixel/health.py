@@ -17,12 +17,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.checklist import remedy
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
 from haptic_wall.hw.dynamixel.tables import Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
-from haptic_wall.hw.errors import Problem, ServoHealthError, TorqueLostError
+from haptic_wall.hw.errors import Problem, ServoError, ServoHealthError, TorqueLostError
 
 EVERY_NS: Final = 200_000_000
 """Period of the polls"""
@@ -80,20 +79,22 @@ class DrivingRange:
         """Return the fault of a supply voltage [0.1 V]; None if it is in range."""
         if self.lowest <= volts <= self.highest:
             return None
-        return remedy(
+        return Problem(
             f"is supplied with {volts / 10:g} V, wanted {self.lowest / 10:g} to "
             f"{self.highest / 10:g} V",
-            "check the supply, its current limit and the cable.",
+            advice="check the supply, its current limit and the cable.",
+            mark=ServoError.mark,
         )
 
     def heat_fault(self, celsius: int) -> Problem | None:
         """Return the fault of a temperature [°C]; None if it is low enough."""
         if celsius <= self.warmest:
             return None
-        return remedy(
+        return Problem(
             f"has {celsius} °C, wanted at most {self.warmest} °C (it shuts down above "
             f"{self.hottest} °C)",
-            "let it cool, and ask for less torque.",
+            advice="let it cool, and ask for less torque.",
+            mark=ServoError.mark,
         )
 
 

@@ -39,7 +39,6 @@ from haptic_wall.hw.dynamixel.codec import (
     SyncWrite,
     encode,
 )
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     PROOFS,
@@ -52,6 +51,7 @@ from haptic_wall.hw.dynamixel.samples import (
 )
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS, Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES, wire_ns
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Outcome
 
 REGISTER_SIZES: Final = range(28, 147)

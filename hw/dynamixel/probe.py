@@ -1,4 +1,4 @@
-"""Pushes the shaft by a few encoder counts to find the sign of torque against position.
+"""Proves the torque's sign at the start: pushes the shaft by a few encoder counts.
 
 With a reversed position and an unreversed current the wall would drive the servo *into* the wall.
 The sign is therefore measured, not taken from the manual.
@@ -16,12 +16,18 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, lost
+from haptic_wall.hw.dynamixel.register_access import Table, confirmed, lost, read_patiently
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
+from haptic_wall.hw.dynamixel.verdict import Verdict
+from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Outcome
+from haptic_wall.hw.settings import DriverSettings
 
+_PUSHES: Final = 3
+"""Number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
 _PERIOD_NS: Final = 1_000_000
 _CYCLE_SHARE: Final = 0.8
 """Largest fraction of a period for a cycle on the wire"""
@@ -59,6 +65,56 @@ class Push:
     def sign_is_right(self) -> bool:
         """Whether the motion has the sign of the torque."""
         return self.moved * self.peak > 0
+
+
+def prove_the_sign(
+    settings: DriverSettings,
+    law: TorqueLaw,
+    current_limit: int,
+    table: Table,
+    clock: Clock,
+    name: str,
+) -> Verdict:
+    """Check that a small torque away from the wall moves the shaft away from the wall.
+
+    Args:
+        settings: Contains torque and direction of the push.
+        law: Converts torque to goal current.
+        current_limit: Current limit of the servo.
+        table: The servo, with torque on at zero torque.
+        clock: Tells the time.
+        name: Name of the servo, for messages.
+
+    Raises:
+        UnfitServoError: The shaft does not rest.
+        ServoLostError: The servo stops replying.
+    """
+    most = settings.probe_torque
+    if most <= 0.0:
+        return Verdict(True, "not probed", "not asked for")
+    if settings.torque_limit > 0.0:
+        most = min(most, settings.torque_limit)
+    limit = max(1, min(law.within(most), current_limit))
+    direction = 1 if settings.probe_direction > 0 else -1
+    for _ in range(_PUSHES):
+        push = probe_sign(table.link, clock, direction * limit, name)
+        tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
+        units = watchdog_units(settings)
+        if not tripped or rearm(table.link, units, under_torque=False) is not Armed.YES:
+            break
+    torque = law.torque(push.peak)
+    found = f"no motion at {torque:+.3f} N·m"
+    why = f"Its shaft did not move at {abs(torque):.2g} N·m"
+    advice = "free it if it is blocked or held, or raise servo.probe_torque; 0 skips the probe"
+    if push.moved:
+        found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
+        why = f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push"
+        advice = "keep the shaft free during the start, then check Drive Mode (10)"
+    elif tripped:
+        found = "no motion, because the Bus Watchdog tripped"
+        why = f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the probe of the sign"
+        advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
+    return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
 
 
 def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
@@ -153,12 +209,10 @@ class _Prober:
     def ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
         link, self._losses = self._link, 0
-        return any(
-            link.write_register(REGISTERS["goal_current"], 0, patience_ns) == 0
-            # It then accepts no goal, and has no torque.
-            or link.read_register(REGISTERS["bus_watchdog"], patience_ns) == WATCHDOG_TRIPPED
-            for patience_ns in PATIENCE_NS
-        )
+        if confirmed(link, REGISTERS["goal_current"], 0) == 0:
+            return True
+        # A tripped one accepts no goal, and has no torque.
+        return read_patiently(link, REGISTERS["bus_watchdog"]) == WATCHDOG_TRIPPED
 
     def _end(self) -> None:
         if not self.ended():

@@ -1,18 +1,17 @@
 """Reads and writes a servo's registers by name, and tries again; every failure raises.
 
 ``Link`` matches the replies to their requests. Here a lost, late or damaged request or reply costs
-another attempt, with more patience each time: the last one outlasts an adapter's timer, and a USB
-link that holds everything for 200 ms. Only a value that is read back counts as written.
+another attempt, with more patience each time. Only a value that is read back counts as written.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
-from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.link import REGISTER_SIZES, Link
+from haptic_wall.hw.dynamixel.tables import Model, Register
 from haptic_wall.hw.errors import (
     Problem,
     ServoError,
@@ -20,10 +19,13 @@ from haptic_wall.hw.errors import (
     ServoMissingError,
     UnfitServoError,
 )
+from haptic_wall.hw.serialport.line import Line
 
-PATIENCE_NS: Final = (3_000_000, 6_000_000, 20_000_000, 250_000_000)
-"""Time allowed for each attempt [ns]: at first the servo's return delay (0.5 ms) and the adapter's
-hold (1 ms)"""
+QUICK_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
+"""Time allowed for each attempt where a torque is on [ns]: at first the servo's return delay
+(0.5 ms) and the adapter's hold (1 ms); the last one outlasts an adapter's 16 ms timer"""
+PATIENCE_NS: Final = (*QUICK_NS, 250_000_000)
+"""The same at the start; the last one outlasts a USB link that holds everything for 200 ms"""
 _PING_BYTES: Final = 3
 """Data of a reply to a ping, model number and firmware; no other reply has as many"""
 _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
@@ -46,6 +48,64 @@ def lost(
     return ServoLostError(what, advice=advice)
 
 
+def confirmed(
+    link: Link,
+    register: Register,
+    value: int,
+    patience_ns: Sequence[int] = PATIENCE_NS,
+    sizes: Sequence[int] = REGISTER_SIZES,
+) -> int | None:
+    """Write a register until the value is read back.
+
+    Args:
+        link: The servo.
+        register: The register.
+        value: Its new value.
+        patience_ns: Time allowed for each reply of each attempt [ns].
+        sizes: Sizes of the blocks that are read [bytes].
+
+    Returns:
+        The value read back, another one if the servo does not take it; None: no reply.
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    found: int | None = None
+    for each_ns in patience_ns:
+        link.refusal = 0
+        found = link.write_register(register, value, each_ns, sizes)
+        if found == value:
+            break
+    return found
+
+
+def read_patiently(
+    link: Link, register: Register, patience_ns: Sequence[int] = PATIENCE_NS
+) -> int | None:
+    """Read a register until there is a reply; None: there was none.
+
+    Args:
+        link: The servo.
+        register: The register.
+        patience_ns: Time allowed for each attempt [ns].
+
+    Raises:
+        ServoLostError: The port is gone.
+    """
+    return _until_answered(link, lambda each: link.read_register(register, each), patience_ns)
+
+
+def _until_answered(
+    link: Link, ask: Callable[[int], _Found | None], patience_ns: Sequence[int] = PATIENCE_NS
+) -> _Found | None:
+    for each_ns in patience_ns:
+        link.refusal = 0
+        found = ask(each_ns)
+        if found is not None:
+            return found
+    return None
+
+
 class Table:
     """One servo's registers by name.
 
@@ -60,6 +120,24 @@ class Table:
         self.name = name
         self.registers = registers
 
+    @classmethod
+    def on(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Table:
+        """Return the servo with this id on a line.
+
+        Args:
+            line: The bus.
+            baud: Its rate [bit/s].
+            servo_id: The servo's id.
+            where: Names the bus in messages.
+            model: Its model.
+        """
+        link = Link(line, servo_id, baud=baud)
+        return cls(link, f"id {servo_id} at {baud} baud on {where}", model.registers)
+
+    def at(self, registers: Mapping[str, Register]) -> Table:
+        """Return the same servo with other registers, those of its firmware."""
+        return Table(self.link, self.name, registers)
+
     def ping(self) -> int:
         """Return the servo's model number.
 
@@ -67,8 +145,9 @@ class Table:
             ServoMissingError: No reply.
             UnfitServoError: The servo refuses.
         """
-        data = self._try(
-            lambda patience: self.link.ask(Instruction.PING, b"", _PING_BYTES, patience)
+        link = self.link
+        data = _until_answered(
+            link, lambda patience: link.ask(Instruction.PING, b"", _PING_BYTES, patience)
         )
         if data is not None:
             return int.from_bytes(data[:2], "little")
@@ -89,8 +168,7 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        register = self.registers[name]
-        found = self._try(lambda patience: self.link.read_register(register, patience))
+        found = read_patiently(self.link, self.registers[name])
         self.be_one()
         if found is None:
             raise self._failure(f"to read {self.label(name)}")
@@ -103,14 +181,9 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        register = self.registers[name]
-        for patience_ns in PATIENCE_NS:
-            self.link.refusal = 0
-            found = self.link.write_register(register, value, patience_ns)
-            self.be_one()
-            if found == value:
-                return found
-        if found is None or self.link.refusal:
+        found = confirmed(self.link, self.registers[name], value)
+        self.be_one()
+        if found is None or (found != value and self.link.refusal):
             raise self._failure(f"to write {value} to {self.label(name)}")
         return found
 
@@ -137,15 +210,6 @@ class Table:
     def label(self, name: str) -> str:
         """Return a register's name and address as in the manual."""
         return f"{name.replace('_', ' ').title()} ({self.registers[name].address})"
-
-    def _try(self, ask: Callable[[int], _Found | None]) -> _Found | None:
-        """Return the first answer of several attempts; None: there was none."""
-        for patience_ns in PATIENCE_NS:
-            self.link.refusal = 0
-            found = ask(patience_ns)
-            if found is not None:
-                return found
-        return None
 
     def _reason(self) -> str:
         """Describe the refusal of the last attempt, if there was one."""

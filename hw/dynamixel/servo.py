@@ -12,16 +12,14 @@ from haptic_wall.hw.dynamixel.drivable import drivable
 from haptic_wall.hw.dynamixel.hardware_errors import latched
 from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import APART
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.dynamixel.startup import Startup
 from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
-from haptic_wall.hw.dynamixel.watchdog_monitor import WatchdogMonitor
+from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
 from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
@@ -31,6 +29,7 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
     UnfitServoError,
 )
+from haptic_wall.hw.serialport.line import FdLine, Line
 from haptic_wall.hw.servo import Bus, BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 

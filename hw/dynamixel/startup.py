@@ -1,9 +1,9 @@
 """Runs the start-up: checks and records every condition, line by line, before torque is enabled.
 
 The order matters. Torque goes off first, since EEPROM is locked while it is on. Settings that only
-a person should change (drive mode, start-up configuration) are checked before anything is written.
-The goal current is zeroed *after* the mode change, which sets it to Current Limit. Torque goes on
-last, and then a small push verifies its sign.
+a person should change are judged before anything else is written. The goal current is zeroed
+*after* the mode change, which sets it to Current Limit. Torque goes on last, and then a small push
+verifies its sign.
 """
 
 from __future__ import annotations
@@ -11,24 +11,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.checklist import Checklist, remedy
 from haptic_wall.hw.dynamixel.health import DrivingRange
-from haptic_wall.hw.dynamixel.inspection import (
-    identify,
-    judge_supply_and_heat,
-    judge_what_only_a_person_changes,
-    torque_off,
-)
-from haptic_wall.hw.dynamixel.latency import describe, timer_file, timer_ms
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
+from haptic_wall.hw.dynamixel.rules import (
+    STATUS_LEVEL,
+    judge,
+    judge_firmware,
+    judge_model,
+    judge_status_level,
+    read_servo,
+    read_status_level,
+)
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.serial_line import FdLine
-from haptic_wall.hw.dynamixel.sign import prove_the_sign
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
-from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
+from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
+from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
+from haptic_wall.hw.errors import UnfitServoError
+from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
@@ -75,28 +78,20 @@ class Startup:
     """
 
     def __init__(
-        self,
-        settings: DriverSettings,
-        model: Model,
-        line: Line,
-        link: Link,
-        constant: float,
+        self, settings: DriverSettings, model: Model, line: Line, link: Link, constant: float
     ) -> None:
         where = settings.port or "the emulated bus in memory"
-        self.current_limit = 0
         self._settings = settings
         self._model = model
-        self._timer_file = timer_file(settings.port)
-        self._descriptor = line.descriptor if isinstance(line, FdLine) else None
+        self._line = line
         self._link = link
         self._clock = line.clock
         self._constant = constant
-        self.volts = model.voltage
-        self.law = torque_law(model, constant, model.voltage)
+        self._name = f"servo with id {settings.id} on {where}"
+        self._checks: list[Check] = []
+        self._faults: list[Verdict] = []
         name = f"id {settings.id} at {settings.baud} baud on {where}"
         self.table = Table(link, name, model.registers)
-        self._name = f"servo with id {settings.id} on {where}"
-        self.list = Checklist(self._name)
 
     def model_number(self) -> int:
         """Return the model number; nothing else is requested from a servo of unknown kind.
@@ -118,44 +113,66 @@ class Startup:
             ServoLostError: It stops replying.
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
-        self.report_adapter()
+        self._report_adapter()
         if self._link.echoes:
-            self.list.add("echo", True, f"{ECHOES}: switch its echo off", "none")
-        self.table = identify(self.table, self._model, number, self.list)
-        self.be_alone()
-        torque_off(self.table, self.list)
-        judge_what_only_a_person_changes(self.table, self.list)
-        bounds = judge_supply_and_heat(self.table, self.list, watchdog_units(self._settings))
-        self.list.refuse_if_unfit()
-        self.set_up()
-        self.judge_limits_and_position()
-        longest_ns, reply_ns = self.measure_reply()
-        self.list.add("watched while it runs", True, *watch)
-        self.list.refuse_if_unfit()
-        self.torque_on()
-        self.prove_the_sign()
-        self.list.refuse_if_unfit()
+            self._report("echo", f"{ECHOES}: switch its echo off", "none")
+        self._identify(number)
+        self._be_alone()
+        self._torque_off()
+        seen = read_servo(
+            self.table, self._model, self._constant, self._settings.torque_limit, start=True
+        )
+        for rule, verdict in judge(seen, start=True):
+            self._judge(rule.name, verdict)
+        self._refuse_if_unfit()
+        self._set_up()
+        self._report_speed(seen.volts)
+        self._judge_constant(seen.law)
+        self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
+        longest_ns, reply_ns = self._measure_reply()
+        self._report("watched while it runs", *watch)
+        self._refuse_if_unfit()
+        self._torque_on()
+        current_limit = seen["current_limit"]
+        proof = prove_the_sign(
+            self._settings, seen.law, current_limit, self.table, self._clock, self._name
+        )
+        self._judge("torque sign", proof)
+        self._refuse_if_unfit()
+        bounds = seen.bounds(watchdog_units(self._settings))
         return Ready(
-            self.list.checks,
-            self.current_limit,
-            bounds,
-            self.law,
-            self.volts,
-            reply_ns,
-            longest_ns,
+            self._checks, current_limit, bounds, seen.law, seen.volts, reply_ns, longest_ns
         )
 
-    def report_adapter(self) -> None:
-        """Report how long the adapter holds short replies; the samples' age shows the effect."""
-        port = self._settings.port
-        latency_ms, found = None, "none"
-        if port:
-            latency_ms, found = timer_ms(port), describe(port, descriptor=self._descriptor)
-        if latency_ms is not None and latency_ms > 1:
-            found += f", which delays replies; `echo 1 | sudo tee {self._timer_file}` sets 1 ms"
-        self.list.add("latency timer", True, found, "1 ms, or none")
+    # What is found
 
-    def be_alone(self) -> None:
+    def _report_adapter(self) -> None:
+        """Report how long the adapter holds short replies; the samples' age shows the effect."""
+        port, found = self._settings.port, "none"
+        if port:
+            descriptor = self._line.descriptor if isinstance(self._line, FdLine) else None
+            found = describe(port, descriptor=descriptor)
+            if (timer_ms(port) or 0) > 1:
+                file = timer_file(port)
+                found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"
+        self._report("latency timer", found, "1 ms, or none")
+
+    def _identify(self, number: int) -> None:
+        """Check model and firmware, and have every instruction answered."""
+        table = self.table
+        self._judge("model", judge_model(number, self._model.name))
+        self._refuse_if_unfit()
+        level, found = read_status_level(table)
+        if level != STATUS_LEVEL:
+            level = table.write("status_return_level", STATUS_LEVEL)
+            found += f", set to {level}"
+        self._judge("status return level", judge_status_level(level, found))
+        firmware = table.read("firmware_version")
+        self._judge("firmware", judge_firmware(self._model, firmware))
+        self._refuse_if_unfit()
+        self.table = table.at(self._model.registers_at(firmware))
+
+    def _be_alone(self) -> None:
         """Refuse a second servo with this id.
 
         Replies that come apart are of different return delays. Others collide, and are lost, unless
@@ -166,77 +183,36 @@ class Startup:
             self._link.listen(self._clock.now_ns() + _LISTEN_NS)
         self.table.be_one()
 
-    # Settings of the driver
-
-    def set_up(self) -> None:
-        """Set mode, return delay, goal and watchdog where they differ, and read them back."""
-        self.table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
-        self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
-        self._settle_at("return delay", "return_delay_time", 0)
-        self.table.write("goal_current", 0)  # the mode change has set it to Current Limit
-        self._settle_at("goal current", "goal_current", 0)
-        # It limits the current in this mode too, and keeps another program's value.
-        self._settle_at("goal pwm", "goal_pwm", self.table.read("pwm_limit"))
-        self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
-
-    def judge_limits_and_position(self) -> None:
-        """Check the servo's own torque limit, and its position."""
-        self.current_limit = self.table.read("current_limit")
-        self.volts = self.table.read("present_input_voltage") / 10
-        if self._model.senses_supply_current:
-            self.law = torque_law(self._model, self._constant, self.volts)
-        most = self._model.current_limit
-        self.list.add(
-            "current limit",
-            0 < self.current_limit <= most,
-            f"{self.current_limit} ({self.law.torque(self.current_limit):.2f} N·m)",
-            f"1 to {most}",
-            remedy(
-                f"Its Current Limit (38) reads {self.current_limit}, but an "
-                f"{self._model.name} has at most {most}",
-                "start again, and replace the servo if it still reads so.",
-            )
-            if self.current_limit > most
-            else remedy(
-                "Its Current Limit is 0, so it can make no torque",
-                "raise Current Limit (38) with Dynamixel Wizard.",
-            ),
-        )
-        self._report_speed()
-        asked = self._settings.torque_limit
-        origin = "configured" if self._settings.torque_constant else "stall torque over current"
-        if self._model.senses_supply_current:
-            origin += (
-                f"; of the motor's current: the servo senses that of its supply, so goals go with "
-                f"the square of the torque, in steps of at most {self.law.step:.2g} N·m"
-            )
-        found = f"{self._constant:.3g} N·m/A, {origin}"
-        self.list.add(
-            "torque per current",
-            asked <= 0.0 or self.law.within(asked) > 0,
-            found,
-            "measured",
-            remedy(
-                f"Its smallest torque is {self.law.step:.2g} N·m at this supply, more "
-                f"than servo.torque_limit, {asked:g} N·m",
-                "raise servo.torque_limit.",
-            ),
-        )
-        position = self._sample().counts * POSITION_UNIT
-        self.list.add("position", True, f"{position:.3f} rad", "known")
-
-    def _report_speed(self) -> None:
+    def _report_speed(self, volts: float) -> None:
         """Report the speed it reaches by itself, and whether the trip speed is below that."""
-        alone, most = self._model.no_load_at(self.volts), self._settings.max_speed
-        found = f"{alone:.3g} rad/s at {self.volts:g} V"
+        alone, most = self._model.no_load_at(volts), self._settings.max_speed
+        found = f"{alone:.3g} rad/s at {volts:g} V"
         if self._settings.speed_asked and most is not None and most > alone:
             found += (
                 f", below safety.max_speed {most:g}: a wall that drives the shaft does not trip; "
                 "with null it does"
             )
-        self.list.add("no-load speed", True, found, "above the speed that trips")
+        self._report("no-load speed", found, "above the speed that trips")
 
-    def measure_reply(self) -> tuple[int, int]:
+    def _judge_constant(self, law: TorqueLaw) -> None:
+        """Check that the torque limit leaves a torque."""
+        limit = self._settings.torque_limit
+        origin = "configured" if self._settings.torque_constant else "stall torque over current"
+        if self._model.senses_supply_current:
+            origin += (
+                f"; of the motor's current: the servo senses that of its supply, so goals go with "
+                f"the square of the torque, in steps of at most {law.step:.2g} N·m"
+            )
+        why = (
+            f"Its smallest torque is {law.step:.2g} N·m at this supply, more than "
+            f"servo.torque_limit, {limit:g} N·m"
+        )
+        ok = limit <= 0.0 or law.within(limit) > 0
+        found = f"{self._constant:.3g} N·m/A, {origin}"
+        verdict = Verdict(ok, found, "measured", why, "raise servo.torque_limit")
+        self._judge("torque per current", verdict)
+
+    def _measure_reply(self) -> tuple[int, int]:
         """Return the time of a reply [ns], and again if longer than the schedules allow; else 0.
 
         Each is requested right after another has come, when an adapter's timer has just started, so
@@ -256,39 +232,31 @@ class Startup:
                 f": one sample in {periods} periods, so a softer wall; set the adapter's latency "
                 "timer to 1 ms"
             )
-        self.list.add("adapter reply", True, found, f"at most {most_ns * 1e-6:.1f} ms")
+        self._report("adapter reply", found, f"at most {most_ns * 1e-6:.1f} ms")
         return middle, middle if slow else 0
 
-    # Torque
+    # What is set
 
-    def torque_on(self) -> None:
-        """Enable torque; the goal is zero."""
-        on = self.table.write("torque_enable", 1) == 1
-        self.list.add(
-            "torque",
-            on,
-            "on" if on else "off",
-            "on",
-            remedy(
-                "Its torque stays off", "check its supply voltage and Hardware Error Status (70)."
-            ),
-        )
-        self.list.refuse_if_unfit()
-
-    def prove_the_sign(self) -> None:
-        """Check that a small torque away from the wall moves the shaft away from the wall."""
-        prove_the_sign(
-            self._settings,
-            self.law,
-            self.current_limit,
-            self.table,
-            self._link,
-            self.list,
-            clock=self._clock,
-            name=self._name,
+    def _torque_off(self) -> None:
+        """Switch off torque left from another run."""
+        was_on = self.table.read("torque_enable") != 0
+        off = not was_on or self.table.write("torque_enable", 0) == 0
+        found = "off" if not was_on else "on, switched off" if off else "on"
+        self._judge(
+            "torque at the start",
+            Verdict(off, found, "off", "Its torque stays on", "switch its power off"),
         )
 
-    # Tools
+    def _set_up(self) -> None:
+        """Set mode, return delay, goal and watchdog where they differ, and read them back."""
+        self.table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
+        self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
+        self._settle_at("return delay", "return_delay_time", 0)
+        self.table.write("goal_current", 0)  # the mode change has set it to Current Limit
+        self._settle_at("goal current", "goal_current", 0)
+        # It limits the current in this mode too, and keeps another program's value.
+        self._settle_at("goal pwm", "goal_pwm", self.table.read("pwm_limit"))
+        self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
 
     def _settle_at(self, name: str, register_name: str, wanted: int) -> None:
         """Write a register where it differs, and read it back."""
@@ -296,17 +264,36 @@ class Startup:
         if before != wanted:
             after = self.table.write(register_name, wanted)
         found = str(after) if after == before else f"{before}, set to {after}"
-        title = self.table.label(register_name)
-        self.list.add(
-            name,
-            after == wanted,
-            found,
-            str(wanted),
-            remedy(
-                f"Its {title} stays {after} when {wanted} is written",
-                "reboot it, and look for another program on this bus.",
-            ),
-        )
+        why = f"Its {self.table.label(register_name)} stays {after} when {wanted} is written"
+        advice = "reboot it, and look for another program on this bus"
+        self._judge(name, Verdict(after == wanted, found, str(wanted), why, advice))
+
+    def _torque_on(self) -> None:
+        """Enable torque; the goal is zero."""
+        on = self.table.write("torque_enable", 1) == 1
+        advice = "check its supply voltage and Hardware Error Status (70)"
+        found = "on" if on else "off"
+        self._judge("torque", Verdict(on, found, "on", "Its torque stays off", advice))
+        self._refuse_if_unfit()
+
+    # Tools
+
+    def _report(self, name: str, found: str, wanted: str) -> None:
+        self._checks.append(Check(name, True, found, wanted))
+
+    def _judge(self, name: str, verdict: Verdict) -> None:
+        self._checks.append(verdict.check(name))
+        if not verdict.ok:
+            self._faults.append(verdict)
+
+    def _refuse_if_unfit(self) -> None:
+        """Raise if any check failed so far, with a sentence for each."""
+        if not self._faults:
+            return
+        *others, last = self._faults
+        unfit = f"The {self._name} must not be driven as it is."
+        told = (f"{fault.why}: {fault.advice}." for fault in others)
+        raise UnfitServoError(" ".join((unfit, *told, last.why)), advice=f"{last.advice}.")
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""

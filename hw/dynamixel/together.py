@@ -20,7 +20,6 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Instruction, Parser, SyncWrite, encode
 from haptic_wall.hw.dynamixel.joint_reply import JointReply, joint_bytes, shares, spoilt, strays
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.samples import (
     LENGTHS,
     QUARANTINE,
@@ -30,6 +29,7 @@ from haptic_wall.hw.dynamixel.samples import (
     ServoClock,
 )
 from haptic_wall.hw.dynamixel.turns import Turns
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Outcome
 
 _GOAL_CURRENT: Final = 102

@@ -1,12 +1,13 @@
-"""Sets the Bus Watchdog, examines it after a pause, and arms it again if no torque was lost."""
+"""Examines the Bus Watchdog after a pause, and arms it again if no torque was lost."""
 
 from __future__ import annotations
 
 from enum import Enum
 from typing import Final
 
+from haptic_wall.hw.clock import Clock, Suspension
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import lost
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed, lost, read_patiently
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
@@ -15,9 +16,7 @@ _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
-_PATIENCE_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
-"""Time allowed for each reply of each attempt [ns], without its time on the wire; the last outlasts
-an adapter's 16 ms timer"""
+_NEVER_NS: Final = 1 << 62
 
 
 class Armed(Enum):
@@ -64,54 +63,136 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     Raises:
         ServoLostError: The port is gone.
     """
-    steps = arming = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
-    after_trip = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *arming, (_TORQUE_ENABLE, 1)]
-    begun = False
-    for patience_ns in _PATIENCE_NS:
-        found = link.read_register(_BUS_WATCHDOG, patience_ns)
-        if found is None:  # unknown whether there is a torque to lose
-            continue
-        if found == units and not begun:
-            return Armed.YES
-        if under_torque:
-            return Armed.NO
-        if found == WATCHDOG_TRIPPED:
-            steps = after_trip
-        begun = True
-        if all(
-            link.write_register(register, value, _PATIENCE_NS[-1]) == value
-            for register, value in steps
-        ):
-            return Armed.YES
-    return Armed.UNKNOWN
+    found = read_patiently(link, _BUS_WATCHDOG, QUICK_NS)
+    if found is None:  # unknown whether there is a torque to lose
+        return Armed.UNKNOWN
+    if found == units:
+        return Armed.YES
+    if under_torque:
+        return Armed.NO
+    steps = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
+    if found == WATCHDOG_TRIPPED:
+        steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
+    armed = all(
+        confirmed(link, register, value, 2 * QUICK_NS[-1:]) == value for register, value in steps
+    )
+    return Armed.YES if armed else Armed.UNKNOWN
 
 
-def unarmed(
-    link: Link, found: Armed, name: str, silence_ns: int, watchdog_s: float
-) -> ServoLostError:
-    """Return the error for a watchdog that was not armed.
+class WatchdogMonitor:
+    """Examines the Bus Watchdog of one servo after a pause in which it may have tripped.
 
     Args:
+        settings: Contains the time of the Bus Watchdog.
         link: The servo.
-        found: Its state.
-        name: Name of the servo.
-        silence_ns: Time without an instruction [ns]; 0: there was none.
-        watchdog_s: Its setting [s].
+        clock: Tells the time.
+        name: Name of the servo, for messages.
+
+    Raises:
+        UnfitServoError: No servo has such a Bus Watchdog.
     """
-    silence = f"{silence_ns * 1e-6:.0f} ms"
-    if found is Armed.UNKNOWN:
-        return lost(
-            link,
-            f"The {name} no longer answers, after {silence} without an answered request",
-            "check the cable and the power supply: a servo that restarts is silent meanwhile.",
-        )
-    if not silence_ns:
-        return TorqueLostError(
-            f"The Bus Watchdog of the {name} has another setting than the driver wrote",
-            advice="look for another program on this bus.",
-        )
-    return TorqueLostError(
-        f"The {name} heard nothing for {silence}, so its Bus Watchdog "
-        f"({watchdog_s * 1e3:.0f} ms) has dropped the torque",
-        advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
+
+    __slots__ = (
+        "_clock",
+        "_link",
+        "_name",
+        "_suspension",
+        "_units",
+        "_watchdog_s",
+        "called_ns",
+        "heard_ns",
+        "most_ns",
     )
+
+    def __init__(self, settings: DriverSettings, link: Link, clock: Clock, name: str) -> None:
+        self._units = watchdog_units(settings)
+        self._watchdog_s = settings.watchdog_s
+        self._link = link
+        self._clock = clock
+        self._name = name
+        self._suspension = Suspension(clock)
+        self.heard_ns = 0
+        """When the last answered request was sent [ns]"""
+        self.called_ns = 0
+        """When the last request was sent, where a reply takes several periods [ns]"""
+        self.most_ns = _NEVER_NS
+        """Pause after which the Bus Watchdog may have tripped [ns]; not reached before ``begin``"""
+
+    def begin(self) -> None:
+        """Start monitoring: the torque is on from now."""
+        self.called_ns = self._clock.now_ns()
+        self._suspension = Suspension(self._clock)
+        # The watchdog counts whole units, so that one set to two may trip soon after the first.
+        self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
+
+    def end(self) -> None:
+        """Stop monitoring: the torque is off from now, and pauses may have any length."""
+        self.most_ns = _NEVER_NS
+
+    def resume(self, now_ns: int, *, under_torque: bool) -> None:
+        """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
+        silence_ns = now_ns - self.heard_ns
+        if silence_ns > self.most_ns + self._link.patience_ns:
+            self.look(silence_ns, under_torque=under_torque)
+            self.heard_ns = now_ns
+
+    def call(self, now_ns: int, *, under_torque: bool) -> None:
+        """Examine the Bus Watchdog if the last request was sent long ago; see ``look``.
+
+        For a bus on which each reply takes several periods: there the last answered request does
+        not show the length of a pause.
+        """
+        pause_ns = now_ns - self.called_ns
+        self.called_ns = now_ns
+        if pause_ns > self.most_ns:
+            self.look(pause_ns, under_torque=under_torque)
+            self.heard_ns = self.called_ns = self._clock.now_ns()
+
+    def look(self, silence_ns: int, *, under_torque: bool) -> None:
+        """Check whether the servo still has torque; then arm its Bus Watchdog again.
+
+        Args:
+            silence_ns: Time without an instruction [ns]; 0: there was none.
+            under_torque: The last goal was not zero.
+
+        Raises:
+            ServoLostError: The port is gone, or there is no reply.
+            TorqueLostError: The torque is gone.
+        """
+        armed = rearm(self._link, self._units, under_torque=under_torque)
+        if armed is not Armed.YES:
+            raise self.explained(self._lost(armed, silence_ns))
+
+    def explained(self, error: ServoLostError) -> ServoLostError:
+        """Return the error; if the computer was suspended, an error that names this cause.
+
+        After a suspension the servo's clock and its registers look like a supply failure, and the
+        silence on this computer's clock is short.
+        """
+        seconds = self._suspension.seconds()
+        if not seconds:
+            return error
+        return type(error)(
+            f"The computer was suspended for {seconds:.3g} s while the {self._name} had torque, so "
+            "its Bus Watchdog has dropped it: keep the computer awake, then start again."
+        )
+
+    def _lost(self, found: Armed, silence_ns: int) -> ServoLostError:
+        """Return the error for a watchdog that was not armed."""
+        silence = f"{silence_ns * 1e-6:.0f} ms"
+        if found is Armed.UNKNOWN:
+            return lost(
+                self._link,
+                f"The {self._name} no longer answers, after {silence} without an answered request",
+                "check the cable and the power supply: a servo that restarts is silent meanwhile.",
+            )
+        if not silence_ns:
+            return TorqueLostError(
+                f"The Bus Watchdog of the {self._name} has another setting than the driver wrote",
+                advice="look for another program on this bus.",
+            )
+        return TorqueLostError(
+            f"The {self._name} heard nothing for {silence}, so its Bus Watchdog "
+            f"({self._watchdog_s * 1e3:.0f} ms) has dropped the torque",
+            advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
+        )

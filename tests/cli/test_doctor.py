@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.doctor.search import opened
 from haptic_wall.hw.clock import MonotonicClock
-from haptic_wall.hw.dynamixel import port as serial_port
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess
-from haptic_wall.hw.dynamixel.examine.search import opened
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
+from haptic_wall.hw.serialport import port as serial_port
 from tests.hw.emulated.test_emulated_server import emulate
 from tests.typed import status_of
 
@@ -75,7 +75,7 @@ def at(port: str | Path) -> list[str]:
 
 def set_registers(port: str, **values: int) -> None:
     with opened(port, 4_000_000, MonotonicClock()) as line:
-        table = ServoAccess.of(line, 4_000_000, 1, port, MODELS["XM430-W350"]).table
+        table = Table.on(line, 4_000_000, 1, port, MODELS["XM430-W350"])
         for name, value in values.items():
             table.write(name, value)
 
@@ -226,8 +226,8 @@ def test_a_port_that_somebody_else_has_names_him(capsys: pytest.CaptureFixture[s
 def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.holders", lambda _device: [])
-    monkeypatch.setattr("haptic_wall.hw.dynamixel.port.holders", lambda _device: [])
+    monkeypatch.setattr("haptic_wall.controller.doctor.adapter.holders", lambda _device: [])
+    monkeypatch.setattr("haptic_wall.hw.serialport.port.holders", lambda _device: [])
     with emulate() as (_, port), Path(port).open("rb") as end:
         fcntl.flock(end, fcntl.LOCK_EX)
         status, checks, wrong, found = report(capsys, *at(port))
@@ -249,7 +249,7 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
             raise BaudRefusedError(f"Port {path} refuses {baud} baud: set servo.baud.")
         return opens(path, baud)
 
-    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.search.port.open_port", refuses_4_mbit)
+    monkeypatch.setattr("haptic_wall.controller.doctor.search.port.open_port", refuses_4_mbit)
     with emulate("--baud", "1000000") as (_, port):
         _, checks, wrong, found = report(capsys, *at(port), "--fix", "--change-baud")
         assert "baud rate" not in [change["name"] for change in found["changes"]]
@@ -264,7 +264,7 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
 ) -> None:
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
-            table = ServoAccess.of(line, 4_000_000, 2, port, MODELS["XM430-W350"]).table
+            table = Table.on(line, 4_000_000, 2, port, MODELS["XM430-W350"])
             table.link.write_register(table.registers["id"], 1, 3_000_000)
         _, checks, wrong, _ = report(capsys, *at(port))
     assert wrong == {"servo answers"}

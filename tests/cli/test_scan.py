@@ -42,7 +42,7 @@ def test_wrong_input_is_named_and_ends_with_2(
 def test_without_an_adapter_the_port_is_asked_for(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("haptic_wall.hw.dynamixel.examine.adapter.list_ports.comports", list)
+    monkeypatch.setattr("haptic_wall.controller.doctor.adapter.list_ports.comports", list)
     status, out, err = scan(capsys)
     assert (status, out) == (4, "")
     assert "--port" in err

@@ -6,7 +6,7 @@ The pictures are drawn after the data are stored, so that a failing picture cann
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -115,11 +115,11 @@ def run_doctor(bench: StepContext) -> StepResult:
     report = examine(bench.config, bench.tell, None, change_baud=False)
     return StepResult(
         {
-            "checks": [finding._asdict() for finding in report.findings.checks],
+            "checks": [asdict(check) for check in report.found.values()],
             "not_examined": report.not_examined,
             "reached": report.reached,
             "suits": report.suits,
-            "fatal": [f.name for f in report.findings.wrong if f.name not in _HARMLESS],
+            "fatal": [f.name for f in report.wrong if f.name not in _HARMLESS],
         }
     )
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 from haptic_wall.hw.backend import Backend
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.line import Line
-from haptic_wall.hw.dynamixel.port import open_port
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError
+from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import ServoSettings
 

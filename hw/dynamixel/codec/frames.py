@@ -9,10 +9,10 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import IntEnum
-from functools import cache
 from typing import Final, NamedTuple
+
+from fastcrc.crc16 import umts
 
 BROADCAST: Final = 0xFE
 MAX_ID: Final = 252
@@ -77,56 +77,9 @@ class Frame(NamedTuple):
     """The parameters without byte stuffing, and without the error byte of a reply."""
 
 
-_FACTOR: Final = 0x8003
-"""x^15 + x + 1, which times x + 1 is the checksum's polynomial"""
-
-
-@cache
-def folds(size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the steps of ``remainder`` for ``size`` bytes, each as (cut, mask, shift)."""
-    bits = 8 * size + 16
-    step = 1 << max(0, (bits // 15).bit_length() - 1)
-    steps = []
-    while step:
-        # A few bits above the cut are left to the next step, which is cheaper.
-        while bits > (22 * step if step > 1 else 15):
-            steps.append((15 * step, (1 << 15 * step) - 1, step))
-            bits = max(15 * step, bits - 14 * step)
-        step >>= 1
-    return tuple(steps)
-
-
-def crc16(data: bytes | bytearray | memoryview, crc: int = 0) -> int:
-    """Return the checksum of a frame: polynomial 0x8005, most significant bit first, no reflection.
-
-    The checksum is the remainder of the bytes as one polynomial. It is computed without a table,
-    because a table that is not used for a period drops out of the processor's caches. Modulo the
-    factor p = x^15 + x + 1, x^15 is x + 1, and as squaring is linear, x^(15 n) is x^n + 1 for every
-    power of two n: the part above a cut is folded onto the part below it, half of the bytes at
-    first. Modulo the factor x + 1 a polynomial is its number of bits, modulo 2. The two remainders
-    determine the result, which is the first or p more.
-
-    Args:
-        data: The bytes.
-        crc: Checksum of the preceding bytes; 0 at the start.
-    """
-    size = len(data)
-    return remainder(int.from_bytes(data, "big") << 16 ^ crc << 8 * size, folds(size))
-
-
-def remainder(value: int, folds: Sequence[tuple[int, int, int]]) -> int:
-    """Return the remainder of a polynomial: the second half of ``crc16``.
-
-    Args:
-        value: The bytes and two zero bytes as one number, with the preceding checksum added in
-            front.
-        folds: ``folds`` of the number of bytes.
-    """
-    count = value.bit_count()
-    for cut, mask, shift in folds:
-        above = value >> cut
-        value = value & mask ^ above ^ above << shift
-    return value ^ _FACTOR if count + value.bit_count() & 1 else value
+crc16: Final = umts
+"""Returns the checksum of bytes [and of those before, from their checksum]: polynomial 0x8005, most
+significant bit first, from 0, no reflection"""
 
 
 def encode(id: int, instruction: int, params: bytes = b"") -> bytes:  # noqa: A002

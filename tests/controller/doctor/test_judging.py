@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
+from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting
-from haptic_wall.hw.dynamixel.examine.cycles import Phase, Series
-from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.replies import Replies, percentile
+from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
 MS = 1_000_000
@@ -47,7 +47,7 @@ def wanted(
     return Wanted(schedule, rate_hz, baud, **more)
 
 
-def judged(found: Replies, wish: Wanted, *measured: Series) -> dict[str, Finding]:
+def judged(found: Replies, wish: Wanted, *measured: Series) -> dict[str, Check]:
     return by_name(judge_timing(found, measured or holding(), wish))
 
 
@@ -62,7 +62,7 @@ def series(schedule: Schedule, *shares: float, age_ns: int = MS) -> Series:
     return Series(schedule, phases, [0], 0)
 
 
-def by_name(findings: Iterable[Finding]) -> dict[str, Finding]:
+def by_name(findings: Iterable[Check]) -> dict[str, Check]:
     return {finding.name: finding for finding in findings}
 
 

@@ -6,13 +6,13 @@ import pytest
 
 from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.dynamixel.examine.finding import Finding
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.servo import Check
 from tests.cases import sampled
 
 
-def judged(current: int, *sets: str, model: str = "XM430-W350") -> Finding:
+def judged(current: int, *sets: str, model: str = "XM430-W350") -> Check:
     config = load_config("xm430-w350", [f"servo.model={model}", *sets]).config
     servo = MODELS[model]
     assert servo.torque_constant is not None

@@ -18,7 +18,7 @@ from haptic_wall.controller.guard.delay_parts import (
     DelayParts,
     shorter,
 )
-from haptic_wall.controller.guard.design import improvements
+from haptic_wall.controller.guard.design import FAST_BAUD, improvements
 from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.reasons import Change, Improvement, LimitName
@@ -62,7 +62,7 @@ def bought(
     changes: tuple[Change, ...] = ALL,
 ) -> tuple[float, dict[str, Improvement]]:
     """The stiffness as it is, and what each change makes of it."""
-    parts = DelayParts(where.period, delay)
+    parts = DelayParts(where.period, delay, cycle_s(FAST_BAUD))
     request = Request(0.0, damping, side)
     rest = np.array([parts.delay - where.belief.delay.high])
     found = evaluate_box(request, EVERY, where, Plants.at_corner(where, rest))

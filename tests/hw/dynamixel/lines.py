@@ -9,7 +9,7 @@ import pytest
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
-from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.hw.serialport.line import Line
 
 US = 1_000
 MS = 1_000_000

@@ -11,13 +11,13 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.dynamixel.together import Together, Way
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings, TrueServo
 from tests.cases import sampled

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dynamixel_sdk import PortHandler
 
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.wire import READ_REQUEST_BYTES, wire_ns
+from haptic_wall.hw.serialport.line import Line
 
 _PATIENCE_NS = 3_000_000
 

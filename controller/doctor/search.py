@@ -14,13 +14,12 @@ from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel import port
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.line import Line
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
+from haptic_wall.hw.serialport import port
+from haptic_wall.hw.serialport.line import FdLine, Line
 
 IDS: Final = range(21)
 """Default ids of the single pings: few buses have higher ones"""

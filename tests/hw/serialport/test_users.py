@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.hw.dynamixel import port_users
-from haptic_wall.hw.dynamixel.examine.adapter import examine_port
-from haptic_wall.hw.dynamixel.holders import holder, is_terminal
-from haptic_wall.hw.dynamixel.port import open_port
-from haptic_wall.hw.dynamixel.port_users import LOOKS, URGENT, PortUsers, exclusive
+from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
+from haptic_wall.hw.serialport import users as port_users
+from haptic_wall.hw.serialport.port import open_port
+from haptic_wall.hw.serialport.users import LOOKS, URGENT, PortUsers, exclusive, holder, is_terminal
 from tests.typed import not_none
 
 OPENER = """

@@ -1,4 +1,4 @@
-"""Keeps other programs off a port in use: prevents their access if possible, else finds them.
+"""Finds other users of a port, and keeps them off it while it is in use.
 
 A second program on the bus garbles frames and takes replies away. Three measures are combined,
 because none of them suffices alone:
@@ -17,13 +17,13 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import os
+import stat
 import struct
 import termios
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
-
-from haptic_wall.hw.dynamixel.holders import holder, holders, is_pseudo, processes
 
 LOOKS: Final = 24
 """Number of looks to search all processes: a second at one look per 40 ms, as with the slowest
@@ -35,6 +35,65 @@ _PATIENCE: Final = 10
 _IN_CLOSE: Final = 0x08 | 0x10
 _IN_OPEN: Final = 0x20
 _EVENT: Final = struct.Struct("=iIII")
+_PTMX: Final = os.makedev(5, 2)
+"""The device behind the controlling end of every pseudo-terminal"""
+_PTS_MAJORS: Final = range(136, 144)
+"""Major numbers of the devices at the other ends"""
+_DRIVERS: Final = Path("/proc/tty/drivers")
+
+
+def is_pseudo(device: int) -> bool:
+    """Whether a device is the client end of a pseudo-terminal."""
+    return os.major(device) in _PTS_MAJORS
+
+
+def is_terminal(device: int) -> bool:
+    """Whether a device is a terminal; other devices may have any number of users.
+
+    It reads the kernel's list: opening a port disturbs its user.
+    """
+    try:
+        rows = [line.split() for line in _DRIVERS.read_text().splitlines()]
+    except OSError:  # unknown: assume that a configured port is one
+        return True
+    major, minor = os.major(device), os.minor(device)
+    for *_, number, minors, _kind in rows:
+        first, _, last = minors.partition("-")
+        if int(number) == major and int(first) <= minor <= int(last or first):
+            return True
+    return False
+
+
+def holders(device: int) -> Iterator[tuple[int, str]]:
+    """Yield pid and program of other processes that have a device open, as far as visible.
+
+    Args:
+        device: The device's number (``st_rdev``).
+    """
+    for pid in _processes():
+        if (program := holder(pid, device)) is not None:
+            yield pid, program
+
+
+def holder(pid: int, device: int) -> str | None:
+    """Return the program of a process that has a device open; None: it has not, or is not visible.
+
+    A process that also has the controlling end of the pseudo-terminal open is ignored: it is the
+    emulator at the other end.
+
+    Args:
+        pid: The process.
+        device: The device's number (``st_rdev``).
+    """
+    folder = f"/proc/{pid}/fd"
+    try:
+        # Paths as objects take twice as long.
+        held = {_target(f"{folder}/{entry}") for entry in os.listdir(folder)}  # noqa: PTH208
+        if device in held and not (is_pseudo(device) and _PTMX in held):
+            return Path(f"/proc/{pid}/comm").read_text().strip()
+    except OSError:  # it ended, or belongs to another user
+        pass
+    return None
 
 
 class PortUsers:
@@ -65,23 +124,20 @@ class PortUsers:
 
     def look(self) -> str:
         """Search some processes; return a text about other users of the port, or an empty one."""
-        if self._opening_noticed():
-            self._begin(URGENT)
-        elif not self._left:
-            self._begin(LOOKS)
-        for _ in range(min(self._at_once, len(self._left))):
-            pid = self._left.pop(0)
-            program = holder(pid, self._device)
-            if program is not None and not _descends(pid, os.getpid()):
-                return self._text(pid, program)
+        noticed = self._opening_noticed()
+        if noticed or not self._left:
+            self._left = _processes()
+            self._at_once = -(-len(self._left) // (URGENT if noticed else LOOKS))
+        some, self._left = self._left[: self._at_once], self._left[self._at_once :]
+        if text := self._search(some):
+            return text
         self._unseen = self._unseen + 1 if self._opened else 0
         return self._unknown() if self._unseen > _PATIENCE else ""
 
     def look_everywhere(self) -> str:
         """Search all processes at once; see ``look``."""
-        for pid, program in holders(self._device):
-            if not _descends(pid, os.getpid()):
-                return self._text(pid, program)
+        if text := self._search(_processes()):
+            return text
         self._opening_noticed()
         return self._unknown() if self._opened else ""
 
@@ -92,24 +148,22 @@ class PortUsers:
             os.close(self._events)
             self._events = -1
 
-    def _text(self, pid: int, program: str) -> str:
-        return f"{program} (pid {pid}) has opened {self._path}"
+    def _search(self, pids: list[int]) -> str:
+        for pid in pids:
+            program = holder(pid, self._device)
+            if program is not None and not _descends(pid, os.getpid()):
+                return f"{program} (pid {pid}) has opened {self._path}"
+        return ""
 
     def _unknown(self) -> str:
         return f"a program of another user has opened {self._path}"
 
-    def _begin(self, looks: int) -> None:
-        self._left = processes()
-        self._at_once = -(-len(self._left) // looks)
-
     def _opening_noticed(self) -> bool:
         """Read the events; return whether the port was opened since the last look."""
-        if self._events < 0:
-            return False
-        try:
-            data = os.read(self._events, 4096)
-        except BlockingIOError:
-            return False
+        data = b""
+        if self._events >= 0:
+            with suppress(BlockingIOError):
+                data = os.read(self._events, 4096)
         new = False
         at = 0
         while at < len(data):
@@ -135,6 +189,24 @@ def exclusive(descriptor: int, wanted: bool) -> None:
         fcntl.ioctl(descriptor, termios.TIOCEXCL if wanted else termios.TIOCNXCL)
 
 
+def _processes() -> list[int]:
+    """Return all other processes of the machine, the highest numbers first."""
+    found = {int(name) for name in os.listdir("/proc") if name.isdigit()}  # noqa: PTH208 - names
+    return sorted(found - {os.getpid()}, reverse=True)
+
+
+def _target(entry: str) -> int | None:
+    """Return the device number behind a process's descriptor; None: it is no device."""
+    try:
+        # The link's text first: accessing the file behind it can hang with the file's server.
+        if not os.readlink(entry).startswith("/dev/"):  # noqa: PTH115
+            return None
+        found = os.stat(entry)  # noqa: PTH116
+    except OSError:
+        return None
+    return found.st_rdev if stat.S_ISCHR(found.st_mode) else None
+
+
 def _link(descriptor: int) -> Path:
     return Path(f"/proc/self/fd/{descriptor}")
 
@@ -143,10 +215,8 @@ def _openings(descriptor: int) -> int:
     """Return a descriptor that reports openings and closings of a port; -1: not supported."""
     library = ctypes.CDLL(None)
     events = int(library.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC))
-    if events < 0:
-        return -1
     path = os.fsencode(_link(descriptor))  # the device itself, whatever its name
-    if library.inotify_add_watch(events, path, _IN_OPEN | _IN_CLOSE) < 0:
+    if events >= 0 and library.inotify_add_watch(events, path, _IN_OPEN | _IN_CLOSE) < 0:
         os.close(events)
         return -1
     return events
@@ -156,8 +226,8 @@ def _descends(pid: int, ancestor: int) -> bool:
     """Whether a process is a descendant of another."""
     while pid > 1:
         try:
-            stat = Path(f"/proc/{pid}/stat").read_bytes()
-            pid = int(stat.rpartition(b")")[2].split()[1])
+            fields = Path(f"/proc/{pid}/stat").read_bytes()
+            pid = int(fields.rpartition(b")")[2].split()[1])
         except (OSError, ValueError, IndexError):
             return False  # it has ended
         if pid == ancestor:

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.line import Line
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
 _PATIENCE_NS: Final = 60_000_000

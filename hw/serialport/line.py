@@ -1,4 +1,4 @@
-"""A serial port as a line: a file descriptor, perhaps inherited, and a clock."""
+"""A line transfers uninterpreted bytes to and from a bus: its interface, and that of a port."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import errno
 import os
 import select
 import time
-from typing import Final
+from typing import Final, Protocol
 
 from haptic_wall.hw.clock import Clock, ready
 from haptic_wall.hw.errors import ServoLostError
@@ -21,6 +21,31 @@ _WRITE_PATIENCE_S: Final = 0.02
 """A port whose output buffer stays full this long has stopped sending."""
 
 
+class Line(Protocol):
+    """One end of a half-duplex bus: a port, or memory."""
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock of its deadlines."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data`` in one piece (a gap of 1.5 ms inside a frame breaks it)."""
+        ...
+
+    def read(self) -> bytes:
+        """Return the received bytes, without waiting; empty when there are none."""
+        ...
+
+    def wait(self, deadline_ns: int) -> bool:
+        """Wait for bytes until ``deadline_ns`` [ns]; return whether there are any."""
+        ...
+
+    def close(self) -> None:
+        """Close the line."""
+        ...
+
+
 class FdLine:
     """A line on the descriptor of a configured serial port or pseudo-terminal."""
 
@@ -30,7 +55,7 @@ class FdLine:
         """Take over ``descriptor``; ``close`` closes it.
 
         Args:
-            descriptor: An open port, as ``haptic_wall.hw.dynamixel.port.open_port`` returns it.
+            descriptor: An open port, as ``haptic_wall.hw.serialport.port.open_port`` returns it.
             clock: Clock of the deadlines; bytes arrive in real time, so a real one.
         """
         os.set_blocking(descriptor, False)

@@ -21,11 +21,11 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.hw.clock import MonotonicClock, ready
-from haptic_wall.hw.dynamixel import port
-from haptic_wall.hw.dynamixel.holders import holders
-from haptic_wall.hw.dynamixel.port import open_port
-from haptic_wall.hw.dynamixel.serial_line import FdLine
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError, ServoLostError
+from haptic_wall.hw.serialport import port
+from haptic_wall.hw.serialport.line import FdLine
+from haptic_wall.hw.serialport.port import open_port
+from haptic_wall.hw.serialport.users import holders
 
 EVERY_BYTE = bytes(range(256))
 
@@ -162,7 +162,7 @@ def test_the_descriptor_works_in_another_process(ends: Ends) -> None:
     program = (
         "import sys\n"
         "from haptic_wall.hw.clock import MonotonicClock\n"
-        "from haptic_wall.hw.dynamixel.serial_line import FdLine\n"
+        "from haptic_wall.hw.serialport.line import FdLine\n"
         "FdLine(int(sys.argv[1]), MonotonicClock()).write(b'from the child')\n"
     )
     subprocess.run(
@@ -372,7 +372,7 @@ def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:
 def test_a_killed_owner_locks_nobody_out(ends: Ends) -> None:
     program = (
         "import sys, time\n"
-        "from haptic_wall.hw.dynamixel.port import open_port\n"
+        "from haptic_wall.hw.serialport.port import open_port\n"
         "held = open_port(sys.argv[1], 1000000)\n"
         "print('held', flush=True)\n"
         "time.sleep(60)\n"

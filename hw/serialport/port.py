@@ -23,9 +23,9 @@ from typing import Final
 import serial
 
 from haptic_wall.hw.clock import ready
-from haptic_wall.hw.dynamixel.holders import holders, is_terminal
-from haptic_wall.hw.dynamixel.latency import timer_file, timer_ms
 from haptic_wall.hw.errors import BaudRefusedError, PortBusyError, PortError
+from haptic_wall.hw.serialport.timer import timer_file, timer_ms
+from haptic_wall.hw.serialport.users import holders, is_terminal
 
 _LOG = logging.getLogger(__name__)
 
@@ -55,8 +55,13 @@ def open_port(path: str, baud: int) -> int:
         PortError: No such device, not a serial port, not permitted, or the baud rate refused.
         PortBusyError: Another program has the port.
     """
-    device = _device(path)
-    _refuse_holders(path, device)
+    device = device_number(path)
+    users = list(holders(device))  # before opening and configuring, which would disturb its user
+    if users and is_terminal(device):
+        pid, program = users[0]
+        raise PortBusyError(
+            f"Port {path} is used by {program} (pid {pid})", advice="end that program first."
+        )
     try:
         port = serial.Serial(
             path,
@@ -69,12 +74,12 @@ def open_port(path: str, baud: int) -> int:
         )
     except termios.error as error:
         if error.args[0] != errno.EINVAL:  # it has disappeared since it was opened
-            raise _open_error(path, OSError(*error.args)) from error
+            raise open_error(path, OSError(*error.args)) from error
         raise _baud_error(path, baud, error) from error
     except ValueError as error:
         raise _baud_error(path, baud, error) from error
     except OSError as error:
-        raise _open_error(path, error) from error
+        raise open_error(path, error) from error
     try:
         _check_baud(path, port.fileno(), baud)
         _low_latency(path, port)
@@ -86,7 +91,7 @@ def open_port(path: str, baud: int) -> int:
         _drain(descriptor)
     except termios.error as error:
         os.close(descriptor)
-        raise _open_error(path, OSError(*error.args)) from error
+        raise open_error(path, OSError(*error.args)) from error
     except BaseException:
         os.close(descriptor)
         raise
@@ -103,7 +108,7 @@ def kept_settings(path: str) -> Iterator[None]:
     Args:
         path: The device; it may be opened and closed inside.
     """
-    before = _settings(path, None)
+    before = _settings(path)
     try:
         yield
     finally:
@@ -111,23 +116,21 @@ def kept_settings(path: str) -> Iterator[None]:
             _settings(path, before)
 
 
-def _settings(path: str, wanted: bytes | None) -> bytes | None:
+def _settings(path: str, wanted: bytes | None = None) -> bytes | None:
     """Read a port's settings, or write ``wanted``; None: not possible."""
+    request = (_TCGETS2, bytes(_TERMIOS2.size)) if wanted is None else (_TCSETS2, wanted)
+    descriptor = -1
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError:
-        return None
-    try:
-        if wanted is None:
-            return fcntl.ioctl(descriptor, _TCGETS2, bytes(_TERMIOS2.size))
-        return fcntl.ioctl(descriptor, _TCSETS2, wanted)
+        return fcntl.ioctl(descriptor, *request)
     except OSError:
         return None
     finally:
-        os.close(descriptor)
+        if descriptor >= 0:
+            os.close(descriptor)
 
 
-def _device(path: str) -> int:
+def device_number(path: str) -> int:
     """Return the device's number.
 
     Raises:
@@ -136,20 +139,10 @@ def _device(path: str) -> int:
     try:
         found = Path(path).stat()
     except OSError as error:
-        raise _open_error(path, error) from error
+        raise open_error(path, error) from error
     if not stat.S_ISCHR(found.st_mode):
-        raise _not_serial(path)
+        raise not_serial(path)
     return found.st_rdev
-
-
-def _refuse_holders(path: str, device: int) -> None:
-    """Refuse a port in use, before opening: opening and configuring it would disturb its user."""
-    users = list(holders(device))
-    if users and is_terminal(device):
-        pid, program = users[0]
-        raise PortBusyError(
-            f"Port {path} is used by {program} (pid {pid})", advice="end that program first."
-        )
 
 
 def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
@@ -159,21 +152,12 @@ def _baud_error(path: str, baud: int, error: Exception) -> BaudRefusedError:
     )
 
 
-def _open_error(path: str, error: OSError) -> PortError:
+def open_error(path: str, error: OSError) -> PortError:
+    """Return the explanation of a port that could not be opened."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
-        if known := _misnamed(path):
-            return PortError(f"Port {path} does not exist", advice=known)
-        if not Path(path).is_relative_to("/dev"):
-            return PortError(
-                f"Port {path} does not exist (there is {_candidates()})",
-                advice=f"start an emulated bus there (`haptic-wall emulate --link {path}`), or "
-                "name another port.",
-            )
-        return PortError(
-            f"Port {path} does not exist (there is {_candidates()})",
-            advice="plug the adapter in, or name another port.",
-        )
+        there = f"Port {path} does not exist (there is {_candidates()})"
+        return PortError(there, advice=_other_name(path))
     if code in (errno.EACCES, errno.EPERM):
         return PortError(
             f"Port {path} may not be used by this user", advice=f"{access_remedy(path)}."
@@ -184,12 +168,12 @@ def _open_error(path: str, error: OSError) -> PortError:
             advice=f"end that program first (`sudo fuser {path}` names it).",
         )
     if code is None:  # pyserial's own message, e.g. for a device file without a device
-        return _not_serial(path, f" ({error})")
+        return not_serial(path, f" ({error})")
     return PortError(f"Port {path} cannot be opened ({error})", advice="check the adapter.")
 
 
-def _misnamed(path: str) -> str:
-    """Return the advice for a name of another kind of port; empty for a path."""
+def _other_name(path: str) -> str:
+    """Return the advice for a name behind which there is no device."""
     if "://" in path:
         return (
             "wanted a serial device of this computer, e.g. /dev/ttyUSB0; a port on the network has"
@@ -197,22 +181,28 @@ def _misnamed(path: str) -> str:
         )
     if _WINDOWS.fullmatch(path):
         return (
-            "wanted a device of Linux, e.g. /dev/ttyUSB0 (there is "
-            f"{_candidates()}); in WSL, attach the adapter with usbipd first."
+            "wanted a device of Linux, e.g. /dev/ttyUSB0; in WSL, attach the adapter with usbipd"
+            " first."
         )
     if _DEVICE.fullmatch(path):
-        return f"give the whole path, /dev/{path} (there is {_candidates()})."
-    if Path(path).is_relative_to("/dev/pts"):
-        if not any(Path("/dev/pts").glob("*")):
-            return "no /dev/pts is mounted here: `sudo mount -t devpts devpts /dev/pts` mounts it."
+        return f"give the whole path, /dev/{path}."
+    if not Path(path).is_relative_to("/dev"):
         return (
-            "this pseudo-terminal is gone: start its emulated bus again, and name the path that it"
-            " prints; `haptic-wall emulate --link PATH` keeps one path."
+            f"start an emulated bus there (`haptic-wall emulate --link {path}`), or name another"
+            " port."
         )
-    return ""
+    if not Path(path).is_relative_to("/dev/pts"):
+        return "plug the adapter in, or name another port."
+    if not any(Path("/dev/pts").glob("*")):
+        return "no /dev/pts is mounted here: `sudo mount -t devpts devpts /dev/pts` mounts it."
+    return (
+        "this pseudo-terminal is gone: start its emulated bus again, and name the path that it"
+        " prints; `haptic-wall emulate --link PATH` keeps one path."
+    )
 
 
-def _not_serial(path: str, why: str = "") -> PortError:
+def not_serial(path: str, why: str = "") -> PortError:
+    """Return the error for a path that is no serial port."""
     advice = f"name the adapter's device, e.g. /dev/ttyUSB0{why}."
     return PortError(f"Port {path} is not a serial port", advice=advice)
 

@@ -14,9 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, get_args
 
-from haptic_wall.hw.dynamixel.examine.replies import percentile
-from haptic_wall.hw.dynamixel.line import Line
+from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import Schedule
 

@@ -10,24 +10,26 @@ from pathlib import Path
 
 import pytest
 
+from haptic_wall.controller.doctor import adapter as adapters
+from haptic_wall.controller.doctor.cycles import Series, run_series
+from haptic_wall.controller.doctor.mending import mend
+from haptic_wall.controller.doctor.replies import time_replies
+from haptic_wall.controller.doctor.report import Change
+from haptic_wall.controller.doctor.search import search
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel import latency
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
-from haptic_wall.hw.dynamixel.examine import adapter as adapters
-from haptic_wall.hw.dynamixel.examine.cycles import Series, run_series
-from haptic_wall.hw.dynamixel.examine.finding import Finding
-from haptic_wall.hw.dynamixel.examine.judgement import Judgement, in_order_of_repair, judge
-from haptic_wall.hw.dynamixel.examine.registers import ServoAccess, mend, read_all, set_status_level
-from haptic_wall.hw.dynamixel.examine.replies import time_replies
-from haptic_wall.hw.dynamixel.examine.search import search
-from haptic_wall.hw.dynamixel.port import kept_settings, open_port
+from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.rules import judge, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Verdict
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError, ServoLostError
+from haptic_wall.hw.serialport import timer as latency
+from haptic_wall.hw.serialport.port import kept_settings, open_port
 from haptic_wall.hw.settings import Schedule, TrueServo
 from tests.typed import not_none
 
@@ -74,22 +76,36 @@ class Bus:
     def close(self) -> None:
         pass
 
-    def contact(self) -> ServoAccess:
-        return ServoAccess.of(self, BAUD, 1, "memory", MODELS["XM430-W350"])
+    @property
+    def table(self) -> Table:
+        return Table.on(self, BAUD, 1, "memory", MODELS["XM430-W350"])
 
     def set(self, **values: int) -> None:
         """Set registers as another client would have."""
-        table = self.contact().table
+        table = self.table
         for name, value in values.items():
             table.write(name, value)
         self.sent.clear()
 
-    def judged(self, torque_limit: float = 4.0) -> list[Judgement]:
-        examined = read_all(self.contact(), MODELS["XM430-W350"], 48)
-        return judge(examined, torque_limit, 4.1 / 2.3)
+    def judged(self, torque_limit: float = 4.0) -> dict[str, tuple[Rule, Verdict]]:
+        seen = read_servo(self.table, MODELS["XM430-W350"], 4.1 / 2.3, torque_limit)
+        return {rule.name: (rule, verdict) for rule, verdict in judge(seen)}
 
-    def finding(self, name: str) -> Finding:
-        return next(j.finding for j in self.judged() if j.finding.name == name)
+    def wrong(self) -> list[str]:
+        return [name for name, (_, verdict) in self.judged().items() if not verdict.ok]
+
+    def verdict(self, name: str) -> Verdict:
+        return self.judged()[name][1]
+
+    def mend(self, name: str) -> Change:
+        rule, _ = self.judged()[name]
+        return mend(self.table, self.clock, name, not_none(rule.repair))
+
+    def mend_all(self) -> list[Change]:
+        """Mend what is wrong, in the order of the table, but reboot last."""
+        repairs = {n: not_none(r.repair) for n, (r, v) in self.judged().items() if not v.ok}
+        order = sorted(repairs, key=lambda name: not repairs[name].register)
+        return [mend(self.table, self.clock, name, repairs[name]) for name in order]
 
     def wrote(self) -> list[Frame]:
         return [f for f in self.sent if f.instruction in WRITING]
@@ -160,41 +176,33 @@ FAULTS = [
 def test_what_hurts_is_found_and_mended_and_nothing_else_is_touched(fault: Fault) -> None:
     bus = Bus(return_delay=0)
     bus.set(**{fault.register: fault.value})
-    wrong = [j for j in bus.judged() if not j.finding.ok]
-    assert [j.finding.name for j in wrong] == [fault.name]
-    assert wrong[0].finding.found == fault.found
-    assert wrong[0].finding.fixable
+    assert bus.wrong() == [fault.name]
+    assert bus.verdict(fault.name).found == fault.found
     assert bus.wrote() == []
-    change = mend(bus.contact(), fault.name, not_none(wrong[0].repair))
-    assert change.verified
+    assert bus.mend(fault.name).verified
     assert [frame.params[0] for frame in bus.wrote()] == [
         MODELS["XM430-W350"].registers[fault.register].address
     ]
-    assert bus.finding(fault.name).found == fault.mended
-    assert all(j.finding.ok for j in bus.judged())
+    assert bus.verdict(fault.name).found == fault.mended
+    assert bus.wrong() == []
 
 
 def test_mending_one_bit_of_drive_mode_leaves_the_others() -> None:
     bus = Bus()
     bus.set(drive_mode=1 + 4 + 8)
-    for judgement in bus.judged():
-        if judgement.finding.name == "direction":
-            assert mend(bus.contact(), "direction", not_none(judgement.repair)).after == str(4 + 8)
+    assert bus.mend("direction").after == str(4 + 8)
 
 
 def test_a_latched_error_is_named_and_a_reboot_clears_what_has_no_cause_any_more() -> None:
     bus = Bus()
     bus.set(max_voltage_limit=110)  # the emulated supply gives 12 V
     bus.wait(bus.clock.now_ns() + 10 * MS)
-    error = next(j for j in bus.judged() if j.finding.name == "hardware error")
-    assert error.finding.found == "input voltage (0x01)"
-    assert not bus.finding("supply").ok
-    assert not mend(
-        bus.contact(), "hardware error", not_none(error.repair)
-    ).verified  # it is still there
+    assert bus.verdict("hardware error").found == "input voltage (0x01)"
+    assert not bus.verdict("supply").ok
+    assert not bus.mend("hardware error").verified  # it is still there
     bus.set(max_voltage_limit=160)
-    assert mend(bus.contact(), "hardware error", not_none(error.repair)).verified
-    assert bus.finding("hardware error").ok
+    assert bus.mend("hardware error").verified
+    assert bus.verdict("hardware error").ok
 
 
 @pytest.mark.parametrize("startup", [1, 2])
@@ -204,46 +212,39 @@ def test_a_servo_that_may_start_with_torque_is_not_rebooted_until_that_is_mended
     bus = Bus(return_delay=0)
     bus.set(startup_configuration=startup)
     bus.servos[1].latch_errors(0x20, bus.clock.now_ns())
-    judged = bus.judged()
-    error = next(j for j in judged if j.finding.name == "hardware error")
-    change = mend(bus.contact(), "hardware error", not_none(error.repair))
+    change = bus.mend("hardware error")
     assert not change.verified
     assert "Startup Configuration (60)" in change.after
     assert Instruction.REBOOT not in {frame.instruction for frame in bus.sent}
-    for finding, repair in in_order_of_repair(judged):
-        assert mend(bus.contact(), finding.name, not_none(repair)).verified
-    assert bus.finding("hardware error").ok
-    assert bus.finding("torque").ok
+    assert all(change.verified for change in bus.mend_all())
+    assert bus.wrong() == []
 
 
 def test_eeprom_that_is_locked_is_reported_and_not_taken_for_mended() -> None:
     bus = Bus(return_delay=250)
     bus.set(torque_enable=1)
-    delay = next(j for j in bus.judged() if j.finding.name == "return delay")
-    change = mend(bus.contact(), "return delay", not_none(delay.repair))
+    change = bus.mend("return delay")
     assert not change.verified
     assert "refuses" in change.after
-    assert bus.finding("return delay").found == "250 (500 µs)"
+    assert bus.verdict("return delay").found == "250 (500 µs)"
 
 
 def test_a_servo_that_answers_no_reads_is_made_to() -> None:
     bus = Bus()
-    table = bus.contact().table
     with pytest.raises(ServoLostError):
-        table.write("status_return_level", 0)  # not read back
-    change = set_status_level(bus.contact())
+        bus.table.write("status_return_level", 0)  # not read back
+    repair = Repair("status_return_level", 2)
+    change = mend(bus.table, bus.clock, "status return level", repair)
     assert change == ("status return level", "no replies to reads", "2", True)
 
 
 def test_torque_is_never_enabled_by_any_repair() -> None:
     bus = Bus()
     bus.set(drive_mode=9, startup_configuration=3, secondary_id=4, shutdown=0, torque_enable=1)
-    for finding, repair in bus.judged():
-        if repair is not None:
-            assert mend(bus.contact(), finding.name, repair).verified
+    assert all(change.verified for change in bus.mend_all())
     enabled = [f for f in bus.wrote() if f.params[0] == TORQUE_ENABLE and f.params[2] != 0]
     assert enabled == []
-    assert not bus.contact().table.read("torque_enable")
+    assert not bus.table.read("torque_enable")
 
 
 class DoublingBus(Bus):
@@ -267,31 +268,26 @@ class DoublingBus(Bus):
 
 def test_a_doubled_reply_is_not_taken_for_another_register() -> None:
     bus = DoublingBus(return_delay=0)
-    assert all(judgement.finding.ok for judgement in bus.judged())
+    assert bus.wrong() == []
     bus.set(drive_mode=1 + 8)
-    for finding, repair in in_order_of_repair(bus.judged()):
-        assert mend(bus.contact(), finding.name, not_none(repair)).verified
+    assert all(change.verified for change in bus.mend_all())
     assert bus.servos[1].memory["drive_mode"] == 0
 
 
-def test_too_low_a_current_limit_is_advice_and_none_at_all_is_wrong() -> None:
+def test_too_low_a_current_limit_is_advice_and_none_at_all_or_an_impossible_one_is_wrong() -> None:
     bus = Bus()
     bus.set(current_limit=100)
-    low = bus.finding("current limit")
+    low = bus.verdict("current limit")
     assert low.ok
     assert "0.48 N·m" in low.found
-    assert "servo.torque_limit" in low.fix
+    assert "servo.torque_limit" in low.advice
     bus.set(current_limit=0)
-    assert not bus.finding("current limit").ok
-
-
-def test_a_current_limit_that_the_model_cannot_have_is_wrong() -> None:
-    bus = Bus()
+    assert not bus.verdict("current limit").ok
     bus.servos[1].memory["current_limit"] = 1194
-    found = bus.finding("current limit")
+    found = bus.verdict("current limit")
     assert not found.ok
-    assert "at most 1193" in found.fix
-    assert "replace the servo" in found.fix
+    assert "at most 1193" in found.why
+    assert "replace the servo" in found.advice
 
 
 # Time
@@ -479,7 +475,7 @@ def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_reque
             assert request == termios.TIOCGSERIAL
             return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
 
-        monkeypatch.setattr("haptic_wall.hw.dynamixel.latency.fcntl.ioctl", answer)
+        monkeypatch.setattr("haptic_wall.hw.serialport.timer.fcntl.ioctl", answer)
         assert latency.low_latency(path) is on
         assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
         # A port that is open already is not opened again: that may be refused, and looks like
@@ -495,7 +491,7 @@ def test_a_port_that_is_none_is_said_so(tmp_path: Path) -> None:
     assert not missing.ok
     assert "does not exist" in missing.found
     (tmp_path / "file").write_text("")
-    assert "no device" in adapters.examine_port(str(tmp_path / "file"))[-1].found
+    assert "not a serial port" in adapters.examine_port(str(tmp_path / "file"))[-1].found
     assert "not a serial port" in adapters.examine_port("/dev/null")[-1].found
 
 

@@ -5,7 +5,6 @@ All information comes from Linux, in ``/sys`` and ``/proc``. Nothing is sent.
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 from collections.abc import Iterable, Mapping
@@ -15,14 +14,14 @@ from typing import Final, NamedTuple
 
 from serial.tools import list_ports
 
-from haptic_wall.hw.dynamixel.examine.finding import Finding, not_applicable
-from haptic_wall.hw.dynamixel.holders import holders, is_terminal
-from haptic_wall.hw.dynamixel.latency import CLASSES, describe, timer_file, timer_ms
-from haptic_wall.hw.dynamixel.port import access_remedy
+from haptic_wall.controller.doctor.report import not_applicable, of_error
 from haptic_wall.hw.errors import PortError
+from haptic_wall.hw.serialport.port import device_number, not_serial, open_error
+from haptic_wall.hw.serialport.timer import CLASSES, describe, timer_file, timer_ms
+from haptic_wall.hw.serialport.users import holders, is_pseudo, is_terminal
+from haptic_wall.hw.servo import Check
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
-_PTS_MAJORS: Final = range(136, 144)
 
 # Source: the USB ID repository (usb-ids.org); for the OpenRB its maker's board definition.
 _KINDS: Final[Mapping[tuple[int, int], str]] = MappingProxyType(
@@ -127,10 +126,19 @@ def is_pseudo_terminal(path: str) -> bool:
         found = Path(path).stat()
     except OSError:
         return False
-    return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) in _PTS_MAJORS
+    return stat.S_ISCHR(found.st_mode) and is_pseudo(found.st_rdev)
 
 
-def examine_port(path: str) -> list[Finding]:
+def may_be_serial(path: str) -> bool:
+    """Whether a path leads to a terminal, or nowhere yet; the port is not opened."""
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return True
+    return stat.S_ISCHR(found.st_mode) and is_terminal(found.st_rdev)
+
+
+def examine_port(path: str) -> list[Check]:
     """Check whether a port exists, is permitted and free, and its kind; stop at the first fault.
 
     The port is opened briefly, without changing its settings, and nothing is sent; a port in use is
@@ -140,25 +148,30 @@ def examine_port(path: str) -> list[Finding]:
         path: The device, e.g. ``/dev/ttyUSB0``.
     """
     try:
-        found = Path(path).stat()
-    except OSError:
-        return [_missing(path)]
-    if not stat.S_ISCHR(found.st_mode):
-        fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
-        return [Finding("port", False, f"{path} is no device", "a serial device", fix)]
+        device = device_number(path)
+    except PortError as error:
+        return [of_error("port", error, "a serial device", "set servo.port")]
     real = os.path.realpath(path)
-    checks = [Finding("port", True, path if real == path else f"{path} -> {real}", "a device")]
-    used_by = _used_by(path, found.st_rdev)
-    if not used_by.ok and is_terminal(found.st_rdev):
+    checks = [Check("port", True, path if real == path else f"{path} -> {real}", "a device")]
+    users = [f"{program} (pid {pid})" for pid, program in holders(device)]
+    fix = f"end that program (`sudo fuser -v {path}` shows it)" if users else ""
+    used_by = Check("used by", not users, ", ".join(users) or "nobody", "nobody", fix)
+    if users and is_terminal(device):
         return [*checks, used_by]  # opening it would disturb a wall in use there
-    checks.append(_rights(path))
-    if checks[-1].ok:
-        checks.append(Finding("adapter", True, kind_of_port(path), "a serial adapter"))
-        checks.append(used_by)
-    return checks
+    rights = "reading and writing"
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        terminal = os.isatty(descriptor)
+        os.close(descriptor)
+    except OSError as error:
+        return [*checks, of_error("rights", open_error(path, error), rights, "check the adapter")]
+    if not terminal:
+        return [*checks, of_error("rights", not_serial(path), "a serial port", "set servo.port")]
+    adapter = Check("adapter", True, kind_of_port(path), "a serial adapter")
+    return [*checks, Check("rights", True, rights, rights), adapter, used_by]
 
 
-def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
+def examine_latency_timer(path: str, classes: Path = CLASSES) -> Check:
     """Check how long an FTDI adapter holds short replies; the port is open in low-latency mode.
 
     Args:
@@ -178,39 +191,6 @@ def examine_latency_timer(path: str, classes: Path = CLASSES) -> Finding:
             "with 0 some U2D2 are reported to find no servos; if yours finds none, "
             f"`echo 1 | sudo tee {timer}`"
         )
-        return Finding(name, True, found, wanted, fix)
+        return Check(name, True, found, wanted, fix)
     fix = "" if latency_ms == 1 else f"`echo 1 | sudo tee {timer}` (until it is unplugged)"
-    return Finding(name, latency_ms == 1, found, wanted, fix)
-
-
-def _missing(path: str) -> Finding:
-    listed = "; ".join(map(str, adapters())) or "no USB serial adapter"
-    fix = f"plug the adapter in, or set servo.port (there is {listed})"
-    return Finding("port", False, f"{path} does not exist", "a serial device", fix)
-
-
-def _rights(path: str) -> Finding:
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError as error:
-        if error.errno in (errno.EACCES, errno.EPERM):
-            found, fix = "may not be used by this user", access_remedy(path)
-        elif error.errno in (errno.ENXIO, errno.ENODEV):
-            found, fix = "has no device behind it", "plug the adapter in, or set servo.port"
-        elif error.errno == errno.EBUSY:
-            found, fix = "is in use by another program", f"end it (`sudo fuser -v {path}` shows it)"
-        else:
-            found, fix = f"cannot be opened ({error.strerror})", "plug the adapter out and in"
-        return Finding("rights", False, found, "reading and writing", fix)
-    terminal = os.isatty(descriptor)
-    os.close(descriptor)
-    if not terminal:
-        fix = "set servo.port to the adapter's device, e.g. /dev/ttyUSB0"
-        return Finding("rights", False, "is not a serial port", "a serial port", fix)
-    return Finding("rights", True, "reading and writing", "reading and writing")
-
-
-def _used_by(path: str, device: int) -> Finding:
-    users = [f"{program} (pid {pid})" for pid, program in holders(device)]
-    fix = f"end that program (`sudo fuser -v {path}` shows it)" if users else ""
-    return Finding("used by", not users, ", ".join(users) or "nobody", "nobody", fix)
+    return Check(name, latency_ms == 1, found, wanted, fix)

@@ -1,0 +1,333 @@
+"""What a servo must be set to, in one table: a start refuses by it, ``doctor`` prints and mends.
+
+A rule reads registers and gives a verdict on them. Settings that a person made are changed only by
+a person, or by a person's ``doctor --fix``. Reading changes nothing in the servo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
+from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.tables import (
+    CURRENT_MODE,
+    POSITION_UNIT,
+    RETURN_DELAY_UNIT_NS,
+    WATCHDOG_TRIPPED,
+    Model,
+    model_by_number,
+)
+from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
+from haptic_wall.hw.errors import ServoLostError
+
+WATCHDOG_FIRMWARE: Final = 38
+"""First firmware with a Bus Watchdog"""
+STATUS_LEVEL: Final = 2
+"""Status Return Level at which the servo replies to everything"""
+_FIX: Final = "`haptic-wall doctor CONFIG --fix`"
+_MODES: Final = ("current", "velocity", "", "position", "extended position")
+_WARM: Final = 8
+"""Distance to the highest temperature from which it is reported [°C]"""
+
+
+# Before anything else: without model and firmware no register has a meaning
+
+
+def judge_model(number: int, name: str) -> Verdict:
+    """Judge a model number against the name of the configured model."""
+    model = model_by_number(number)
+    advice = f"connect an {name}"
+    if model is None:
+        return Verdict(
+            False,
+            f"unknown model ({number})",
+            name,
+            f"Its model number {number} is not known, so nothing was written to it",
+            f"{advice}, or another model that is known and name it in servo.model; if this one has "
+            "torque, switch its power off",
+        )
+    why = f"It is an {model.name} (model number {number})"
+    if not model.current_mode:
+        why += ", which has no current mode"
+    elif model.name != name:
+        advice += f", or set servo.model={model.name}"
+    ok = model.name == name and model.current_mode
+    return Verdict(ok, f"{model.name} ({number})", name, why, advice)
+
+
+def judge_firmware(model: Model, firmware: int) -> Verdict:
+    """Judge a firmware, by its Bus Watchdog."""
+    why = advice = ""
+    ok = firmware >= WATCHDOG_FIRMWARE
+    if not ok:
+        why = f"Its firmware {firmware} has no Bus Watchdog ({WATCHDOG_FIRMWARE} or later has)"
+        advice = "update it with Dynamixel Wizard"
+    elif not model.knows_fast_reads(firmware):
+        advice = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
+    return Verdict(ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
+
+
+def read_status_level(table: Table) -> tuple[int, str]:
+    """Return Status Return Level, and a text; at 0 reads have no reply.
+
+    Raises:
+        UnfitServoError: The servo refuses.
+    """
+    try:
+        level = table.read("status_return_level")
+    except ServoLostError:
+        return 0, "no replies to reads"
+    return level, str(level)
+
+
+def judge_status_level(level: int, found: str) -> Verdict:
+    """Judge Status Return Level: below 2 writes have no reply."""
+    if level == STATUS_LEVEL:
+        return Verdict(True, found, str(STATUS_LEVEL))
+    why = f"It does not confirm writes: its Status Return Level (68) is {level}"
+    advice = f"set it to {STATUS_LEVEL} with {_FIX} or Dynamixel Wizard"
+    return Verdict(False, found, str(STATUS_LEVEL), why, advice)
+
+
+# The registers
+
+
+def _clear(
+    name: str,
+    register: str,
+    dangers: Mapping[int, str],
+    good: str,
+    why: str,
+    advice: str,
+    refuses: bool = True,
+) -> Rule:
+    """Return the rule that bits of a register must be 0.
+
+    Args:
+        name: Name of the check.
+        register: The register.
+        dangers: What each of these bits means.
+        good: What it means that none is set.
+        why: The fault; the dangers stand in place of ``{}``.
+        advice: The remedy.
+        refuses: Whether a start is refused.
+    """
+
+    def judge(seen: Seen) -> Verdict:
+        found = " and ".join(text for bit, text in dangers.items() if seen[register] >> bit & 1)
+        if not found:
+            return Verdict(True, good, good)
+        return Verdict(False, found, good, why.format(found), advice)
+
+    mask = sum(1 << bit for bit in dangers)
+    return Rule(name, (register,), judge, Repair(register, 0, mask), refuses)
+
+
+def _error(seen: Seen) -> Verdict:
+    error = seen["hardware_error_status"]
+    if not error:
+        return Verdict(True, "none", "none")
+    names = error_names(error) or "unknown"
+    why = f"It has latched a hardware error ({names})"
+    return Verdict(False, f"{names} (0x{error:02x})", "none", why, what_to_do(error))
+
+
+def _return_delay(seen: Seen) -> Verdict:
+    delay = seen["return_delay_time"]
+    found = f"{delay} ({delay * RETURN_DELAY_UNIT_NS // 1000} µs)"
+    if not delay:
+        return Verdict(True, found, "0")
+    advice = "write 0 to Return Delay Time (9); a run does so itself"
+    return Verdict(False, found, "0", "It delays every reply", advice)
+
+
+def _operating_mode(seen: Seen) -> Verdict:
+    mode = seen["operating_mode"]
+    names = dict(enumerate(_MODES)) | {5: "current-based position", 16: "PWM"}
+    advice = "" if mode == CURRENT_MODE else "a run changes it to current mode itself"
+    found = f"{mode} ({names.get(mode) or 'unknown'})"
+    return Verdict(True, found, "0 (current)", advice=advice)
+
+
+def _secondary_id(seen: Seen) -> Verdict:
+    second = seen["secondary_id"]
+    if second > 252:
+        return Verdict(True, "none", "none")
+    why = f"It also obeys writes to id {second}, without a reply"
+    return Verdict(False, str(second), "none", why, "write 255 to Secondary ID (12)")
+
+
+def _watchdog(seen: Seen) -> Verdict:
+    if seen["bus_watchdog"] == WATCHDOG_TRIPPED:
+        return Verdict(True, "tripped", "present", advice="a run arms it again")
+    return Verdict(True, str(seen["bus_watchdog"]), "present")
+
+
+def _shutdown(seen: Seen) -> Verdict:
+    shutdown, factory = seen["shutdown"], seen.factory("shutdown")
+    wanted = f"{factory}, the factory setting"
+    if not (missing := error_names(factory & ~shutdown)):
+        return Verdict(True, str(shutdown), wanted)
+    why, advice = f"It does not protect itself from {missing}", f"write {factory} to Shutdown (63)"
+    return Verdict(False, f"{shutdown}, without {missing}", wanted, why, advice)
+
+
+def _current_limit(seen: Seen) -> Verdict:
+    current, most, name = seen["current_limit"], seen.model.current_limit, seen.model.name
+    torque = seen.law.torque(current)
+    why = advice = ""
+    if current == 0:
+        why = "Its Current Limit is 0, so it can make no torque"
+        advice = "raise Current Limit (38) with Dynamixel Wizard"
+    elif current > most:
+        why = f"Its Current Limit (38) reads {current}, but an {name} has at most {most}"
+        advice = "start again, and replace the servo if it still reads so"
+    elif torque < seen.torque_limit:
+        advice = (
+            f"servo.torque_limit is {seen.torque_limit:g} N·m: raise Current Limit (38), or accept "
+            "the servo's lower limit"
+        )
+    return Verdict(not why, f"{current} ({torque:.2f} N·m)", f"1 to {most}", why, advice)
+
+
+def _pwm_limit(seen: Seen) -> Verdict:
+    pwm, full = seen["pwm_limit"], seen.factory("pwm_limit")
+    advice = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
+    return Verdict(pwm > 0, str(pwm), str(full), advice=advice)
+
+
+def _homing_offset(seen: Seen) -> Verdict:
+    offset = seen["homing_offset"]
+    advice = "all positions are shifted by it, wall.position included" if offset else ""
+    return Verdict(True, f"{offset} ({offset * POSITION_UNIT:.3f} rad)", "0", advice=advice)
+
+
+def _supply(seen: Seen) -> Verdict:
+    volts, bounds, nominal = seen.volts, seen.bounds(0), seen.model.voltage
+    wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
+    if fault := bounds.supply_fault(seen["present_input_voltage"]):
+        return Verdict(False, f"{volts:g} V", wanted, f"It {fault.what}", fault.advice.rstrip("."))
+    advice = ""
+    if abs(volts - nominal) > 0.15 * nominal:
+        advice = f"its stall torque holds at {nominal:g} V; here the largest torque differs"
+    return Verdict(True, f"{volts:g} V", wanted, advice=advice)
+
+
+def _temperature(seen: Seen) -> Verdict:
+    celsius, bounds = seen["present_temperature"], seen.bounds(0)
+    found, wanted = f"{celsius} °C", f"at most {bounds.warmest} °C"
+    if fault := bounds.heat_fault(celsius):
+        return Verdict(False, found, wanted, f"It {fault.what}", fault.advice.rstrip("."))
+    warm = celsius > bounds.warmest - _WARM
+    advice = "it is close to the limit at which it shuts down" if warm else ""
+    return Verdict(True, found, wanted, advice=advice)
+
+
+_SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
+_HEAT: Final = ("present_temperature", "temperature_limit")
+RULES: Final = (
+    _clear(
+        "torque",
+        "torque_enable",
+        {0: "on"},
+        "off",
+        "A program has left its torque on",
+        "end that program, hold any load on the shaft, and switch its power off and on",
+        refuses=False,
+    ),
+    Rule("hardware error", ("hardware_error_status",), _error, Repair(), True),
+    _clear(
+        "direction",
+        "drive_mode",
+        {0: "reverse"},
+        "normal",
+        "Its Drive Mode is reverse, which may reverse the position but not the torque, so that a "
+        "wall would push the wrong way",
+        f"{_FIX} clears bit 0 of Drive Mode (10)",
+    ),
+    _clear(
+        "dual joint",
+        "drive_mode",
+        {1: "slave"},
+        "no slave",
+        "It is the slave of a dual joint, which follows another servo and not this program",
+        f"{_FIX} clears bit 1 of Drive Mode (10); then drive the master",
+    ),
+    _clear(
+        "torque on by goal update",
+        "drive_mode",
+        {3: "on"},
+        "off",
+        "Any goal, even a late one, would switch its torque back on",
+        f"{_FIX} clears bit 3 of Drive Mode (10)",
+    ),
+    _clear(
+        "start-up configuration",
+        "startup_configuration",
+        {0: "torque on at power-up", 1: "old goals restored"},
+        "0",
+        "Its Startup Configuration means {}",
+        f"{_FIX} clears these bits of Startup Configuration (60)",
+    ),
+    Rule("return delay", ("return_delay_time",), _return_delay, Repair("return_delay_time")),
+    Rule("operating mode", ("operating_mode",), _operating_mode),
+    Rule("secondary id", ("secondary_id",), _secondary_id, Repair("secondary_id", 255)),
+    Rule(
+        "bus watchdog",
+        ("bus_watchdog",),
+        _watchdog,
+        missing=Verdict(
+            False,
+            "missing",
+            "present",
+            advice=f"update the firmware: {WATCHDOG_FIRMWARE} or later has one",
+        ),
+    ),
+    Rule("shutdown", ("shutdown",), _shutdown, Repair("shutdown", None)),
+    Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, refuses=True),
+    Rule("PWM limit", ("pwm_limit",), _pwm_limit),
+    Rule("homing offset", ("homing_offset",), _homing_offset),
+    Rule("supply", (*_SUPPLY, *_HEAT), _supply, refuses=True),
+    Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, refuses=True),
+)
+"""In the order in which they are printed, and repaired but for a reboot, which comes last: torque
+locks EEPROM, and a reboot follows Startup Configuration"""
+
+
+def read_servo(
+    table: Table, model: Model, constant: float, torque_limit: float, *, start: bool = False
+) -> Seen:
+    """Read the registers that the rules need.
+
+    Args:
+        table: The servo.
+        model: Its model.
+        constant: Torque per current of the motor [N·m/A].
+        torque_limit: The configured one [N·m]; 0: the servo's own.
+        start: Only those by which a start is refused.
+
+    Raises:
+        ServoLostError: It stops replying.
+        UnfitServoError: It refuses.
+    """
+    names = dict.fromkeys(n for rule in RULES if rule.refuses or not start for n in rule.reads)
+    values = {name: table.read(name) for name in names if name in table.registers}
+    return Seen(table, values, model, constant, torque_limit)
+
+
+def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
+    """Yield every rule that applies to a servo, with its verdict.
+
+    Args:
+        seen: The servo.
+        start: Only the rules by which a start is refused.
+    """
+    for rule in RULES:
+        if start and not rule.refuses:
+            continue
+        if all(name in seen.values for name in rule.reads):
+            yield rule, rule.judge(seen)
+        elif rule.missing is not None:
+            yield rule, rule.missing

@@ -1,0 +1,1 @@
+"""Serial ports: opens one for this program alone, transfers bytes, finds other users."""

@@ -1,0 +1,73 @@
+"""The table of rules: a start refuses by it what `doctor` calls wrong, in the same words."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.rules import RULES, judge, read_servo
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.dynamixel.verdict import Verdict
+from haptic_wall.hw.errors import UnfitServoError
+from tests.cases import sampled
+from tests.hw.dynamixel.bench import BAUD, Bench
+
+CHOICES = {
+    "torque_enable": (0, 1),
+    "hardware_error_status": (0, 1, 0x20, 0x40),
+    "drive_mode": range(16),
+    "startup_configuration": range(4),
+    "return_delay_time": (0, 250),
+    "operating_mode": (0, 3, 16),
+    "secondary_id": (9, 252, 253, 255),
+    "shutdown": (0, 52, 53),
+    "current_limit": (0, 1, 1193, 1194, 0x7FFF),
+    "pwm_limit": (0, 400, 885),
+    "homing_offset": (0, -5000),
+    "min_voltage_limit": (95, 121, 160),
+    "max_voltage_limit": (95, 119, 160),
+    "temperature_limit": (20, 40, 80),
+}
+
+
+@pytest.mark.parametrize("seed", sampled(range(400), 25))
+def test_a_start_refuses_by_the_table_and_by_nothing_else(seed: int) -> None:
+    draw = random.Random(seed)
+    bench = Bench(probe_torque=0.0, firmware=draw.choice((38, 44, 48)))
+    model = MODELS["XM430-W350"]
+    table = Table.on(bench.line, BAUD, 1, "memory", model)
+    table = table.at(model.registers_at(bench.truth.firmware))
+    names = sorted(CHOICES.keys() & table.registers.keys())
+    for name in draw.sample(names, draw.choice((0, 1, 1, 2, len(names)))):
+        bench.truth.memory[name] = draw.choice(CHOICES[name])
+    before = {name: bench.truth.memory[name] for name in names}
+    seen = read_servo(table, model, 4.1 / 2.3, 0.0)
+    judged = list(judge(seen))
+    assert {name: bench.truth.memory[name] for name in names} == before, "judging only reads"
+    refused = [verdict for rule, verdict in judged if rule.refuses and not verdict.ok]
+    try:
+        checks = bench.servo.start()
+    except UnfitServoError as error:
+        assert refused, error
+        assert all(f"{fault.why}: {fault.advice}" in str(error) for fault in refused)
+        assert bench.truth.memory["torque_enable"] == 0
+        for name in before.keys() - {"torque_enable"}:
+            assert bench.truth.memory[name] == before[name], "what a person set stays"
+        return
+    assert refused == []
+    assert all(check.ok for check in checks)
+
+
+def test_every_fault_has_a_remedy_and_every_repair_is_of_a_register_that_is_read() -> None:
+    registers = MODELS["XM430-W350"].registers
+    assert len({rule.name for rule in RULES}) == len(RULES)
+    for rule in RULES:
+        assert set(rule.reads) <= registers.keys()
+        if rule.repair is not None and rule.repair.register:
+            assert rule.repair.register in rule.reads
+    fault = Verdict(False, "2", "1", "It has two", "take one").check("count", fixable=True)
+    assert (fault.fix, fault.fixable) == ("It has two: take one", True)
+    assert Verdict(True, "1", "1", "It has two", "take one").check("count", fixable=True).fix == ""
+    assert Verdict(True, "1", "1", advice="have two").check("count").fix == "have two"
