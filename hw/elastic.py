@@ -30,7 +30,7 @@ COUPLED = 11
 WORDS: Final = 12
 PATIENCE_S: Final = 2.0
 """Longest silence of either side [s]"""
-_NAP_S: Final = 50e-6
+_NAP_S: Final = 200e-6
 _BRIEF_NS: Final = 100_000
 """The loop does not sleep for a debt this young: it would lose its processor [ns]"""
 _PAGE: Final = 4096
@@ -62,7 +62,6 @@ class ElasticClock:
     """
 
     __slots__ = (
-        "_got",
         "_late_ns",
         "_limit",
         "_nap",
@@ -70,7 +69,6 @@ class ElasticClock:
         "_offset",
         "_owed_ns",
         "_real",
-        "_sent",
         "_until",
         "_waits",
         "_words",
@@ -91,7 +89,6 @@ class ElasticClock:
         self._late_ns = max(period_ns // 4, 250_000)
         self._owed_ns = words[PATIENCE] = max(period_ns // 5, 200_000)
         self._offset = self._limit = self._until = self._now = 0
-        self._sent = self._got = 0
         self._waits: tuple[int, ...] = (0,)  # since when [ns], and for what
 
     def now_ns(self) -> int:
@@ -116,8 +113,7 @@ class ElasticClock:
     def engage(self) -> None:
         """Begin: no bytes are on their way now."""
         words = self._words
-        self._sent = words[SENT] = words[TAKEN]
-        self._got = words[GOT] = words[GIVEN]
+        words[SENT], words[GOT] = words[TAKEN], words[GIVEN]
         self.promise(self.now_ns())
         words[COUPLED] = 1
 
@@ -144,24 +140,25 @@ class ElasticClock:
         """Count bytes that are about to be sent, just after the time was read."""
         words = self._words
         words[SENT_AT] = now = self._now
-        self._sent = words[SENT] = self._sent + count
-        self._limit = min(self._limit, now + self._owed_ns)
+        words[SENT] += count
+        if now + self._owed_ns < self._limit:  # noqa: PLR1730 - min() takes longer
+            self._limit = now + self._owed_ns
 
     def got(self, count: int) -> None:
         """Count bytes received from the bus, just after the time was read."""
         words = self._words
-        self._got = words[GOT] = self._got + count
-        self._until = words[UNTIL] = until = self._now + self._late_ns
-        self._limit = min(self._limit, until)
+        words[GOT] += count
+        self._limit = self._until = words[UNTIL] = self._now + self._late_ns
 
     def _judged(self, now: int) -> int:
         """Take a stall out of ``now`` [ns]; decide until when that is not necessary again."""
-        words, last = self._words, self._now
-        if not words[COUPLED]:
-            self._now = now
-            return now
-        latest = max(self._until, last + self._late_ns)
+        words, last, until = self._words, self._now, self._until
         owed = _settled_until(words)
+        if (now <= until and now <= owed) or not words[COUPLED]:
+            self._now = now
+            self._limit = until if until < owed else owed
+            return now
+        latest = max(until, last + self._late_ns)
         most = max(min(latest, owed), last)
         if excess := max(0, now - most):
             self._offset += excess
@@ -178,7 +175,7 @@ class ElasticClock:
     def _wait(self) -> None:
         """Nap for the bus; give it up in the end."""
         real, words = self._real(), self._words
-        debt = self._sent, self._got, words[TAKEN], words[DUE]
+        debt = tuple(words[SENT:COUPLED])
         if self._waits[1:] != debt:
             self._waits = real, *debt
         elif real - self._waits[0] > 1e9 * PATIENCE_S:
