@@ -28,7 +28,7 @@ TAKEN, GIVEN, DUE = range(8, 11)
 COUPLED = 11
 """Whether this is in force (loop, supervisor)"""
 WORDS: Final = 12
-PATIENCE_S: Final = 2.0
+PATIENCE_S: Final = 5.0
 """Longest silence of either side [s]"""
 _NAP_S: Final = 200e-6
 _BRIEF_NS: Final = 100_000

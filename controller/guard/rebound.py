@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from haptic_wall.controller.guard.decision_report import finite
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.rebound import (
@@ -27,11 +28,12 @@ class Rebound:
     promise holds at no speed, or the wall is two-sided and promises none."""
     highest: float | None
     """Above this speed the torque may saturate during the contact [rad/s]. 0: the promise holds at
-    no speed; None: the wall is two-sided."""
+    no speed; infinite without stiffness and damping; None: the wall is two-sided."""
 
     def report(self) -> dict[str, float | None]:
         """Return both speeds under their names in the report."""
-        return {"rebound_speed": self.lowest, "rebound_speed_high": self.highest}
+        high = None if self.highest is None else finite(self.highest)
+        return {"rebound_speed": self.lowest, "rebound_speed_high": high}
 
 
 NOT_ONE_SIDED = Rebound(None, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -56,4 +57,10 @@ def test_above_the_limit_nothing_is_promised() -> None:
 
 def test_a_two_sided_wall_promises_nothing_of_the_kind() -> None:
     found = rebound(2.0, 0.005, "both", 1, KNOWN, DELAY)
+    assert found.report() == {"rebound_speed": None, "rebound_speed_high": None}
+
+
+def test_a_wall_without_stiffness_and_damping_is_reported_without_infinity() -> None:
+    found = rebound(0.0, 0.0, "above", 1, KNOWN, DELAY)
+    assert found.highest == math.inf
     assert found.report() == {"rebound_speed": None, "rebound_speed_high": None}
