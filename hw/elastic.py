@@ -61,19 +61,6 @@ class ElasticClock:
         nap: Sleeps for a time [s].
     """
 
-    __slots__ = (
-        "_late_ns",
-        "_limit",
-        "_nap",
-        "_now",
-        "_offset",
-        "_owed_ns",
-        "_real",
-        "_until",
-        "_waits",
-        "_words",
-    )
-
     def __init__(
         self,
         words: memoryview[int],
@@ -194,8 +181,6 @@ class BusClock:
     Attributes:
         held: The time stood still at its last reading.
     """
-
-    __slots__ = ("_now", "_real", "_words", "held")
 
     def __init__(
         self, words: memoryview[int], real_ns: Callable[[], int] = time.monotonic_ns

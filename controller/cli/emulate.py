@@ -164,8 +164,8 @@ def command(
         with _as_user_error():
             terminal = stack.enter_context(_terminal(link))
         start_ns = time.monotonic_ns()
-        ticks = random.Random(seed)
         with _as_user_error():
+            ticks = random.Random(seed)
             emulated = [
                 EmulatedServo(
                     model,
@@ -199,15 +199,8 @@ def command(
             _report(settings)
             _warn_of_shared_ids([id_ for _, id_, _ in plan])
         console = Console(bus, sys.stdin.fileno(), _say, say) if sys.stdin else None
-        serve(
-            bus,
-            terminal,
-            lambda: bool(signals) or orphaned(),
-            witness,
-            console,
-            _say,
-            None if elastic is None else BusClock(shared_words(elastic)),
-        )
+        shared = None if elastic is None else BusClock(shared_words(elastic))
+        serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say, shared)
     if witness is not None and witness.failure is not None:
         what = f"the record is incomplete: {witness.failure.strerror}"
         advice = "make room, or name another place (the bus was not disturbed)"

@@ -163,15 +163,12 @@ class Supervisor:
             arguments = emulator_arguments(
                 settings, plan.witness, force=plan.force, hand=hand, elastic=shared
             )
-            inherited = [each for each in (hand, shared) if each is not None]
+            stopped, inherited = (
+                lambda: bool(self._words[Word.STOP]),
+                [each for each in (hand, shared) if each is not None],
+            )
             emulator, path = children.enter_context(
-                emulated_bus(
-                    arguments,
-                    self._others,
-                    lambda: bool(self._words[Word.STOP]),
-                    START_S,
-                    inherited,
-                )
+                emulated_bus(arguments, self._others, stopped, START_S, inherited)
             )
             if path is None:
                 return emulator
