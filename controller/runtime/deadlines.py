@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Protocol
 
 from haptic_wall.controller.settings.shares import SPIN_SHARE
-from haptic_wall.hw.clock import Clock, MonotonicClock, SimulatedClock
+from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.elastic import ElasticClock
 
 if TYPE_CHECKING:
@@ -99,25 +99,25 @@ class SpinWaiter:
     Args:
         spin_ns: How long before the deadline to stop sleeping [ns].
         warm_up: Cache warm-up of the tick, after each sleep; it ends earlier by what that needs.
-        clock: The clock, monotonic or elastic; None: monotonic.
+        clock: An elastic clock; any other counts as monotonic.
     """
 
-    __slots__ = ("_now", "_promise", "_spin_ns", "_warm_up", "margin_ns", "slept_ns")
+    __slots__ = ("_elastic", "_spin_ns", "_warm_up", "margin_ns", "slept_ns")
 
     def __init__(
         self, spin_ns: int, warm_up: CacheWarmUp | None = None, clock: Clock | None = None
     ) -> None:
-        self._now = (clock or MonotonicClock()).now_ns
-        self._promise = clock.promise if isinstance(clock, ElasticClock) else None
+        self._elastic = clock if isinstance(clock, ElasticClock) else None
         self._spin_ns = self.margin_ns = spin_ns
         self._warm_up = warm_up
         self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """Wait; see ``Waiter``."""
-        if self._promise is not None:
-            self._promise(deadline_ns)
-        read = self._now
+        read = time.monotonic_ns
+        if self._elastic is not None:
+            self._elastic.promise(deadline_ns)
+            read = self._elastic.now_ns
         now = read()
         warm_up = self._warm_up
         if warm_up is not None:
