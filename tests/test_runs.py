@@ -291,6 +291,32 @@ def test_a_dead_bus_is_a_lost_servo(tmp_path: Path) -> None:
     assert report["torque_off"] is False
 
 
+@pytest.mark.parametrize("who", ["emulator", "loop_process"])
+def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: str) -> None:
+    """With the limits of a real servo, each of these stalls would end the run."""
+    arguments = ["run", "emulated-ideal", "--log", "run.hwlog", "--no-plot", "--json"]
+    with ticking(*arguments, "--duration", "1.5", cwd=tmp_path) as (process, family):
+        for _ in range(5):
+            os.kill(family[who], signal.SIGSTOP)
+            time.sleep(0.06)
+            os.kill(family[who], signal.SIGCONT)
+            time.sleep(0.03)
+        output, said = process.communicate(timeout=120)
+    report = json.loads(output)
+    assert (process.returncode, report["stop_reason"]) == (0, "duration"), said
+    assert report["stalled_s"] >= 0.25
+    assert report["ticks"] + report["missed_ticks"] == 1500, "on the grid"
+    assert any("waited" in text for text in report["warnings"])
+
+
+def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
+    with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
+        os.kill(family["emulator"], signal.SIGSTOP)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode in (3, 4)
+    assert json.loads(output)["torque_off"] is False
+
+
 class Refused(Protocol):
     """A run that must be refused, and its message."""
 

@@ -25,6 +25,7 @@ from haptic_wall.controller.system.printable import printable
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.whole_file import Beside
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.elastic import BusClock, shared_words
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.console import Console
@@ -115,6 +116,7 @@ _MS_NS = 1_000_000
 @click.option("--die-with-parent", is_flag=True, hidden=True)
 @click.option("--owner", type=int, hidden=True)  # its parent, the only reader of the record
 @click.option("--hand-memory", type=int, hidden=True)  # inherited memory of a person's hand
+@click.option("--elastic", type=int, hidden=True)  # memory of a time shared with a loop
 def command(
     servos: tuple[str, ...],
     baud: str,
@@ -129,6 +131,7 @@ def command(
     die_with_parent: bool,
     owner: int | None,
     hand_memory: int | None,
+    elastic: int | None,
 ) -> int:
     """Emulate a Dynamixel bus, byte for byte, with servos that move in real time.
 
@@ -161,8 +164,8 @@ def command(
         with _as_user_error():
             terminal = stack.enter_context(_terminal(link))
         start_ns = time.monotonic_ns()
-        ticks = random.Random(seed)
         with _as_user_error():
+            ticks = random.Random(seed)
             emulated = [
                 EmulatedServo(
                     model,
@@ -196,7 +199,8 @@ def command(
             _report(settings)
             _warn_of_shared_ids([id_ for _, id_, _ in plan])
         console = Console(bus, sys.stdin.fileno(), _say, say) if sys.stdin else None
-        serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say)
+        shared = None if elastic is None else BusClock(shared_words(elastic))
+        serve(bus, terminal, lambda: bool(signals) or orphaned(), witness, console, _say, shared)
     if witness is not None and witness.failure is not None:
         what = f"the record is incomplete: {witness.failure.strerror}"
         advice = "make room, or name another place (the bus was not disturbed)"

@@ -223,7 +223,11 @@ class ChangeDesk:
     def _made_ns(self, row: int) -> int:
         """Return when the tick with a change was due [ns]."""
         rows, _ = self._telemetry.read(row, 1)
-        return int(rows[0]["deadline_ns"]) if len(rows) else time.monotonic_ns()
+        return int(rows[0]["deadline_ns"]) if len(rows) else self._now_ns()
+
+    def _now_ns(self) -> int:
+        """Return the time on the loop's clock [ns]."""
+        return time.monotonic_ns() - self._words[Word.OFFSET_NS]
 
     def _not_made(self, why: str) -> dict[str, Any]:
         asked, self._asked = self._asked, None
@@ -253,7 +257,7 @@ class ChangeDesk:
         at_ns: int | None = None,
     ) -> None:
         began_ns = self._words[Word.BEGAN_NS]
-        at_ns = time.monotonic_ns() if at_ns is None else at_ns
+        at_ns = self._now_ns() if at_ns is None else at_ns
         self._tell(
             {
                 "at_s": (at_ns - began_ns) * 1e-9 if began_ns else None,

@@ -27,6 +27,7 @@ def emulator_arguments(
     *,
     force: bool = False,
     hand: int | None = None,
+    elastic: int | None = None,
 ) -> list[str]:
     """Return the arguments after ``python -m`` that start an emulated bus with one servo.
 
@@ -35,6 +36,7 @@ def emulator_arguments(
         witness: Where the bus keeps a record; None: nowhere.
         force: Whether an existing file of this program may be replaced.
         hand: Descriptor of the memory of a person's hand on the shaft, inherited; None: none.
+        elastic: Descriptor of the memory of the time that it shares with the loop; None: none.
     """
     arguments = [*EMULATE, "--servo", f"{settings.model}:{settings.id}"]
     arguments += ["--baud", str(settings.baud)]
@@ -52,6 +54,8 @@ def emulator_arguments(
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
     if hand is not None:
         arguments += ["--hand-memory", str(hand)]
+    if elastic is not None:
+        arguments += ["--elastic", str(elastic)]
     return arguments
 
 

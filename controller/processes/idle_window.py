@@ -28,7 +28,7 @@ def until_idle_window(words: memoryview[int], period_ns: int, pause_s: float) ->
         period_ns: Period of the loop [ns].
         pause_s: Wanted pause [s].
     """
-    now_ns = time.monotonic_ns()
+    now_ns = time.monotonic_ns() - words[Word.OFFSET_NS]
     ended_ns = words[Word.HEARTBEAT_NS]
     pause_ns = round(pause_s * 1e9)
     if abs(now_ns - ended_ns) <= _SILENT * period_ns:

@@ -32,6 +32,7 @@ from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
 from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import Clock, MonotonicClock
+from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.open import open_servo
@@ -65,6 +66,8 @@ class Orders:
     """Descriptor of the socket that changes of the wall come from"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
+    elastic: bool = False
+    """Whether the loop and its emulated bus wait for each other"""
 
 
 def main() -> None:
@@ -83,11 +86,14 @@ def main() -> None:
     realtime.die_with_parent(orders.parent, signal.SIGTERM)
     config = Config.model_validate_json(orders.config, context=RUNS)
     os.sched_setaffinity(0, {orders.core})
+    clock: Clock = MonotonicClock()
+    if orders.elastic:
+        clock = ElasticClock(telemetry.words[PLACE : PLACE + WORDS], config.period_ns)
     try:
         with contextlib.ExitStack() as scope:
             result = run_session(
                 config,
-                MonotonicClock(),
+                clock,
                 telemetry,
                 orders.duration_s,
                 [Phase(**phase) for phase in orders.program],

@@ -58,7 +58,8 @@ class LoopWatch:
             if now - self._started > START_S:
                 return f"did not start within {START_S:g} s"
             return None
-        silent = now - max(self._words[Word.HEARTBEAT_NS] * 1e-9, self._awake)
+        beat_ns = self._words[Word.HEARTBEAT_NS] + self._words[Word.OFFSET_NS]
+        silent = now - max(beat_ns * 1e-9, self._awake)
         if state == LoopState.RUNNING:
             if silent > self._heartbeat_s:
                 return f"gave no sign of life for {silent:.2g} s"

@@ -96,3 +96,10 @@ class Plan:
     """Whether the wall takes changes while it runs"""
     force: bool = False
     """Whether log and record may replace files that this program did not write"""
+
+    @property
+    def elastic(self) -> bool:
+        """Whether loop and emulated bus wait for each other: nobody else shares their time."""
+        config, alone = self.config, not (self.hold or self.live or self.page is not None)
+        real = config.loop.clock == "monotonic" and config.realtime.profile != "strict"
+        return config.servo.kind == "emulated" and real and alone

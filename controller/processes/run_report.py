@@ -36,6 +36,7 @@ def run_report(config: Config, ended: Ended, log: str | None, plot: str | None) 
         "rate_hz": ended.ticks / elapsed if elapsed else None,
         "grid_hz": result.get("grid_hz"),
         "real_time_factor": _speed(config, result),
+        "stalled_s": result.get("stalled_s"),
         "lateness_us": statistics.lateness.as_report(50, 99, 99.9),
         "work_us": statistics.work.as_report(50, 99, 99.9),
         "bus_us": statistics.bus.as_report(50, 99, 99.9),

@@ -33,6 +33,7 @@ from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock, ready
+from haptic_wall.hw.elastic import PATIENCE_S
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
 
@@ -158,11 +159,13 @@ class Supervisor:
         settings, plan = self._settings, self._plan
         emulator = None
         if plan.config.servo.kind == "emulated":
-            hand = self._hand
-            arguments = emulator_arguments(settings, plan.witness, force=plan.force, hand=hand)
+            hand, shared = self._hand, self._telemetry.descriptor if plan.elastic else None
+            arguments = emulator_arguments(
+                settings, plan.witness, force=plan.force, hand=hand, elastic=shared
+            )
             stopped, inherited = (
                 lambda: bool(self._words[Word.STOP]),
-                [] if hand is None else [hand],
+                [each for each in (hand, shared) if each is not None],
             )
             emulator, path = children.enter_context(
                 emulated_bus(arguments, self._others, stopped, START_S, inherited)
@@ -227,6 +230,7 @@ class Supervisor:
             program=[asdict(phase) for phase in self._plan.program],
             changes=changes,
             hand=hand,
+            elastic=self._plan.elastic,
         )
         descriptors = [self._telemetry.descriptor]
         if hand is not None:
@@ -246,7 +250,10 @@ class Supervisor:
     ) -> StopReason:
         """Wait until the loop has ended, by itself or by force; return the stop reason."""
         looked = time.monotonic()
-        watch = LoopWatch(self._words, self._plan.config.safety.heartbeat_s, looked)
+        silence_s = self._plan.config.safety.heartbeat_s
+        if self._plan.elastic:
+            silence_s = max(silence_s, PATIENCE_S)
+        watch = LoopWatch(self._words, silence_s, looked)
         while True:
             news = self._wait_for((loop.pidfd, loop.output))
             now = time.monotonic()
@@ -265,6 +272,7 @@ class Supervisor:
                 self._look_at_others(hold)
                 looked = now
             if emulator is not None and emulator.ended():
+                self._words[Word.COUPLED] = 0
                 watch.asked()
         self._hear(loop)
         self._note_emulator_exit(emulator)
@@ -360,6 +368,7 @@ class Supervisor:
 
     def _cut_text(self) -> str:
         """Switch the torque off; return a sentence on the result."""
+        self._words[Word.COUPLED] = 0  # the bus waits for the loop no longer
         make = backend(self._settings.backend)
         self._torque_off = cut_torque(self._settings, self._port, MonotonicClock())
         if make.simulated:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.elastic import ElasticClock
 
 if TYPE_CHECKING:
     from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp
@@ -98,32 +99,40 @@ class SpinWaiter:
     Args:
         spin_ns: How long before the deadline to stop sleeping [ns].
         warm_up: Cache warm-up of the tick, after each sleep; it ends earlier by what that needs.
+        clock: An elastic clock; any other counts as monotonic.
     """
 
-    __slots__ = ("_spin_ns", "_warm_up", "margin_ns", "slept_ns")
+    __slots__ = ("_elastic", "_spin_ns", "_warm_up", "margin_ns", "slept_ns")
 
-    def __init__(self, spin_ns: int, warm_up: CacheWarmUp | None = None) -> None:
+    def __init__(
+        self, spin_ns: int, warm_up: CacheWarmUp | None = None, clock: Clock | None = None
+    ) -> None:
+        self._elastic = clock if isinstance(clock, ElasticClock) else None
         self._spin_ns = self.margin_ns = spin_ns
         self._warm_up = warm_up
         self.slept_ns = 0
 
     def wait(self, deadline_ns: int) -> int:
         """Wait; see ``Waiter``."""
-        now = time.monotonic_ns()
+        read = time.monotonic_ns
+        if self._elastic is not None:
+            self._elastic.promise(deadline_ns)
+            read = self._elastic.now_ns
+        now = read()
         warm_up = self._warm_up
         if warm_up is not None:
             self.margin_ns = self._spin_ns + warm_up.need_ns
         remaining = deadline_ns - self.margin_ns - now
         if remaining > 0:
             time.sleep(remaining * 1e-9)  # absolute inside: CLOCK_MONOTONIC, TIMER_ABSTIME
-            self.slept_ns = now = time.monotonic_ns()
+            self.slept_ns = now = read()
             if warm_up is not None:
                 warm_up(deadline_ns - now)
-                now = time.monotonic_ns()
+                now = read()
         else:
             self.slept_ns = 0
         while now < deadline_ns:
-            now = time.monotonic_ns()
+            now = read()
         return now
 
 
@@ -160,5 +169,5 @@ def waiter_for(
         spin_ns = min(measured_spin_margin_ns(), int(SPIN_SHARE * period_ns))
     most_ns = int(SPIN_SHARE * period_ns) - spin_ns
     if warm_up is None or not spin_ns or not warm_up.practise(most_ns):
-        return SpinWaiter(spin_ns)
-    return SpinWaiter(spin_ns, warm_up)
+        return SpinWaiter(spin_ns, clock=clock)
+    return SpinWaiter(spin_ns, warm_up, clock)

@@ -55,8 +55,14 @@ class Loop:
         self._deadline = first_deadline(clock, period_ns)
         self._missed = 0
         self._begun = self._words[Word.BEGAN_NS] = self._deadline
+        self._begun_offset = self._waited = 0
         if late is not None:
             late.begin(self._deadline)
+
+    @property
+    def stalled_s(self) -> float:
+        """Return the time taken out of an elastic clock since ``begin`` [s]."""
+        return (self._words[Word.OFFSET_NS] - self._begun_offset) * 1e-9
 
     @property
     def elapsed_s(self) -> float:
@@ -71,6 +77,7 @@ class Loop:
     def begin(self) -> None:
         """Restart the counts of time, ticks, missed periods and late ticks."""
         self._begun = self._deadline
+        self._begun_offset = self._words[Word.OFFSET_NS]
         self.tick.ticks = self._words[Word.TICKS] = 0
         self.tick.missed = self._words[Word.MISSED] = 0
         if self._late is not None:
@@ -90,6 +97,9 @@ class Loop:
         limit_ns, long_ns, rest = _never if late is None else late.limits
         deadline, missed = self._deadline, self._missed
         stop, cut = int(Word.STOP), int(Word.CUT)  # plain numbers: read in every tick
+        taken_out = int(Word.OFFSET_NS)
+        self._before = self._began = words[taken_out]
+        waited_out = int(Word.WAITED_NS)
         served = woke = ended = deadline
         block = BLOCK
         try:
@@ -99,6 +109,7 @@ class Loop:
                     ended = woke
                     return End.INTERRUPTED
                 served = deadline
+                self._began, self._waited = words[taken_out], words[waited_out]
                 run(deadline, woke, missed)
                 if tick.trip is not None:
                     deadline += period_ns
@@ -110,7 +121,8 @@ class Loop:
                 deadline, missed = next_deadline(deadline, ended, period_ns)
                 waited = bus.waited_ns
                 rest -= 1
-                if ended - served - waited > limit_ns or waited > long_ns:
+                stalled = words[taken_out] != self._before
+                if ended - served - waited > limit_ns or waited > long_ns or stalled:
                     self._explain(served, woke, ended, missed)
                 elif rest <= 0 and late is not None:
                     rest = late.rest(served, waiter, deadline - ended, bus.counts.lost)
@@ -126,7 +138,11 @@ class Loop:
 
     def _explain(self, served: int, woke: int, ended: int, missed: int) -> None:
         """Pass a late tick to ``late``, which finds its likely cause."""
-        bus = self._bus
+        bus, words = self._bus, self._words
+        before, self._before = self._before, words[Word.OFFSET_NS]
         if self._late is not None:
             lost = bus.counts.lost
-            self._late.late(served, woke, ended, self._waiter, bus.waited_ns, lost, missed)
+            # Late in real time, whatever an elastic clock has taken out.
+            waited_ns = bus.waited_ns + words[Word.WAITED_NS] - self._waited
+            offsets = before, self._began, self._before
+            self._late.late(served, woke, ended, self._waiter, waited_ns, lost, missed, offsets)

@@ -34,6 +34,7 @@ from haptic_wall.controller.runtime.session_report import (
     delay_report,
     guard_report,
     missed_warnings,
+    stall_warnings,
     trip_figures,
 )
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
@@ -42,6 +43,7 @@ from haptic_wall.controller.runtime.wall_wait import WallWait
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.capabilities import HasHealth, HasTrouble
 from haptic_wall.hw.clock import Clock, SimulatedClock
+from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import (
     ServoHealthError,
     ServoLostError,
@@ -91,6 +93,8 @@ class Result:
     """Warnings of the loop itself"""
     stalled: str = ""
     """A stall of this computer just before the end, which may explain it; empty: none"""
+    stalled_s: float | None = None
+    """How long loop and emulated bus waited for this computer [s]; None: they do not wait"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +204,8 @@ class _Session:
         limit = servo.facts.torque_limit
         if not telemetry.words[Word.STOP]:  # no torque is switched on for a session that is to stop
             self._started = True
+            if isinstance(self._clock, ElasticClock):
+                self._clock.engage()
             self._checks = servo.start()
             if (servo.bus or Bus()).reply_s:
                 # Replies take longer than assumed: decisions for older samples take seconds.
@@ -261,9 +267,12 @@ class _Session:
             self._loop, self._config, self.servo, duration_s, self._waiting
         )
         self._real_s = time.monotonic() - began_s
-        recent_s = 0.0 if self._late is None else self._late.stalled_s(self._clock.now_ns())
+        now_ns = self._clock.now_ns() + self._telemetry.words[Word.OFFSET_NS]
+        recent_s = 0.0 if self._late is None else self._late.stalled_s(now_ns)
         self._stalled = f"this computer stalled for {recent_s * 1e3:.0f} ms" if recent_s else ""
         self._torque_off = _stop(self.servo, self._clock, self._telemetry)
+        if isinstance(self._clock, ElasticClock):
+            self._clock.release()
 
     def abandon(self, error: BaseException) -> None:
         """Switch the torque off after an error; a servo that never replied was never driven."""
@@ -293,6 +302,7 @@ class _Session:
             wall_came_on=tick.came_on,
             waited_for=self._waiting.lacking(),
             stalled=self._stalled,
+            stalled_s=self._loop.stalled_s if isinstance(self._clock, ElasticClock) else None,
         )
         try:
             return self._reported(result)
@@ -326,7 +336,7 @@ class _Session:
             oscillation=oscillation_report(watch),
             delay=delay_report(config, decision, gains.age_ns),
             timing=None if self._late is None else self._late.report(),
-            warnings=missed_warnings(config, parts.missed),
+            warnings=[*missed_warnings(config, parts.missed), *stall_warnings(result.stalled_s)],
         )
 
 

@@ -28,6 +28,9 @@ from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.servo import BusCounts
 
+NOTED_S = 0.005
+"""Sum of the stalls from which they are noted [s]"""
+
 
 def delay_report(config: Config, decision: Decision, age_ns: int) -> dict[str, float]:
     """Return the parts of the delay that the guard used, and their sum [s]."""
@@ -138,4 +141,14 @@ def missed_warnings(config: Config, missed: MissedPeriods) -> list[str]:
         f"in the worst half second the loop missed {missed.worst:.0%} of its periods, more than "
         f"safety.max_missed ({config.safety.max_missed:.0%}); stiffness and damping follow the "
         "served interval (guard.interval_s)"
+    ]
+
+
+def stall_warnings(stalled_s: float | None) -> list[str]:
+    """Return a warning where loop and emulated bus waited for this computer."""
+    if not stalled_s or stalled_s < NOTED_S:
+        return []
+    return [
+        f"the loop and its emulated bus waited {1e3 * stalled_s:.0f} ms for this computer; a real"
+        " servo does not wait: its torque would have been late, or a trip had ended the run"
     ]

@@ -18,6 +18,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.hw import elastic
+
 INT_FIELDS = (
     "seq",
     "deadline_ns",
@@ -168,6 +170,12 @@ class Word(IntEnum):
     """Supply of the servo [mV]; 0: not known (loop)."""
     TEMPERATURE_MC = 22
     """Temperature of the servo [m°C], known with the supply (loop)."""
+    OFFSET_NS = elastic.PLACE + elastic.OFFSET
+    """Time that the loop has taken out of its clock [ns]; see ``hw.elastic`` (loop)."""
+    WAITED_NS = elastic.PLACE + elastic.WAITED
+    """Part of it in which the loop waited for the emulated bus [ns] (loop)."""
+    COUPLED = elastic.PLACE + elastic.COUPLED
+    """Not 0: loop and emulated bus wait for each other (loop, supervisor)."""
 
 
 _HEAD = int(Word.HEAD)  # used in every tick: a plain number is twice as fast as an enum member

@@ -35,6 +35,7 @@ _WAITING = Outcome.WAITING
 _HEARTBEAT_NS, _CUT = int(Word.HEARTBEAT_NS), int(Word.CUT)
 _TICKS, _MISSED, _RAISE = int(Word.TICKS), int(Word.MISSED), int(Word.RAISE)
 _HELD_NS, _HEAD = int(Word.HELD_NS), int(Word.HEAD)
+_OFFSET_NS, _WAITED_NS = int(Word.OFFSET_NS), int(Word.WAITED_NS)
 _OFFERED, _WITHDRAWN = int(Word.OFFERED), int(Word.WITHDRAWN)
 
 
@@ -84,6 +85,8 @@ class Tick:
         self._bus = parts.servo.bus or Bus()
         self._work_ns = 0
         self._bus_ns = 0
+        self._offset = self._words[_OFFSET_NS]  # of an elastic clock, as last seen [ns]
+        self._waited = 0  # likewise
         self._raises = self._words[Word.RAISE]
         self._delay_s = 0.0
         self._started_at = 0.0  # added to the positions of laws [rad]
@@ -151,11 +154,13 @@ class Tick:
         """
         words, row = self._words, self._row
         periods = 1 + missed
+        # Reported is real time, whatever an elastic clock takes out.
+        row.lateness_ns = woke_ns - deadline_ns + words[_OFFSET_NS] - self._offset
+        self._offset, self._waited = words[_OFFSET_NS], words[_WAITED_NS]
 
         self._sample(woke_ns)
-        flags = 0
-        if self._parts.inbox.change is not None:
-            flags = self._change(self._parts.inbox.change)
+        change = self._parts.inbox.change
+        flags = 0 if change is None else self._change(change)
         parts = self._parts
         servo, law, sampler, motion = parts.servo, parts.law, parts.sampler, parts.motion
         position, sampled_ns = sampler.position, sampler.sampled_ns
@@ -194,7 +199,6 @@ class Tick:
             may_raise = not contact or not on or self._may_rise()
             flags |= self._follow_guard(age_ns, interval_ns, may_raise)
         row.deadline_ns = deadline_ns
-        row.lateness_ns = woke_ns - deadline_ns
         row.age_ns = age_ns
         row.missed = missed
         row.flags = flags
@@ -211,9 +215,15 @@ class Tick:
         words = self._words
         self.ticks = words[_TICKS] = self.ticks + 1
         self.missed = words[_MISSED] = self.missed + missed
-        self._bus_ns = bus_ns = self._bus.waited_ns
+        bus_ns = self._bus.waited_ns
         words[_HEARTBEAT_NS] = ended_ns = self._now()
         self._work_ns = ended_ns - woke_ns - bus_ns
+        if (offset := words[_OFFSET_NS]) != self._offset:  # elastic, in this tick
+            waited_ns = words[_WAITED_NS] - self._waited
+            bus_ns += waited_ns
+            self._work_ns += offset - self._offset - waited_ns
+            self._offset = offset
+        self._bus_ns = bus_ns
 
     def _write_row(self) -> None:
         """Fill the row with the parts' values, and write it."""

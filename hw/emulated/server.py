@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Self
 
 from haptic_wall.hw.clock import ready
+from haptic_wall.hw.elastic import BusClock
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.console import Console
 from haptic_wall.hw.emulated.witness import Witness
@@ -26,6 +27,8 @@ _SPIN_NS = 60_000
 """Sleeping ends this long before a reply is due [ns]: waking up takes about as long"""
 _NAP_NS = 10_000_000
 """Longest sleep [ns]; a stop request is noticed after it"""
+_HELD_NS = 200_000
+"""Shortest sleep while the time stands still [ns]"""
 _IDLE_NS = 300_000
 """Part of the record is written if no event is due for this long [ns]"""
 _ROWS_AT_ONCE = 4
@@ -142,6 +145,7 @@ def serve(
     witness: Witness | None = None,
     console: Console | None = None,
     announce: Callable[[str], None] | None = None,
+    elastic: BusClock | None = None,
 ) -> None:
     """Run ``bus`` on the monotonic clock until ``stopped`` returns true, checked every 10 ms.
 
@@ -152,8 +156,10 @@ def serve(
         witness: Witness of the bus; its rows are written here.
         console: Changes the bus while it runs.
         announce: Called with the terminal's path when an unplugged adapter is back.
+        elastic: The time that the bus shares with its loop; None: it is for any client.
     """
-    clock = time.monotonic_ns
+    clock = time.monotonic_ns if elastic is None else elastic.now_ns
+    taken = given = 0
     baud = bus.host_baud
     flush_ns = clock() + _FLUSH_NS
     while not stopped():
@@ -163,11 +169,13 @@ def serve(
             _follow(bus, terminal, announce)
         if reply:
             with suppress(BlockingIOError):  # a client that does not read loses bytes, as on a wire
-                os.write(terminal.master, reply)
+                given += os.write(terminal.master, reply)
         if not bus.busy:
             for servo in bus.servos:
                 servo.keep_up(now_ns)
         event_ns = bus.next_event_ns()
+        if elastic is not None:
+            elastic.report(taken, given, event_ns if bus.busy else None)
         rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
         if witness is not None and (rest_ns > _IDLE_NS or witness.waiting > _MAX_WAITING):
             witness.write(_ROWS_AT_ONCE)
@@ -175,11 +183,13 @@ def serve(
                 witness.flush()
                 flush_ns = now_ns + _FLUSH_NS
             rest_ns = _NAP_NS if event_ns is None else min(event_ns - clock(), _NAP_NS)
+        held = elastic is not None and elastic.held
+        least_ns = _HELD_NS if held and rest_ns > 0 else 0
         if bus.busy:
             rest_ns -= _SPIN_NS
         master = () if bus.full or not terminal.connected else (terminal.master,)
         told = () if console is None else console.listens(now_ns)
-        news = ready(master + told, max(rest_ns, 0) * 1e-9)
+        news = ready(master + told, max(rest_ns, least_ns) * 1e-9)
         if not news:
             continue
         now_ns = clock()
@@ -187,6 +197,7 @@ def serve(
             data = os.read(terminal.master, _READ_SIZE)
             bus.host_baud = terminal.baud or baud
             bus.receive(data, now_ns)
+            taken += len(data)
         if console is not None and told and told[0] in news:
             console.read(now_ns)
 

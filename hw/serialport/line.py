@@ -9,6 +9,7 @@ import time
 from typing import Final, Protocol
 
 from haptic_wall.hw.clock import Clock, ready
+from haptic_wall.hw.elastic import ElasticClock
 from haptic_wall.hw.errors import ServoLostError
 
 _SPIN_NS: Final = 60_000
@@ -49,7 +50,7 @@ class Line(Protocol):
 class FdLine:
     """A line on the descriptor of a configured serial port or pseudo-terminal."""
 
-    __slots__ = ("_arrived", "_descriptor", "_only", "_poll", "clock")
+    __slots__ = ("_arrived", "_descriptor", "_elastic", "_only", "_poll", "clock")
 
     def __init__(self, descriptor: int, clock: Clock) -> None:
         """Take over ``descriptor``; ``close`` closes it.
@@ -60,6 +61,7 @@ class FdLine:
         """
         os.set_blocking(descriptor, False)
         self.clock = clock
+        self._elastic = clock if isinstance(clock, ElasticClock) else None
         self._descriptor = descriptor
         self._only = (descriptor,)
         self._arrived = False
@@ -79,6 +81,8 @@ class FdLine:
         Raises:
             ServoLostError: The port is gone, or has stopped sending.
         """
+        if data and self._elastic is not None:
+            self._elastic.sent(len(data))
         try:
             sent = os.write(self._descriptor, data)
         except BlockingIOError:
@@ -110,6 +114,8 @@ class FdLine:
             raise _lost(error) from error
         if not data and self._hung_up():
             raise _lost(None)
+        if self._elastic is not None:
+            self._elastic.got(len(data))
         return data
 
     def wait(self, deadline_ns: int) -> bool:
@@ -122,6 +128,8 @@ class FdLine:
             ServoLostError: The line was closed.
         """
         now_ns = self.clock.now_ns
+        if self._elastic is not None:
+            self._elastic.expect(deadline_ns)
         while True:
             remaining = deadline_ns - now_ns()
             pause = max(0, remaining - _SPIN_NS) * 1e-9

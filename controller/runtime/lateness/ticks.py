@@ -139,6 +139,7 @@ class LateTicks:
         bus_ns: int,
         replies_lost: int,
         missed: int,
+        offsets: tuple[int, int, int] = (0, 0, 0),
     ) -> None:
         """Explain a tick that took longer than ``limits`` allow; ignore any other.
 
@@ -150,11 +151,15 @@ class LateTicks:
             bus_ns: Its bus wait [ns].
             replies_lost: Total since the servo's start.
             missed: Whole periods that it made the loop skip.
+            offsets: Time taken out of an elastic clock by then, at the first three instants [ns].
         """
-        due_ns = max(deadline_ns, self._ended_ns)  # the time of the tick before is not its fault
+        due_at, woke_at, ended_at = offsets
+        woke_ns, ended_ns = woke_ns + woke_at, ended_ns + ended_at
+        # The time of the tick before is not its fault.
+        due_ns = max(deadline_ns + due_at, self._ended_ns)
         self._ended_ns = ended_ns
         held_ns = woke_ns - due_ns
-        asleep_ns = max(0, min(waiter.slept_ns - due_ns, held_ns))
+        asleep_ns = max(0, min(waiter.slept_ns + woke_at - due_ns, held_ns))
         work_ns = ended_ns - woke_ns - bus_ns
         if held_ns + work_ns <= self.limits[0] and bus_ns <= self.limits[1]:
             return
@@ -194,7 +199,7 @@ class LateTicks:
         self._causes[cause] += 1
         self._overshoots.add(deadline_ns, waiter, 1)
         if len(self._worst) < WORST or overdue_ns > self._worst[0].overdue_ns:
-            lateness_ns = woke_ns - deadline_ns
+            lateness_ns = woke_ns - deadline_ns - due_at
             kept = _Kept(overdue_ns, deadline_ns, lateness_ns, missed, late, cause)
             insort(self._worst, kept, key=attrgetter("overdue_ns"))
             del self._worst[:-WORST]

@@ -36,6 +36,15 @@ class Loop:
         return None
 
 
+def test_a_loop_that_waits_for_its_emulated_bus_is_alive_and_one_that_hangs_is_not() -> None:
+    loop = Loop(LoopState.RUNNING)
+    loop.beats = False
+    for _ in range(100):  # it takes the time out of its clock, as long as it lives
+        loop.words[Word.OFFSET_NS] += round(LOOK_S * 1e9)
+        assert loop.after(LOOK_S) is None
+    assert loop.after(1.0) is not None
+
+
 def test_a_silent_loop_is_overdue_after_its_heartbeat() -> None:
     loop = Loop(LoopState.RUNNING)
     assert loop.after(10.0) is None

@@ -17,6 +17,7 @@ from typing import Any, cast
 
 import pytest
 
+from haptic_wall.controller.runtime import tick
 from haptic_wall.controller.runtime.deadlines import SpinWaiter, next_deadline
 from haptic_wall.controller.runtime.lateness import thread_counters
 from haptic_wall.controller.runtime.lateness.causes import Cause, Machine
@@ -277,6 +278,41 @@ def test_a_run_tells_when_and_how_long(
     assert worst["time_s"] == pytest.approx(0.699)
     assert worst["work_us"] == pytest.approx(7000.0)
     assert worst["missed"] == (6 if error is None else 0)
+
+
+@pytest.mark.parametrize("waited", [False, True])
+def test_what_an_elastic_clock_takes_out_is_reported_all_the_same(
+    waited: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one tick, as its own work or as a wait for the bus; and 3 ms before the tick after it."""
+    clock, telemetry = SimulatedClock(), Telemetry.create()
+    words, ended, plain = telemetry.words, tick.Tick._end, tick.Tick._follow_guard
+
+    def stalling(*args: Any, **kwargs: Any) -> Any:
+        if words[Word.HEAD] == 699:
+            words[Word.OFFSET_NS] += 7 * MS
+            words[Word.WAITED_NS] += 7 * MS * waited
+        return plain(*args, **kwargs)
+
+    def ending(*args: Any) -> None:
+        ended(*args)
+        words[Word.OFFSET_NS] += 3 * MS * (words[Word.HEAD] == 700)
+
+    monkeypatch.setattr(tick.Tick, "_follow_guard", stalling)
+    monkeypatch.setattr(tick.Tick, "_end", ending)
+    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
+    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
+        surroundings = Surroundings(take_real_time=lambda: late)
+        result = run_session(config, clock, telemetry, 0.5, surroundings=surroundings)
+    rows, _ = telemetry.read(0)
+    time_ns = {name: int(rows[700][name]) for name in ("work_ns", "bus_ns", "lateness_ns")}
+    usual_ns = int(rows[690]["bus_ns"])
+    assert time_ns["work_ns"] == 7 * MS * (not waited)
+    assert time_ns["bus_ns"] == usual_ns + 7 * MS * waited
+    assert time_ns["lateness_ns"] == 3 * MS
+    assert (rows["lateness_ns"] > 0).sum() == 1
+    assert result.missed == 0
+    assert not_none(result.timing)["worst"][0]["time_s"] == pytest.approx(0.699)
 
 
 @pytest.mark.parametrize("at", [100, 700])
