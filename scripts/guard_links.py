@@ -1,6 +1,5 @@
 """Searches a belief with a flexible transmission for servos on which its walls oscillate."""
 
-import itertools
 import math
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -287,7 +286,7 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
 
 def _spread(values: FloatArray) -> str:
     kept = values[np.isfinite(values)]
-    return ", ".join(f"{x:.2g}" for x in np.quantile(kept, [0.1, 0.5])) if kept.size else ""
+    return ", ".join(f"{x:.2f}" for x in np.quantile(kept, [0.1, 0.5])) if kept.size else ""
 
 
 KINDS: dict[Kind, str] = {
@@ -322,42 +321,17 @@ def served(case: Search) -> list[ServedLink]:
 
 def served_lines(found: Found[Search, list[ServedLink]]) -> list[str]:
     """Count growth over kinds of beliefs, and compare with bins that count their end alone."""
-    counts = []
+    cells = []
     for kind, words in KINDS.items():
-        own = [each for case, row in found if case.kind == kind for each in row]
-        random, searched = (np.array([getattr(e, n) for e in own]) for n in ("random", "searched"))
+        own = np.array([each for case, row in found if case.kind == kind for each in row])
         tried = sum(case.truths * len(row) for case, row in found if case.kind == kind)
-        counts.append(
-            (
-                words,
-                len(own),
-                tried,
-                int(np.sum(random > GROWS)),
-                int(np.sum(searched > GROWS)),
-                f"{max(random.max(), searched.max()):.2g}",
-            )
-        )
-    every = [each for _, row in found for each in row]
-    shares = []
-    for low, high in itertools.pairwise((1.0, 1.05, 2.1, 4.2, 10.5, 63.0)):
-        own = [each for each in every if low <= each.interval < high]
-        cells = []
-        for name in ("stiffness", "damping"):
-            over = np.array([getattr(each, name) for each in own])
-            over = over[np.isfinite(over)]
-            cells += [f"{x:.2f}" for x in np.quantile(over, [0.5, 0.1])] if over.size else ["", ""]
-        shares.append((f"{low:g} to {high:g}", len(own), *cells))
-    return [
-        *table(
-            ("belief", "walls", "random truths", "grow", "grow by search", "fastest [1/s]"),
-            *counts,
-        ),
-        "",
-        *table(
-            ("interval [periods]", "walls", "K, median", "10 %", "B, median", "10 %"),
-            *shares,
-        ),
-    ]
+        _, random, searched, stiffness, damping = own.T
+        grow, by_search = (int(np.sum(each > GROWS)) for each in (random, searched))
+        fastest = f"{max(random.max(), searched.max()):.2g}"
+        costs = _spread(stiffness), _spread(damping)
+        cells.append((words, len(own), tried, grow, by_search, fastest, *costs))
+    head = ("belief", "walls", "random truths", "grow", "grow by search", "fastest [1/s]", "K", "B")
+    return table(head, *cells)
 
 
 GROWS = 1e-6

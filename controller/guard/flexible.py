@@ -37,6 +37,8 @@ _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
 _NOTCH = 0.25
 """Largest relative step of the interval, in widths of a notch"""
+_MOTORS = 1.6
+"""Largest ratio of two motor inertias of the grid"""
 _BESIDE = np.linspace(-2.0, 2.0, 17)
 """Frequencies beside that of a notch, in widths of it"""
 _CONTACT, _RETURNED = (0.1, 0.15, 0.3, 0.5), (0.96, 0.87, 0.6, 0.47)
@@ -344,9 +346,10 @@ def _scan(
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
         rates = np.unique([*rates, *near[(near > knot.low) & (near < knot.high)]])
     ratios = np.unique([belief.flexible_damping_ratio.low, belief.flexible_damping_ratio.high])
-    bodies = _bodies(belief, math.tau * rates)
-    whole, load, rate = (np.tile(each, ratios.size) for each in bodies)
-    ratio = np.repeat(ratios, bodies[0].size)
+    wholes, loads = _bodies(belief)
+    every = np.meshgrid(ratios, math.tau * rates, np.arange(wholes.size), indexing="ij")
+    ratio, rate, body = (each.ravel() for each in every)
+    whole, load = wholes[body], loads[body]
     friction = np.unique([belief.damping.low, belief.damping.high])
     motor = whole - load
     moving = motor * load / whole
@@ -364,20 +367,20 @@ def _scan(
     )
 
 
-def _bodies(belief: Belief, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return whole inertias, loads and rates that stand for the belief [kg·m², kg·m², rad/s].
+def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
+    """Return whole inertias and loads that stand for the belief [kg·m²].
 
-    With more inertia the transmission takes up more, ``2 zeta rate`` times the whole, but friction
-    less, ``b load / motor``: their sum may be least between the ends.
+    With a heavier motor the transmission takes up more, ``2 zeta rate`` times the whole, but
+    friction less, ``b load / motor``: the ceiling, and the limit at a damping, may be least between
+    the ends.
     """
-    low, high, loads = belief.inertia.low, belief.inertia.high, belief.load_inertia
-    load = max(loads.low, LIGHTEST * loads.high)
-    lost = 2.0 * belief.flexible_damping_ratio.low * rates  # 0 of an undamped vibration
-    with np.errstate(divide="ignore", invalid="ignore"):
-        motor = np.sqrt(belief.damping.low * load / lost)
-    inside = (load + motor > max(low, load / HEAVIEST)) & (load + motor < high)
-    corners = [(w, min(each, HEAVIEST * w)) for w in (low, high) for each in (load, loads.high)]
-    corners = list(dict.fromkeys(corners))
-    between = np.stack([load + motor[inside], np.full(inside.sum(), load)], axis=1)
-    whole, loaded = np.concatenate([np.tile(corners, (rates.size, 1)), between]).T
-    return whole, loaded, np.concatenate([np.repeat(rates, len(corners)), rates[inside]])
+    inertia, most = belief.inertia, belief.load_inertia.high
+    found = []
+    for load in {max(belief.load_inertia.low, LIGHTEST * most), most}:
+        ends = [whole - min(load, HEAVIEST * whole) for whole in (inertia.low, inertia.high)]
+        steps = math.ceil(math.log(ends[1] / ends[0]) / math.log(_MOTORS))
+        motor = np.geomspace(*ends, steps + 1)
+        whole = np.minimum(motor + load, motor / (1.0 - HEAVIEST))
+        found.append((whole, whole - motor))
+    whole, load = np.concatenate(found, axis=1)
+    return whole, load

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -187,31 +186,22 @@ def _commanded(config: Config, model: dict[str, dict[str, float]]) -> float:
 
 
 def effect_cells(effect: str, rows: list[Bounded | str]) -> list[str]:
-    """How often the bounds hold the truth, how wide they are, what they allow, what is said."""
+    """How often the bounds hold the truth, how wide they are, and what they allow."""
     good = [each for each in rows if isinstance(each, Bounded)]
-    held = sum(each.held for each in good)
-    count = len(rows)
     widths = [
         float(np.median([each.high[n] - each.low[n] for each in good])) / IDEAL_WIDTHS[n]
-        for n in range(3)
+        for n in (1, 2)
     ]
-    low = float(np.median([each.low[1] for each in good]))
     stiffness = [each.stiffness for each in good]
-    said = Counter(name for each in good for name in each.named)
-    return [
-        *(effect, f"{len(good)} of {count}", f"{held} of {count}"),
-        f"{100 * lower_bound(held, count):.0f} %",
-        *(f"{width:.2f}" for width in widths),
-        *(f"{low:.2f}", f"{np.median(stiffness):.2f}", f"{min(stiffness):.2f}"),
-        ", ".join(f"{name} {number}" for name, number in said.most_common()) or "none",
-    ]
+    values = (*widths, float(np.median(stiffness)), min(stiffness))
+    held = f"{sum(each.held for each in good)} of {len(rows)}"
+    return [effect, held, *(f"{value:.2f}" for value in values)]
 
 
 def effect_lines(found: Found[Drawn, Bounded | str]) -> list[str]:
     """The part of the page on servos with effects."""
-    head = ["effect", "a result", "bounds hold the truth", "at least"]
-    head += ["width, inertia", "damping", "delay", "lower bound of the damping"]
-    head += ["stiffness, median", "least", "named in `warnings`"]
+    head = ["effect", "bounds hold the truth", "width, damping", "delay"]
+    head += ["stiffness, median", "least"]
     every = [(effect, [row for case, row in found if case[1] == effect]) for effect in DRAWN]
     cells = [effect_cells(effect, rows) for effect, rows in every if rows]
     good = [row for _, row in found if isinstance(row, Bounded)]
@@ -231,21 +221,21 @@ def _rate(held: int, number: int) -> str:
 
 
 def cells(kind: Kind, results: list[Result]) -> list[list[str]]:
-    """For each value: how far off, how uncertain, how often within two standard errors."""
+    """For each value: how far off, how often within two standard errors."""
     rows = []
     for n, name in enumerate(NAMES):
         off = np.array([abs(c.found[n] - c.truth[n]) for c in results])
         error = np.array([c.stderr[n] for c in results])
         if name == "delay":
-            off, error, unit, wanted = 1e3 * off, 1e3 * error, "ms", f"{WANTED[1]:g} ms"
+            off, error, unit = 1e3 * off, 1e3 * error, "ms"
         else:
             scale = 100 / np.array([c.truth[n] for c in results])
-            off, error, unit, wanted = off * scale, error * scale, "%", f"{100 * WANTED[0]:g} %"
+            off, error, unit = off * scale, error * scale, "%"
         within = int(np.count_nonzero(off <= 2 * error))
         rows.append(
             [
                 *(kind.name, name, f"{np.median(off):.3f} {unit}", f"{np.max(off):.3f} {unit}"),
-                *(wanted, f"{np.median(error):.3f} {unit}", f"{within} of {len(results)}"),
+                f"{within} of {len(results)}",
             ]
         )
     return rows
@@ -271,13 +261,15 @@ def all_hold(found: Found[tuple[Kind, int], Result]) -> bool:
 
 def lines(found: Found[tuple[Kind, int], Result]) -> list[str]:
     """The part of the page on servos as the model describes them."""
-    head = ["servo", "value", "off, median", "off, worst", "wanted", "standard error, median"]
+    head = ["servo", "value", "off, median", "off, worst"]
     rows = [row for kind, results in _of(found).items() for row in cells(kind, results)]
     return [
         *table([*head, "truth within two"], *rows),
         "",
-        f"Wanted besides: the truth within two standard errors at least {100 * WANTED[2]:g} % of"
-        f" the time. {'It holds.' if all_hold(found) else 'It does not hold.'}",
+        f"Wanted: inertia, damping and friction within {100 * WANTED[0]:g} %, the delay within"
+        f" {WANTED[1]:g} ms, and the truth within two standard errors at least"
+        f" {100 * WANTED[2]:g} % of the time."
+        f" {'It holds.' if all_hold(found) else 'It does not hold.'}",
     ]
 
 

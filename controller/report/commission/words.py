@@ -27,7 +27,7 @@ _NEAR_ONE = 0.02
 
 
 def headline(report: Report) -> str:
-    """Return the answer in one sentence."""
+    """Return the answer: the stiffness, and what friction adds to it."""
     verdict = report["verdict"]
     best, plain = verdict["best"]["commanded"], verdict["plain"]["commanded"]
     can = "can hold"
@@ -47,7 +47,22 @@ def headline(report: Report) -> str:
         return f"{start}; virtual damping does not help it."
     return (
         f"{start} with a virtual damping of {_n(best['damping'])} N·m·s/rad, and of"
-        f" {_n(plain['stiffness'])} without."
+        f" {_n(plain['stiffness'])} without.{_with_friction(report)}"
+    )
+
+
+def _with_friction(report: Report) -> str:
+    """Return the stiffness that friction bore in the sweep without virtual damping."""
+    verdict = report["verdict"]
+    counted = verdict["plain"]["commanded"]["stiffness"] / verdict["margin"]
+    points = [p for p in report["agreement"]["boundary"] or () if p["virtual_damping"] == 0.0]
+    first = min(points, key=lambda p: float(p["delay_steps"]), default=None)
+    if first is None or first["measured"] is None or first["measured"] <= counted:
+        return ""
+    return (
+        f" Without it the sweep measured {_n(first['measured'])} with friction, which stopped a"
+        f" kick of {_n(first['kick_rad'])} rad; the guard does not count on friction, which does"
+        " not stop a larger one."
     )
 
 

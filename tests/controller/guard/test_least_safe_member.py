@@ -8,10 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import LIGHTEST, Belief, Bounded
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.types import WITHIN
+from haptic_wall.controller.theory import (
+    critical_stiffness,
+    flexible_boundary,
+    flexible_ceiling,
+    max_virtual_damping,
+)
 from haptic_wall.controller.theory.checks import FloatArray
 from tests.theory import oracles, test_flexible
 
@@ -69,49 +76,93 @@ def drawn(random: np.random.Generator, rigid: bool) -> Case:
     return Case(found, float(asked), float(period), float(age), int(random.choice([1, 1, 2, 4])))
 
 
-def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> float:
-    """Return the largest modulus of a pole of a servo of the belief."""
-    whole, b, gain, load, hz, ratio, delay, period = member.tolist()
-    k, big_b, n = gain * stiffness, gain * damping, case.samples
-    if not load:
-        # a longer interval is left to the margin
-        rigid = oracles.Loop(whole, b, k, big_b, case.period, delay, n)
-        return oracles.radius(rigid)
-    load = min(load, 0.99 * whole)
+def members(case: Case, shares: FloatArray) -> FloatArray:
+    """Return servos of the belief, and the period of each; rows of shares of the box."""
+    known = case.belief
+    box = [getattr(known, name) for name in NAMES]
+    # of a rigid servo, and of a vibration too fast to be sampled, the margin covers the jitter
+    jitter = WITHIN if known.is_flexible and not known.is_fast(case.period) else 1.0
+    low = np.array([each.low for each in box] + [case.period])
+    high = np.array([each.high for each in box] + [jitter * case.period])
+    low[3] = max(low[3], LIGHTEST * high[3])
+    high[6] += case.age
+    found: FloatArray = low + shares * (high - low)
+    return found
+
+
+def limits(case: Case, some: FloatArray, damping: float) -> FloatArray:
+    """Return the commanded stiffness up to which each servo is stable from 0 on."""
+    whole, b, gain, load, hz, ratio, delay, period = some.T
+    wall = (gain * damping, period, delay, case.samples)
+    if not load.any():
+        return critical_stiffness(whole, b, *wall) / gain
+    servo = two_masses(whole, b, load, hz, ratio)
+    found: FloatArray = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
+    return found / gain
+
+
+def ceilings(case: Case, some: FloatArray) -> FloatArray:
+    """Return the commanded damping up to which each servo is stable without stiffness."""
+    whole, b, gain, load, hz, ratio, delay, period = some.T
+    loop = (period, delay, case.samples)
+    if not load.any():
+        return max_virtual_damping(whole, b, *loop) / gain
+    servo = two_masses(whole, b, load, hz, ratio)
+    found: FloatArray = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
+    return found / gain
+
+
+def two_masses(
+    whole: FloatArray, b: FloatArray, load: FloatArray, hz: FloatArray, ratio: FloatArray
+) -> tuple[FloatArray, ...]:
+    load = np.minimum(load, 0.99 * whole)
     motor, rate = whole - load, math.tau * hz
     moving = motor * load / whole
-    servo = (motor, b, load, moving * rate**2, 2.0 * ratio * moving * rate)
+    return motor, b, load, moving * rate**2, 2.0 * ratio * moving * rate
+
+
+def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> float:
+    """Return the largest modulus of a pole of a servo of the belief."""
+    whole, b, gain, load, *_, delay, period = member.tolist()
+    k, big_b, n = gain * stiffness, gain * damping, case.samples
+    if not load:
+        return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
+    servo = (float(x) for x in two_masses(*member[[0, 1, 3, 4, 5]]))
     loop = test_flexible.Loop(*servo, period, delay / period, n, case.belief.encoder)
     return test_flexible.radius(loop, k, big_b)
 
 
-def worst(
-    case: Case, height: Callable[[FloatArray], float], random: np.random.Generator, tries: int
-) -> float:
-    """Return the largest height that corners, random servos and a climber find in the box."""
-    box = [getattr(case.belief, name) for name in NAMES]
-    low = np.array([each.low for each in box] + [case.period])
-    high = np.array([each.high for each in box] + [WITHIN * case.period])
-    low[3] = max(low[3], LIGHTEST * high[3])
-    high[6] += case.age
-
-    def at(shares: FloatArray) -> float:
-        return height(low + shares * (high - low))
-
-    shares = random.random((tries, low.size))
-    shares[::2] = np.round(shares[::2])
-    heights = [at(row) for row in shares]
-    best, top = shares[np.argmax(heights)], max(heights)
-    for k in range(tries):
-        step = 0.5 * 0.97**k * random.normal(size=low.size) * (random.random(low.size) < 0.4)
-        tried = np.clip(best + step, 0.0, 1.0)
-        if (found := at(tried)) > top:
-            best, top = tried, found
-    return top
+def least(
+    case: Case, height: Callable[[FloatArray], FloatArray], seed: int, steps: int
+) -> tuple[float, FloatArray]:
+    """Return the least height in the box, of corners, random servos and an optimiser; and where."""
+    random = np.random.default_rng(seed)
+    start = random.random((96, len(NAMES) + 1))
+    start[::2] = np.round(start[::2])
+    first = height(members(case, start))
+    found = differential_evolution(
+        lambda points: height(members(case, np.atleast_2d(points.T))),
+        [(0.0, 1.0)] * start.shape[1],
+        init=start[np.argsort(first)[:32]],
+        maxiter=steps,
+        rng=seed,
+        polish=False,
+        tol=0.0,
+        updating="deferred",
+        vectorized=True,
+    )
+    return float(found.fun), members(case, found.x[None])[0]
 
 
-def check(case: Case, random: np.random.Generator, tries: int) -> None:
-    """Every servo of the belief is stable at the limits of stiffness and virtual damping."""
+class Found(NamedTuple):
+    """What was counted over the least that was found in the box; above 1 is unsafe."""
+
+    stiffness: float
+    ceiling: float
+
+
+def searched(case: Case, seed: int, steps: int) -> Found:
+    """Search for the servo on which the limits of stiffness and virtual damping are least."""
     settings = GuardSettings()
     situation = Situation(case.belief, case.period, 4.1, 0.0)
 
@@ -120,19 +171,22 @@ def check(case: Case, random: np.random.Generator, tries: int) -> None:
         return decide(request, settings, situation, [case.age], explained=False)[0]
 
     ceiling = decided(0.0).damping_ceiling
-    least = case.belief.damping.low / case.belief.torque_gain.high
-    wall = decided(case.asked * (settings.damping_cap * ceiling if case.asked > 0.0 else least))
+    slack = case.belief.damping.low / case.belief.torque_gain.high
+    wall = decided(case.asked * (settings.damping_cap * ceiling if case.asked > 0.0 else slack))
     limit = wall.stiffness / settings.margin
+    top, member = least(case, lambda some: ceilings(case, some), seed, steps)
+    bounds = radius(case, member, 0.0, 0.999 * ceiling)
+    low, member = least(case, lambda some: limits(case, some, wall.damping), seed, steps)
+    # an independent loop decides, too
+    worst = max(bounds, radius(case, member, limit, wall.damping) if limit > 0.0 else 0.0)
+    if worst > 1.0 + 1e-9:
+        return Found(math.inf, math.inf)
+    return Found(limit / low if limit > 0.0 else 0.0, ceiling / top)
 
-    def of_limit(member: FloatArray) -> float:
-        return radius(case, member, limit, wall.damping)
 
-    def of_ceiling(member: FloatArray) -> float:
-        return radius(case, member, 0.0, 0.999 * ceiling)
-
-    if limit > 0.0:
-        assert worst(case, of_limit, random, tries) < 1.0 + 1e-9, case
-    assert worst(case, of_ceiling, random, tries) < 1.0 + 1e-9, case
+def check(case: Case, seed: int, steps: int) -> None:
+    """Every servo of the belief is stable at the limits of stiffness and virtual damping."""
+    assert max(searched(case, seed, steps)) < 1.0 + 1e-9, case
 
 
 MORE_FRICTION = belief(
@@ -153,18 +207,28 @@ INERTIA_INSIDE = belief(
     flexible_damping_ratio=Bounded.exactly(0.004),
 )
 """The ceiling is least between the ends of the inertia"""
+LIMIT_INSIDE = belief(
+    inertia=Bounded(1.35e-3, 6.744e-4, 2.6977e-3),
+    damping=Bounded.exactly(5.785e-3),
+    torque_gain=Bounded.exactly(1.3044),
+    load_inertia=Bounded.exactly(4.763e-5),
+    flexible_hz=Bounded.exactly(2.3673),
+    flexible_damping_ratio=Bounded.exactly(1.0948e-3),
+)
+"""The ceiling is least at the most inertia, but the limit at 0.7 of it between the ends"""
 
 
-@pytest.mark.parametrize("known", [MORE_FRICTION, INERTIA_INSIDE])
-def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(known: Belief) -> None:
-    check(Case(known), np.random.default_rng(1), 60)
+@pytest.mark.parametrize(
+    "case", [Case(MORE_FRICTION), Case(INERTIA_INSIDE), Case(LIMIT_INSIDE, 1.0, samples=4)]
+)
+def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(case: Case) -> None:
+    check(case, 1, 6)
 
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) -> None:
-    for seed in range(400 if thorough else 3):
-        random = np.random.default_rng((seed, rigid))
-        check(drawn(random, rigid), random, 300 if thorough else 60)
+    for seed in range(2000 if thorough else 3):
+        check(drawn(np.random.default_rng((seed, rigid)), rigid), seed, 12 if thorough else 4)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.02])

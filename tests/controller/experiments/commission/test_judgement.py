@@ -122,6 +122,25 @@ def test_backlash_that_is_believed_takes_no_margin() -> None:
     assert "requires a lower guard.margin" in " ".join(words._boundary(found, 0.8))
 
 
+@pytest.mark.parametrize(("measured", "said"), [(33.0, True), (1.5, False), (None, False)])
+def test_what_the_sweep_bore_with_friction_stands_beside_what_is_allowed(
+    measured: float | None, said: bool
+) -> None:
+    points = [swept(9.0), swept(measured, delay_steps=0), swept(99.0, virtual_damping=0.1)]
+    decided = {"stiffness": 1.7, "damping": 0.0}, {"stiffness": 14.0, "damping": 0.1}
+    verdict = dict(zip(("plain", "best"), ({"commanded": each} for each in decided), strict=True))
+    headline = words.headline(
+        {
+            "name": "mine",
+            "status": "complete",
+            "agreement": {"boundary": points},
+            "verdict": {**verdict, "margin": 0.8},
+        }
+    )
+    assert "and of 1.7 without." in headline
+    assert ("Without it the sweep measured 33 with friction" in headline) == said
+
+
 def test_a_point_without_a_figure_is_no_disagreement() -> None:
     (found,) = agreement.boundary(
         load_config("simulated").config, [swept(None, kick_rad=None, reason="out of reach")]
