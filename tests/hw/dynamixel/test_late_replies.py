@@ -145,7 +145,8 @@ def test_any_pattern_ends_in_the_right_values_or_a_refusal_for_the_line(
         if seed % 4 == 0:  # one after the other, a little later each: all are one behind
             delays = {begin + n: [round((late + 2 * n) * MS)] for n in range(random.randint(2, 4))}
         good += right(clean, seed, delays=delays, in_order=seed // 4 % 2 > 0)
-    assert good > 0.8 * count
+    # .87 of 300 cases with firmware 42, .92 with 45; forty scatter by .05
+    assert good > (0.8 if thorough else 0.7) * count
 
 
 @pytest.mark.parametrize(
