@@ -15,7 +15,7 @@ from tests.support.chromium import Tab
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
 TEXT = "document.getElementById('text').innerText"
 STARTED = f"{TEXT}.includes('stable on this servo')"
-PATIENT_S = 40.0
+PATIENT_S = 120.0
 """A machine that runs tests may let a change wait"""
 
 
