@@ -11,6 +11,8 @@ from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
+_PATIENCE_NS: Final = (*QUICK_NS[2:], QUICK_NS[-1])
+"""Time allowed for each reply of each attempt [ns]; two attempts outlast a 16 ms timer"""
 _SIZES: Final = range(4, 16)
 """Sizes of the blocks that are read: of no other process's requests, whose replies may be late"""
 _GAP_NS: Final = 2_000_000
@@ -48,8 +50,8 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
 def torque_off(link: Link) -> bool:
     """Write Torque Enable 0 and read it back; try several times.
 
-    It takes at most 72 ms; a slow bus adds its wire time. Only what is read back counts, in a block
-    of a size that no other request has: a late reply must not be taken for the answer.
+    It takes at most 100 ms; a slow bus adds its wire time. Only what is read back counts, in a
+    block of a size that no other request has: a late reply must not be taken for the answer.
 
     Returns:
         Whether torque off was read back.
@@ -57,4 +59,4 @@ def torque_off(link: Link) -> bool:
     Raises:
         ServoLostError: The port is gone.
     """
-    return confirmed(link, _TORQUE_ENABLE, 0, QUICK_NS, _SIZES) == 0
+    return confirmed(link, _TORQUE_ENABLE, 0, _PATIENCE_NS, _SIZES) == 0

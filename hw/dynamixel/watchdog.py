@@ -74,7 +74,7 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     if found == WATCHDOG_TRIPPED:
         steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
     armed = all(
-        confirmed(link, register, value, 2 * QUICK_NS[-1:]) == value for register, value in steps
+        confirmed(link, register, value, 3 * QUICK_NS[-1:]) == value for register, value in steps
     )
     return Armed.YES if armed else Armed.UNKNOWN
 

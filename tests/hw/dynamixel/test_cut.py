@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
+from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.watchdog import Armed, rearm
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import sampled
-from tests.hw.dynamixel.bench import Bench
+from tests.hw.dynamixel.bench import BAUD, Bench
 from tests.hw.dynamixel.lines import TroubledLine
 
 
@@ -162,3 +166,23 @@ def test_a_bus_that_is_never_silent_is_cut_all_the_same() -> None:
             return super().read() + b"\x00\x55"
 
     assert cut_torque(Babbling(bench.bus, bench.clock), 1) is True
+
+
+def test_torque_is_armed_again_and_cut_although_a_fifth_of_the_replies_is_lost() -> None:
+    """Behind an adapter with a 16 ms timer; the wall is never on without its watchdog."""
+    armed = cut = 0
+    for seed in range(20):
+        draw, bench = Random(seed), Bench(watchdog_s=0.04)
+        bench.servo.start()
+
+        def fate(_: int, reply: bytes, draw: Random = draw) -> list[tuple[int, bytes]]:
+            return [] if draw.random() < 0.2 else [(draw.randrange(16_000_000), reply)]
+
+        line = TroubledLine(bench.memory_line, fate)
+        bench.wait(0.2)  # the watchdog trips
+        unguarded = bench.spy_unguarded()
+        armed += rearm(Link(line, 1, baud=BAUD), 2, under_torque=False) is Armed.YES
+        assert not any(unguarded)
+        cut += cut_torque(line, 1, BAUD)
+    assert armed >= 14
+    assert cut >= 18
