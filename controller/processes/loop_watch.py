@@ -51,7 +51,9 @@ class LoopWatch:
         if self._words[Word.STOP]:
             self.asked()
         state = self._words[Word.STATE]
-        end_s = REPORT_S if state == LoopState.TORQUE_OFF else END_S
+        end_s = max(END_S, self._heartbeat_s)
+        if state == LoopState.TORQUE_OFF:
+            end_s = REPORT_S
         if self._asked is not None and now - max(self._asked, self._awake) > end_s:
             return f"did not end within {end_s:g} s of being asked to"
         if state == LoopState.STARTING:
