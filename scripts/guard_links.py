@@ -280,8 +280,8 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
         shares = [_spread(rows[:, n]) for n in (4, 5, 3)]
         worst = f"{int(np.sum(thrown > 1.0 + 1e-6))} of {4 * thrown.size}" if thrown.size else ""
         cells.append((words, len(rows), truths, grow, by_search, worst, *shares))
-    head = ("belief", "number", "random truths", "grow", "grow by search", "throw")
-    return table((*head, "K two-sided, of possible", "K one-sided", "B"), *cells)
+    head = ("belief", "number", "truths", "grow", "by search", "throw")
+    return table((*head, "K two-sided", "K one-sided", "B"), *cells)
 
 
 def _spread(values: FloatArray) -> str:
@@ -330,7 +330,7 @@ def served_lines(found: Found[Search, list[ServedLink]]) -> list[str]:
         fastest = f"{max(random.max(), searched.max()):.2g}"
         costs = _spread(stiffness), _spread(damping)
         cells.append((words, len(own), tried, grow, by_search, fastest, *costs))
-    head = ("belief", "walls", "random truths", "grow", "grow by search", "fastest [1/s]", "K", "B")
+    head = ("belief", "walls", "truths", "grow", "by search", "fastest [1/s]", "K", "B")
     return table(head, *cells)
 
 

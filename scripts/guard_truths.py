@@ -467,8 +467,9 @@ def stiffer_lines(found: Found[tuple[int, int, Side, float], Beyond]) -> list[st
             next(row for case, row in found if case[2:] == (side, factor))
             for side in ("both", "above")
         )
-        cells.append((f"{factor:g}", both.tried, both.grow, both.swing, above.tried, above.throw))
-    head = ("K over the commanded", "two-sided", "grow", "swing on", "one-sided", "throw back")
+        of = f"of {both.tried}"
+        cells.append((f"{factor:g}", f"{both.grow} {of}", both.swing, above.throw))
+    head = ("K over the commanded", "grow", "swing on", "throw back")
     return list(table(head, *cells))
 
 
@@ -551,11 +552,7 @@ def rates(found: Found[tuple[int, int, Side], Row]) -> list[str]:
         tried = sum(row.tried - row.refused for row in rows)
         for what in ("grow", "swing") if side == "both" else ("throw",):
             bad = sum(len(getattr(row, what)) for row in rows)
-            words = {
-                "grow": "grow",
-                "swing": f"swing on by more than {COUNTS} counts",
-                "throw": "throw back faster than they were hit, at speeds stated",
-            }
+            words = {"grow": "grow", "swing": "swing on", "throw": "throw back"}
             cells.append((name, words[what], tried, bad, f"{100 * upper_bound(bad, tried):.2g} %"))
     head = ("wall", "that", "truths", "number", "rate at most (95 %)")
     return list(table(head, *cells))
@@ -569,16 +566,11 @@ def timidity(found: Found[tuple[int, int, Side], Row]) -> list[str]:
     """Quantiles of what is commanded, over margin times the worst corner's true limit."""
     cells = []
     for side, name in (("both", "two-sided"), ("above", "one-sided")):
-        every = [one for case, row in found if case[2] == side for one in row.shares]
-        for which, some in (
-            ("all", every),
-            ("not bound by quantisation", [s for s in every if s.binding not in ROUGH]),
-        ):
-            values = np.array([one.share for one in some])
-            spread = (f"{v:.2f}" for v in np.quantile(values, (0.1, 0.5)))
-            cells.append((name, which, values.size, *spread))
-    head = ("wall", "beliefs", "number", "tenth percentile", "median")
-    return list(table(head, *cells))
+        some = [one for case, row in found if case[2] == side for one in row.shares]
+        values = np.array([one.share for one in some if one.binding not in ROUGH])
+        spread = (f"{v:.2f}" for v in np.quantile(values, (0.1, 0.5)))
+        cells.append((name, values.size, *spread))
+    return list(table(("wall", "beliefs", "tenth percentile", "median"), *cells))
 
 
 class Worst(NamedTuple):

@@ -52,12 +52,10 @@ def headline(report: Report) -> str:
 
 
 def _with_friction(report: Report) -> str:
-    """Return the stiffness that friction bore in the sweep without virtual damping."""
-    verdict = report["verdict"]
-    counted = verdict["plain"]["commanded"]["stiffness"] / verdict["margin"]
+    """Return what the sweep measured without virtual damping, where friction added to it."""
     points = [p for p in report["agreement"]["boundary"] or () if p["virtual_damping"] == 0.0]
     first = min(points, key=lambda p: float(p["delay_steps"]), default=None)
-    if first is None or first["measured"] is None or first["measured"] <= counted:
+    if first is None or (first["measured"] or 0.0) <= first["without_friction"]:
         return ""
     return (
         f" Without it the sweep measured {_n(first['measured'])} with friction, which stopped a"

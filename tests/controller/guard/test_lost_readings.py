@@ -13,6 +13,7 @@ from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request,
 from haptic_wall.controller.guard.schedule import ServedInterval, interval_bins_ns
 from haptic_wall.controller.theory import max_virtual_damping
 from tests.support.irregular_loop import PERIOD, QUARTERS, Loop, Matrix, interval_matrix
+from tests.support.memory_session import LIMITS_OF_HARDWARE, run_in_memory
 
 NS = 1_000_000
 SECONDS = 25
@@ -199,3 +200,19 @@ def test_single_lost_readings_cost_little_stiffness(share: float, least: float) 
         served.take_raise()
         found.append(walls.at(served.bin).stiffness / walls.at(0).stiffness)
     assert np.mean(found) >= least
+
+
+@pytest.mark.whole
+def test_a_running_wall_is_softened_until_bursts_no_longer_feed_it() -> None:
+    """14 of each 500 replies are lost; without Coulomb friction the first wall would grow."""
+    m, b = XM430
+    servo = f"inertia={m}", f"damping={b}", "coulomb=0", "delay=0"
+    sets = [f"{part}.{each}" for part in ("servo", "model") for each in servo]
+    sets += ["servo.hand=none", "servo.kick=0.05", "wall.side=both", "wall.stiffness=1e9"]
+    sets += ["wall.damping=0.02", "safety.engage=at-once", "safety.on_oscillation=report"]
+    lost = [f"drop:way=reply,at={0.001 + 0.5 * k:.4f},for=0.014" for k in range(16)]
+    run = run_in_memory([*LIMITS_OF_HARDWARE, *sets], 8.0, faults=lost)
+    assert run.result.stop_reason == "duration"
+    moved, stiffness = np.abs(run.ticks["position"]), run.ticks["stiffness"]
+    assert np.nanmax(moved[-1000:]) < 0.2 * np.nanmax(moved)
+    assert 0.0 < stiffness[-1] < 0.9 * stiffness.max()
