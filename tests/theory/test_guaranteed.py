@@ -120,21 +120,6 @@ def test_the_least_safe_corner_is_not_always_the_worst() -> None:
     assert is_stable_over(ranges, found.stiffness, virtual, PERIOD, samples).proved
 
 
-def test_a_range_of_one_servo_has_its_exact_limit() -> None:
-    known = Ranges((0.012, 0.012), (0.0117, 0.0117), (1.5e-3, 1.5e-3), (1.1, 1.1))
-    for virtual in (-0.005, 0.0, 0.1, 1.0):
-        exact = critical_stiffness(0.012, 0.0117, 1.1 * virtual, PERIOD, 1.5e-3) / 1.1
-        found = guaranteed_limit(known, virtual, PERIOD, tolerance=1e-6)
-        assert found.upper == pytest.approx(exact, rel=1e-12)
-        assert 1 - 2e-6 < found.stiffness / exact < 1
-
-
-def test_more_than_is_known_never_lowers_the_limit_and_less_never_raises_it() -> None:
-    wide = guaranteed_limit(MX_64, 0.1, PERIOD)
-    inside = Ranges((0.009, 0.015), (0.009, 0.016), (1.2e-3, 2.5e-3), (0.9, 1.1))
-    assert guaranteed_limit(inside, 0.1, PERIOD).stiffness > wide.stiffness
-
-
 def test_no_stiffness_is_claimed_where_none_is_stable() -> None:
     ceiling = guaranteed_damping_ceiling(MX_64, PERIOD)
     above = guaranteed_limit(MX_64, 1.01 * ceiling.upper, PERIOD)
@@ -187,17 +172,6 @@ def test_what_each_unknown_costs(virtual: float) -> None:
         assert each.lost == pytest.approx(1 - costs.limit.stiffness / each.limit.stiffness)
 
 
-@pytest.mark.whole
-def test_without_virtual_damping_what_the_linear_condition_says_each_unknown_costs() -> None:
-    # K = b/(T/2 + t_d)/g: each unknown takes the ratio of its worst to its likely value
-    costs = cost_of_each_unknown(MX_64, NOMINAL, 0.0, PERIOD)
-    lost = {each.name: each.lost for each in costs.unknowns}
-    assert lost["damping"] == pytest.approx(1 - 0.008 / 0.011692, abs=0.002)
-    assert lost["delay"] == pytest.approx(1 - 2.5 / 3.5, abs=0.002)
-    assert lost["torque_gain"] == pytest.approx(1 - 1 / 1.2, abs=0.002)
-    assert lost["inertia"] < 0.002
-
-
 def test_with_the_linear_limit_the_guards_corner_is_the_guaranteed_limit(
     thorough: bool, wholly: bool
 ) -> None:
@@ -221,9 +195,7 @@ def test_with_the_linear_limit_the_guards_corner_is_the_guaranteed_limit(
         ("inertia", (0.02, 0.01), "inertia must have low <= high"),
         ("inertia", (0.0, 0.01), "inertia must be > 0"),
         ("damping", (0.0, 0.01), "damping must be > 0"),
-        ("damping", (0.01, float("nan")), "damping must be finite"),
         ("delay", (-1e-3, 1e-3), "delay must be >= 0"),
-        ("torque_gain", (-1.0, 1.0), "torque_gain must be > 0"),
         ("torque_gain", (1.0,), "torque_gain must be a pair"),
     ],
 )
@@ -238,14 +210,8 @@ def test_ranges_that_make_no_sense_name_the_argument(
 def test_other_arguments_out_of_their_domain_are_named() -> None:
     with pytest.raises(ValueError, match="stiffness must be > 0"):
         is_stable_over(MX_64, 0.0, 0.1, PERIOD)
-    with pytest.raises(ValueError, match="virtual_damping must be finite"):
-        guaranteed_limit(MX_64, float("inf"), PERIOD)
     with pytest.raises(ValueError, match="virtual_damping must be one number"):
         guaranteed_limit(MX_64, cast(float, [0.0, 0.1]), PERIOD)
-    with pytest.raises(ValueError, match="period must be > 0"):
-        guaranteed_limit(MX_64, 0.1, 0.0)
-    with pytest.raises(ValueError, match="velocity_samples must be a whole number"):
-        guaranteed_limit(MX_64, 0.1, PERIOD, 0)
     with pytest.raises(ValueError, match="tolerance must be between 0 and 1"):
         guaranteed_limit(MX_64, 0.1, PERIOD, tolerance=0.0)
     with pytest.raises(ValueError, match=r"inertia must be within 0\.008 to 0\.016, got 1"):

@@ -60,18 +60,6 @@ def test_at_the_critical_stiffness_it_oscillates_at_the_frequency_given(delay: f
     )
 
 
-@pytest.mark.parametrize("delay", DELAYS)
-def test_python_control_takes_them(delay: float) -> None:
-    control = pytest.importorskip("control")
-    g = control.tf(*pulse_transfer(INERTIA, DAMPING, PERIOD, delay), PERIOD)
-    device = control.ss(*plant(INERTIA, DAMPING, PERIOD, delay), PERIOD)
-    wall = control.tf(*wall_transfer(3.0, 0.05, PERIOD), PERIOD)
-    loop = control.ss(*closed_loop(INERTIA, DAMPING, 3.0, 0.05, PERIOD, delay), PERIOD)
-    z = np.exp(1j * np.array([0.01, 0.3, 2.0]))
-    np.testing.assert_allclose(g(z), device(z), rtol=1e-9)
-    np.testing.assert_allclose(control.feedback(g, wall)(z), loop(z), rtol=1e-9)
-
-
 def test_errors_name_the_argument() -> None:
     with pytest.raises(ValueError, match="period must be > 0, got 0"):
         pulse_transfer(1.0, 0.1, 0.0, 0.0)

@@ -90,14 +90,6 @@ def test_above_the_lowest_speed_none_comes_back_faster_and_below_some_do(
     assert np.max(returned(stiff, servos, low * np.geomspace(0.003, 1.0, 40), coulomb)) > 1.0
 
 
-def test_slow_contacts_come_back_faster_at_any_margin() -> None:
-    """Below the limit alone, the device may come back faster."""
-    servos = one()
-    for of_limit in (0.8, 0.4, 0.1):
-        slow = returned(wall(servos, 0.1, of_limit), servos, np.array([0.01 * UNIT]))
-        assert slow > 2.0
-
-
 def test_friction_above_one_counts_torque_leaves_no_lowest_speed() -> None:
     servos = one()
     stiff = wall(servos)
