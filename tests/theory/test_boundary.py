@@ -11,16 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.theory import (
-    all_branches,
     critical_point,
     critical_stiffness,
-    first_branch,
     linear_limit,
     max_virtual_damping,
     peak,
 )
 from haptic_wall.controller.theory.boundary import critical, highest, max_beta
-from haptic_wall.controller.theory.loop import HeldLoop
 from tests.cases import sampled
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
@@ -131,28 +128,6 @@ def assert_limit(wall: Wall, gap: float) -> None:
         for share in (1e-3, 0.03, 0.3, 0.7, 0.97, 0.999, 1 - part):
             assert all_inside(characteristic(wall, limit * share)), (wall, share)
         assert not all_inside(characteristic(wall, limit * (1 + part))), wall
-
-
-def test_the_first_branch_is_all_there_is_for_light_damping(thorough: bool) -> None:
-    delta, beta, delay = light_settings(
-        20_000 if thorough else 2_000, seed=4, heaviest=first_branch.LIGHT
-    )
-    one = np.ones_like(delta)
-    alpha, w = critical(delta, beta, delay, one)
-    column = HeldLoop.of(delta, delay, one).column()
-    lowest, at = np.empty_like(alpha), np.empty_like(w)
-    ceiling = np.empty_like(alpha)
-    for i in range(0, delta.size, 500):
-        part = HeldLoop.of(delta[i : i + 500], delay[i : i + 500], one[i : i + 500]).column()
-        lowest[i : i + 500], at[i : i + 500] = all_branches.crossing(part, beta[i : i + 500])
-        ceiling[i : i + 500] = all_branches.ceiling(part)
-    np.testing.assert_allclose(alpha, lowest, rtol=1e-11)
-    np.testing.assert_allclose(w, at, rtol=1e-11)
-    np.testing.assert_allclose(max_beta(delta, delay, one), ceiling, rtol=1e-11)
-    # it rises all the way to the ceiling, so that it passes each damping once
-    w_max, _ = first_branch.ceiling(column)
-    curve = column.curve(w_max * np.linspace(0.02, 1.0, 60))
-    assert np.all(np.diff(curve.q / (curve.c * curve.m), axis=1) > 0)
 
 
 @pytest.mark.parametrize(

@@ -214,22 +214,6 @@ def test_a_stable_wall_has_no_cycle_by_friction_or_saturation_and_an_unstable_on
         assert [cycle.stable for cycle in saturation] == [True]
 
 
-def test_amplitudes_go_with_the_size_of_the_nonlinearity() -> None:
-    (loop,) = walls(1, 8, (0.5, 0.6), 0.0)
-    stiff = loop._replace(stiffness=3 * loop.stiffness)
-    for one, two, at in (
-        (Backlash(1e-3), Backlash(2e-3), loop),
-        (Saturation(0.5), Saturation(1.0), stiff),
-        (Quantisation(1e-3, at_edge=True), Quantisation(2e-3, at_edge=True), loop),
-        (Coulomb(0.01), Coulomb(0.02), stiff),
-    ):
-        small, large = predicted(at, one), predicted(at, two)
-        assert small
-        for a, b in zip(small, large, strict=True):
-            assert b.amplitude == pytest.approx(2 * a.amplitude, rel=1e-6)
-            assert b.frequency == pytest.approx(a.frequency, rel=1e-6)
-
-
 def test_below_half_a_count_nothing_is_measured() -> None:
     np.testing.assert_array_equal(quantisation_gain([1e-4, 4.9e-4], 1e-3), 0)
     np.testing.assert_array_equal(backlash_gain([1e-4, 4.9e-4], 1e-3), 0)

@@ -21,12 +21,10 @@ from haptic_wall.controller.theory.guaranteed import (
     is_stable_over,
 )
 from haptic_wall.controller.theory.ranges import Member, Ranges
-from tests.cases import sampled
 from tests.theory.oracles import Loop, radius
 
 # MX-64 as identified by Rhoban's bam, with the bounds of somebody who has not measured his own
 MX_64 = Ranges((0.008, 0.016), (0.008, 0.017), (1e-3, 3e-3), (0.8, 1.2))
-NOMINAL = Member(0.011951, 0.011692, 2e-3, 1.0)
 PERIOD = 1e-3
 
 
@@ -150,26 +148,6 @@ def test_out_of_boxes_less_is_proved_never_more(monkeypatch: pytest.MonkeyPatch)
     verdict = is_stable_over(MX_64, full.stiffness, 0.1, PERIOD)
     assert not verdict.proved
     assert verdict.counterexample is None
-
-
-@pytest.mark.parametrize("virtual", sampled([0.1, -0.004, 0.0, 1.0], 4))
-def test_what_each_unknown_costs(virtual: float) -> None:
-    costs = cost_of_each_unknown(MX_64, NOMINAL, virtual, PERIOD)
-    assert [each.name for each in costs.unknowns] == [
-        "inertia",
-        "damping",
-        "delay",
-        "torque_gain",
-    ]
-    assert costs.known == pytest.approx(
-        critical_stiffness(NOMINAL.inertia, NOMINAL.damping, virtual, PERIOD, NOMINAL.delay)
-    )
-    assert costs.lost == pytest.approx(1 - costs.limit.stiffness / costs.known)
-    for each in costs.unknowns:
-        assert each.known_at == getattr(NOMINAL, each.name)
-        assert costs.limit.upper <= each.limit.upper * (1 + 1e-9)
-        assert each.limit.upper <= costs.known * 1.001  # inertia may act the other way a little
-        assert each.lost == pytest.approx(1 - costs.limit.stiffness / each.limit.stiffness)
 
 
 def test_with_the_linear_limit_the_guards_corner_is_the_guaranteed_limit(

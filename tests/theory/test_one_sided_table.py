@@ -104,20 +104,6 @@ def test_units_and_what_is_known_already_change_nothing() -> None:
     np.testing.assert_allclose(limit, pure * inertia / period**2, rtol=1e-9)
 
 
-def test_more_virtual_damping_never_makes_the_share_jump() -> None:
-    # between cells the interpolation is continuous; where two grids meet they agree
-    of_ceiling = np.linspace(0.0, 0.7, 2001)
-    for late in (0.3, 1.0, 4.7, 6.99, 7.01, 30.0):
-        ceiling = max_virtual_damping(1.0, 0.003, 1.0, late)
-        ones = np.ones_like(of_ceiling)
-        share = tabulated_share(
-            0.003 * ones, of_ceiling * ceiling, late * ones, ones, ceiling * ones
-        )
-        known = np.isfinite(share[1:]) & np.isfinite(share[:-1])
-        assert np.mean(known) > 0.95
-        assert np.max(np.abs(np.diff(share)[known])) < 0.02
-
-
 def test_zero_where_nothing_is_stable() -> None:
     assert one_sided_limit_tabulated(1.0, 0.0, 0.0, 1.0, 1.0) == 0
     assert one_sided_limit_tabulated(1.0, 0.01, 5.0, 1.0, 1.0) == 0

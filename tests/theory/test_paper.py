@@ -121,13 +121,6 @@ def test_equation_15_is_the_boundary_for_any_delay() -> None:
     assert gain_margin(1e-4, 0.01, 3) == pytest.approx(0.00284, abs=5e-6)
 
 
-def test_ceiling_of_any_delay_without_damping() -> None:
-    delay = np.arange(61)
-    np.testing.assert_allclose(
-        max_virtual_damping(1.0, 0.0, 1.0, delay), 2 * np.tan(np.pi / (4 * (delay + 1))), rtol=1e-13
-    )
-
-
 def test_points_of_figure_10() -> None:
     # delta = 0: one point each, below the line, at a damping that falls with the delay
     for delay in (0.0, 0.5, 1.0, 3.0):
