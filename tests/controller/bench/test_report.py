@@ -7,7 +7,7 @@ import pytest
 
 from haptic_wall.controller.bench.bins import binned, percentile
 from haptic_wall.controller.bench.machine import ProcessorTime, processor_time, stolen_percent
-from haptic_wall.controller.bench.rows import Histogram, over_rounds, ratio
+from haptic_wall.controller.bench.rows import Histogram
 from haptic_wall.controller.bench.words import figure
 
 
@@ -37,27 +37,12 @@ def test_no_sample_is_lost_between_the_bins(samples: list[float], scale: str) ->
     assert np.all(np.diff(edges) > 0)
 
 
-def test_a_sample_is_counted_in_the_bin_that_holds_it() -> None:
-    counted = binned(Histogram("h", "µs", {"one": [1.0, 10.0, 10.1, 1000.0]}))
-    edges, counts = np.array(counted["edges"]), np.array(counted["series"]["one"]["counts"])
-    (at,) = np.flatnonzero(counts == 2)
-    assert edges[at] <= 10.0
-    assert edges[at + 1] > 10.1
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0.04567, "0.0457"), (12.25, "12.2"), (999.97, "1,000"), (423456.0, "423,000"), (None, "–")],
 )
 def test_figures_have_three_digits(value: float | None, text: str) -> None:
     assert figure(value) == text
-
-
-def test_quartiles_tell_how_far_the_rounds_are_apart() -> None:
-    row = over_rounds("r", [1.0, 2.0, 3.0, 4.0, 5.0], "µs", "nothing")
-    assert (row.low, row.value, row.high) == (2.0, 3.0, 4.0)
-    alone = ratio("r", [3.0], [2.0], "nothing")
-    assert (alone.low, alone.value, alone.high) == (1.5, 1.5, 1.5)
 
 
 def test_the_hosts_share_is_of_all_processors_time(tmp_path: Path) -> None:
