@@ -1,17 +1,12 @@
 """The verdict against the guard itself; agreement where there is, and where there is none."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.experiments.commission import agreement
-from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
-from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
@@ -43,12 +38,6 @@ def test_no_damping_allows_more_than_the_best(sets: tuple[str, ...], thorough: b
     assert best["stiffness"] == asked.decide(1e6, best["damping"]).stiffness
 
 
-def test_the_wall_of_the_configuration_is_judged_too() -> None:
-    found = verdict(question("simulated", "wall.stiffness=500"), True)
-    assert found["configured"]["binding"] is not None
-    assert found["configured"]["commanded"]["stiffness"] < 500
-
-
 def test_the_measured_age_makes_it_softer() -> None:
     config = load_config("emulated-ideal").config
     parts = {"parts": {"age": {"guard": 0.0006}}}
@@ -57,34 +46,6 @@ def test_the_measured_age_makes_it_softer() -> None:
         verdict(GuardQuestion.of(config, d), True)["plain"]["commanded"] for d in (parts, late)
     )
     assert old["stiffness"] < 0.5 * young["stiffness"]
-
-
-@pytest.mark.parametrize("coulomb", [0.0, 0.001, 0.09])
-@pytest.mark.parametrize("kick", [0.01, 0.1])
-def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb: float, kick: float) -> None:
-    device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
-    for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
-        found = device.sustained(damping, delay, kick)
-        if coulomb == 0.0:
-            assert found == pytest.approx(device.exact(damping, delay), rel=1e-4)
-        else:
-            amplitude, _ = device.onset(np.array([found]), damping, delay)
-            assert amplitude[0] == pytest.approx(kick, rel=5e-3)
-
-
-@pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
-def test_planned_points_can_be_reached(name: str) -> None:
-    config = load_config(name).config
-    device = Device.of(config)
-    settings = short_sweep(config)
-    assert len(settings) == 6 and len({s.delay_steps for s in settings}) == 2
-    count = 2.0 * np.pi / 4096
-    share = config.guard.quantisation_share * device.torque_limit
-    for setting in settings:
-        assert setting.virtual_damping * count / device.period <= share
-        delay = setting.delay_steps * device.period + device.lag
-        planned = reach(device, setting, delay, OPTIONS.kick)
-        assert planned.predicted <= planned.top
 
 
 def swept(measured: float | None, **more: Any) -> dict[str, Any]:
@@ -141,20 +102,3 @@ def test_two_delays_that_differ_are_told_with_the_longer_one() -> None:
     assert not found["device"]["agree"] and not found["inserted"]["points"][0]["agree"]
     said = " ".join(words._delay(found))
     assert "do NOT agree" in said and "0.00154 s" in said and "does NOT agree" in said
-
-
-def test_points_that_lie_on_no_boundary_tell_nothing_of_damping_and_delay(tmp_path: Path) -> None:
-    """A damping of 0.26 ± 0.14 N·m·s/rad agrees with whatever the motions say."""
-    measured = [(0.0891, 0, 21.08), (0.178, 0, 28.32), (0.0, 3, 14.03), (0.178, 3, 19.31)]
-    points = [
-        swept(stiffness, virtual_damping=damping, delay_s=0.0038 + 0.001 * steps)
-        for damping, steps, stiffness in [*measured, (0.0891, 3, 30.44)]
-    ]
-    path = tmp_path / "sweep.json"
-    path.write_text(json.dumps({"points": points}))
-    names = {"inertia": 0.0058, "damping": 0.0105, "coulomb": 0.0547, "delay": 0.0037}
-    identify = {name: {"value": value, "stderr": 0.1 * value} for name, value in names.items()}
-    identify["torque_gain"] = {"value": 0.707, "stderr": 0.0}
-    found = agreement.line(load_config("simulated").config, identify, path)
-    (said,) = words._line(found)
-    assert "could not be fitted to the boundary: the measured points scatter too much" in said
