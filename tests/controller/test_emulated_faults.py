@@ -1,11 +1,6 @@
 """Faults on a configuration's emulated bus: said in words, checked, and on both kinds of bus."""
 
 import itertools
-import json
-import subprocess
-import sys
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,7 +18,6 @@ from tests.cases import sampled
 from tests.typed import not_none
 
 EMULATED = "emulated-ideal"
-PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 
 
 def faults(*sets: str) -> tuple[str, ...]:
@@ -88,19 +82,6 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     assert not any("None" in word for word in words)
 
 
-def run(folder: Path, *sets: str) -> tuple[int, Any, str]:
-    """A run as a process of its own."""
-    changes = [word for text in sets for word in ("--set", text)]
-    done = subprocess.run(
-        [*PROGRAM, "run", EMULATED, "--json", "--no-plot", "--duration", "1", *changes],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        check=False,
-    )
-    return done.returncode, json.loads(done.stdout or "null"), done.stderr
-
-
 def simulated(*sets: str) -> Result:
     config = load_config(EMULATED, ["loop.clock=simulated", *sets]).config
     return run_session(config, SimulatedClock(), Telemetry.create(), 1.0)
@@ -150,18 +131,3 @@ def test_a_servo_that_falls_silent_ends_the_run_within_the_watchdog_s_time(
     rows, _ = telemetry.read(0)
     heard_ns = rows["sampled_ns"][-1]
     assert rows["deadline_ns"][-1] - heard_ns <= 40_000_000
-
-
-@pytest.mark.whole
-@pytest.mark.realtime
-def test_they_happen_on_the_emulated_bus_s_own_process(tmp_path: Path) -> None:
-    status, report, message = run(
-        tmp_path,
-        "servo.faults=drop:every=20,way=reply",
-        "safety.max_loss=1",
-        "safety.max_silence_s=0.9",
-        "servo.watchdog_s=2.5",
-        "safety.heartbeat_s=5",
-    )
-    assert status == 0, message
-    assert report["bus"]["lost"] > 20

@@ -13,7 +13,6 @@ import numpy as np
 
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.dynamixel.tables.models import MODELS
 
 SPREAD = 0.2
 """Share by which a servo's inertia and friction may lie off its model's"""
@@ -116,59 +115,6 @@ def drawn_servo(kind: Kind, effect: str, seed: int) -> Config:
         sets.append(f"model.{name}={bounds}")
     sets += [f"servo.{name}={str(value).lower()}" for name, value in servo.items()]
     return load_config("simulated", sets).config
-
-
-def believed_servo(seed: int) -> Config:
-    """Return the preset ``emulated-xm430`` with another truth inside its belief.
-
-    Effects that the belief lacks are drawn beside it. One servo in four has the horn on its
-    transmission, and no backlash.
-    """
-    config = load_config("emulated-xm430").config
-    random, belief = np.random.default_rng(seed), config.belief()
-
-    def inside(*names: str) -> list[float]:
-        bounds = [getattr(belief, name) for name in names]
-        return [math.exp(random.uniform(*np.log((each.low, each.high)))) for each in bounds]
-
-    inertia, damping, coulomb, gain = inside("inertia", "damping", "coulomb", "torque_gain")
-    load, stiffness, ratio = inside(
-        "load_inertia", "transmission_stiffness", "flexible_damping_ratio"
-    )
-    lag, period, of_loop = random.uniform((2e-4, 0.0, 0.1), (belief.delay.high, 3e-4, 1.0)).tolist()
-    loop = of_loop * (lag - 0.5 * period)
-    ends = {
-        "backlash": (0.0, belief.backlash.high),
-        "encoder_noise": (0.0, 1.0),
-        "encoder_eccentricity": (0.0, 0.0087),
-        "encoder_phase": (-math.pi, math.pi),
-        "dead_band": (0.0, 0.1),
-        "current_droop": (0.0, DROOP),
-        "static_friction": (coulomb, STATIC[1] * coulomb),
-        "stribeck_speed": STRIBECK,
-        "load_friction": (0.0, LOAD[1]),
-        "kick": (0.0, math.tau / 4096),
-    }
-    constant = MODELS["XM430-W350"].torque_constant
-    assert constant is not None
-    servo = {
-        **dict(zip(ends, random.uniform(*np.transpose([*ends.values()])).tolist(), strict=True)),
-        "inertia": inertia,
-        "damping": damping,
-        "coulomb": coulomb,
-        "torque_constant": gain * constant,
-        "current_bandwidth": 1.0 / (math.tau * loop),
-        "current_period": period,
-        "delay": lag - 0.5 * period - loop,
-        "noise_seed": seed,
-        "probe_torque": 0.0,  # it sticks with more than that
-    }
-    if seed % 4 == 3:
-        damper = 2.0 * ratio * math.sqrt(stiffness * load)
-        servo |= {"load_inertia": load, "transmission_stiffness": stiffness}
-        servo |= {"transmission_damping": damper, "inertia": inertia - load, "backlash": 0.0}
-    sets = [f"servo.{name}={value}" for name, value in servo.items()]
-    return load_config("emulated-xm430", ["loop.clock=simulated", "wall.side=both", *sets]).config
 
 
 def _effects(

@@ -7,12 +7,10 @@ import math
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from random import Random
 
 from scipy.stats import binom
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.codec import Parser, encode_status
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
 from haptic_wall.hw.emulated.bus import EmulatedBus
@@ -198,15 +196,3 @@ def interval(count: int) -> tuple[int, int]:
     """How many of so many random frames pass a 16-bit CRC, with ``CONFIDENCE``."""
     low, high = binom.interval(CONFIDENCE, count, CRC_PASSES)
     return int(low), int(high)
-
-
-def random_frames_that_pass(count: int, seed: int) -> int:
-    """How many replies pass the codec whose data and checksum are random bytes."""
-    random = Random(seed)
-    whole = encode_status(1, 0, bytes(16))
-    head = whole[:9]
-    passed = 0
-    for _ in range(count):
-        parser = Parser()
-        passed += len(parser.feed(head + random.randbytes(len(whole) - len(head))))
-    return passed

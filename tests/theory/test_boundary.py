@@ -11,16 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_wall.controller.theory import (
-    all_branches,
     critical_point,
     critical_stiffness,
-    first_branch,
     linear_limit,
     max_virtual_damping,
     peak,
 )
 from haptic_wall.controller.theory.boundary import critical, highest, max_beta
-from haptic_wall.controller.theory.loop import HeldLoop
 from tests.cases import sampled
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
@@ -133,44 +130,6 @@ def assert_limit(wall: Wall, gap: float) -> None:
         assert not all_inside(characteristic(wall, limit * (1 + part))), wall
 
 
-def test_the_extended_precision_is_enough() -> None:
-    # the same verdicts with more than twice the bits and digits, a part in 10^12 from the limit
-    delta, beta, delay = light_settings(40, seed=3)
-    alpha = critical_stiffness(1.0, delta, beta, 1.0, delay)
-    for side in (-1, 1):
-        for d, b, late, limit in zip(delta, beta, delay, alpha, strict=True):
-            setting = Wall(float(d), float(b), float(late))
-            verdicts = []
-            for digits, bits in ((DIGITS, 640), (150, 1600)):
-                with mpmath.workdps(digits):
-                    exact = mpmath.mpf(float(limit)) * (1 + side * mpmath.mpf(10) ** -12)
-                    polynomial = characteristic(setting, exact)
-                    verdicts.append(all_inside(polynomial, bits))
-            assert verdicts == [side < 0, side < 0]
-
-
-def test_the_first_branch_is_all_there_is_for_light_damping(thorough: bool) -> None:
-    delta, beta, delay = light_settings(
-        20_000 if thorough else 2_000, seed=4, heaviest=first_branch.LIGHT
-    )
-    one = np.ones_like(delta)
-    alpha, w = critical(delta, beta, delay, one)
-    column = HeldLoop.of(delta, delay, one).column()
-    lowest, at = np.empty_like(alpha), np.empty_like(w)
-    ceiling = np.empty_like(alpha)
-    for i in range(0, delta.size, 500):
-        part = HeldLoop.of(delta[i : i + 500], delay[i : i + 500], one[i : i + 500]).column()
-        lowest[i : i + 500], at[i : i + 500] = all_branches.crossing(part, beta[i : i + 500])
-        ceiling[i : i + 500] = all_branches.ceiling(part)
-    np.testing.assert_allclose(alpha, lowest, rtol=1e-11)
-    np.testing.assert_allclose(w, at, rtol=1e-11)
-    np.testing.assert_allclose(max_beta(delta, delay, one), ceiling, rtol=1e-11)
-    # it rises all the way to the ceiling, so that it passes each damping once
-    w_max, _ = first_branch.ceiling(column)
-    curve = column.curve(w_max * np.linspace(0.02, 1.0, 60))
-    assert np.all(np.diff(curve.q / (curve.c * curve.m), axis=1) > 0)
-
-
 @pytest.mark.parametrize(
     ("delta", "delay"), sampled([(0.02, 1.0), (0.0, 0.0), (1e-6, 60.0), (0.1, 2.5)], 2)
 )
@@ -263,10 +222,3 @@ def test_hardly_any_damping_is_the_linear_condition(
     for delta, beta in ((0.0, total), (total, -0.5 * total)):
         found = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
         assert found == pytest.approx(float(linear_limit(delta, beta, 1.0, delay)), rel=1e-9)
-
-
-def test_light_damping_by_the_linear_condition_to_the_last_digits() -> None:
-    # both dampings of the order 1e-9: the exact limit is the line, to that order times the delay
-    delta = np.array([1e-9, 1e-12, 1e-100, 1e-300])
-    ratio = critical_stiffness(1.0, delta, delta, 1.0, 3.0) / linear_limit(delta, delta, 1.0, 3.0)
-    np.testing.assert_allclose(ratio, 1.0, atol=1e-7)

@@ -22,7 +22,6 @@ from haptic_wall.controller.theory.describing import (
     quantisation_gain,
     saturation_gain,
 )
-from haptic_wall.controller.theory.exact import critical_point
 from tests.cases import sampled
 from tests.support.nonlinear_walls import PERIOD, Motion, Walls
 from tests.theory.oracles import Loop
@@ -161,34 +160,6 @@ def test_motion_comes_to_the_stable_cycle(name: str, thorough: bool) -> None:
         assert frequency[0] < found[1] / cycle.frequency < frequency[1]
 
 
-def test_without_a_nonlinearity_motion_on_the_boundary_neither_grows_nor_dies() -> None:
-    """The simulation itself, against the exact boundary."""
-    loops, cycles = [], []
-    for loop in walls(12, 3, (1.0, 1.0), 0.5):
-        m, b, _, big_b, period, delay, _, _ = loop
-        point = critical_point(m, b, big_b, period, delay)
-        loops.append(loop)
-        cycles.append(LimitCycle(0.1, float(point.frequency), stable=False))
-    seen = in_motion(loops, cycles, None, [1.0] * len(loops)).run(4000)
-    early, late = np.ptp(seen[1000:2000], axis=0), np.ptp(seen[-1000:], axis=0)
-    np.testing.assert_allclose(late, early, rtol=2e-3)
-    for i, cycle in enumerate(cycles):
-        assert measured(seen[:, i], cycle)[1] == pytest.approx(cycle.frequency, rel=2e-3)
-
-
-def test_cycles_of_a_play_near_the_limit_are_found() -> None:
-    """Their amplitudes by simulation, in which motion from either side comes to them."""
-    limit = float(critical_stiffness(0.01, 0.0155, 0.0, PERIOD, 0.0))
-    effect, held_up = Backlash(1e-3), {0.84: 0.130, 0.9: 0.216, 0.95: 0.445}
-    loops = [Loop(0.01, 0.0155, share * limit, 0.0, PERIOD, 0.0) for share in held_up]
-    for loop, amplitude in zip(loops, held_up.values(), strict=True):
-        (cycle,) = predicted(loop, effect)
-        assert cycle.stable
-        assert cycle.amplitude == pytest.approx(amplitude, rel=5e-3)
-    cycles = [predicted(loop, effect)[0] for loop in loops]
-    closes_in(loops, cycles, effect, 0.05)
-
-
 def closes_in(loops: list[Loop], cycles: list[LimitCycle], effect: Backlash, apart: float) -> None:
     """Motion begun ``apart`` below a cycle grows, and above it shrinks."""
     twice, again, scales = both_ways(loops, cycles, 1 - apart, 1 + apart)
@@ -241,22 +212,6 @@ def test_a_stable_wall_has_no_cycle_by_friction_or_saturation_and_an_unstable_on
         )
         assert [cycle.stable for cycle in friction] == [False]
         assert [cycle.stable for cycle in saturation] == [True]
-
-
-def test_amplitudes_go_with_the_size_of_the_nonlinearity() -> None:
-    (loop,) = walls(1, 8, (0.5, 0.6), 0.0)
-    stiff = loop._replace(stiffness=3 * loop.stiffness)
-    for one, two, at in (
-        (Backlash(1e-3), Backlash(2e-3), loop),
-        (Saturation(0.5), Saturation(1.0), stiff),
-        (Quantisation(1e-3, at_edge=True), Quantisation(2e-3, at_edge=True), loop),
-        (Coulomb(0.01), Coulomb(0.02), stiff),
-    ):
-        small, large = predicted(at, one), predicted(at, two)
-        assert small
-        for a, b in zip(small, large, strict=True):
-            assert b.amplitude == pytest.approx(2 * a.amplitude, rel=1e-6)
-            assert b.frequency == pytest.approx(a.frequency, rel=1e-6)
 
 
 def test_below_half_a_count_nothing_is_measured() -> None:

@@ -10,7 +10,6 @@ from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory import one_sided_table as tables
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated, tabulated_share
-from tests.cases import sampled
 from tests.support.one_sided_fill import computed_share
 
 Array = np.ndarray
@@ -64,20 +63,6 @@ def test_nor_near_the_ceiling_where_the_share_is_scalloped_within_a_cell(thoroug
     assert np.min(ratio) >= 0.95
 
 
-def test_it_is_looked_up_and_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(*_: object) -> Array:
-        raise AssertionError("a contact was simulated")
-
-    monkeypatch.setattr(COMPUTED, none)
-    late = np.linspace(0.0, 60.0, 41)
-    damping = np.array([[1e-5], [1e-3], [0.02], [0.1]])
-    for of_ceiling in (0.0, 0.01, 0.1, 0.3, 0.5):
-        virtual = of_ceiling * max_virtual_damping(1.0, damping, 1.0, late)
-        limit = one_sided_limit_tabulated(1.0, damping, virtual, 1.0, late)
-        assert np.all(limit > 0)
-        assert np.all(limit <= critical_stiffness(1.0, damping, virtual, 1.0, late))
-
-
 @pytest.mark.parametrize(
     ("damping", "of_ceiling", "late", "n"),
     [
@@ -119,20 +104,6 @@ def test_units_and_what_is_known_already_change_nothing() -> None:
     np.testing.assert_allclose(limit, pure * inertia / period**2, rtol=1e-9)
 
 
-def test_more_virtual_damping_never_makes_the_share_jump() -> None:
-    # between cells the interpolation is continuous; where two grids meet they agree
-    of_ceiling = np.linspace(0.0, 0.7, 2001)
-    for late in (0.3, 1.0, 4.7, 6.99, 7.01, 30.0):
-        ceiling = max_virtual_damping(1.0, 0.003, 1.0, late)
-        ones = np.ones_like(of_ceiling)
-        share = tabulated_share(
-            0.003 * ones, of_ceiling * ceiling, late * ones, ones, ceiling * ones
-        )
-        known = np.isfinite(share[1:]) & np.isfinite(share[:-1])
-        assert np.mean(known) > 0.95
-        assert np.max(np.abs(np.diff(share)[known])) < 0.02
-
-
 def test_zero_where_nothing_is_stable() -> None:
     assert one_sided_limit_tabulated(1.0, 0.0, 0.0, 1.0, 1.0) == 0
     assert one_sided_limit_tabulated(1.0, 0.01, 5.0, 1.0, 1.0) == 0
@@ -150,36 +121,6 @@ def test_errors_name_the_argument() -> None:
         one_sided_limit_tabulated(1.0, 0.1, 0.0, 1.0, 0.0, exact=np.nan)
     with pytest.raises(ValueError, match="ceiling must be > 0, got 0"):
         one_sided_limit_tabulated(1.0, 0.1, 0.0, 1.0, 0.0, ceiling=0.0)
-
-
-@pytest.mark.parametrize("name", tables.GRIDS)
-def test_coordinates_lead_back_to_the_settings(name: str) -> None:
-    grid = tables.GRIDS[name]
-    random = np.random.default_rng(33)
-    cell = np.stack([random.integers(0, axis.nodes - 1, 300) for axis in grid.axes])
-    place = random.random(cell.shape)
-    point = grid.settings(grid.between(cell, place), 1)
-    used = (point.of_ceiling < 0.95) & (point.delta < 0.1)
-    assert np.count_nonzero(used) > 100
-    found, where = grid.locate(grid.coordinates(point))
-    np.testing.assert_allclose((found + where)[:, used], (cell + place)[:, used], atol=1e-3)
-
-
-@pytest.mark.parametrize("name", sampled(tables.GRIDS, 3))
-def test_what_is_stored_was_computed_and_lowered(name: str) -> None:
-    # the script that makes the table would make this one
-    grid = tables.GRIDS[name]
-    shape = np.array(grid.shape)[:, None]
-    node = np.random.default_rng(34).integers(0, shape, (3, 200))
-    point = grid.settings(grid.between(node, np.zeros(node.shape)), 1)
-    used = (point.of_ceiling < 0.7) & (point.delta < 0.1) & (point.of_ceiling > 0)
-    beta = point.of_ceiling * point.ceiling
-    computed = computed_share(point.delta[used], beta[used], point.delay[used], 1)
-    with np.load(tables.TABLE) as file:
-        stored = file[f"{name}_1"].reshape(grid.shape)[tuple(node)][used] / tables.UNIT
-    assert stored.size > 40
-    assert np.all(stored <= computed + 1e-9)
-    assert np.quantile(computed - stored, 0.9) < 0.02
 
 
 def test_the_table_is_small() -> None:

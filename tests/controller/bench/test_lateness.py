@@ -11,7 +11,6 @@ import pytest
 from haptic_wall.controller.bench import cyclictest, lateness
 from haptic_wall.controller.bench.lateness_client import PERIOD_NS, on_grid
 from haptic_wall.controller.bench.rights import granted
-from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.realtime import pick_cores
 from tests.typed import not_none
 
@@ -96,19 +95,6 @@ def test_whoever_is_missing_is_named_and_the_rest_is_measured(
     assert "time.sleep(period), rate delivered of 1000 Hz asked" in names
     assert any("install rt-tests" in note for note in section.notes)
     assert any("'.[bench]' in the clone" in note for note in section.notes)
-
-
-@pytest.mark.usefixtures("stubs")
-def test_without_rights_a_sentence_says_why_cyclictest_is_not_compared(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def refuse(*_arguments: object) -> NoReturn:
-        raise PlatformError("cyclictest ended with 1: Probably missing capabilities")
-
-    monkeypatch.setattr(cyclictest, "lateness_us", refuse)
-    section = lateness.measure()
-    assert not [row for row in section.rows if "cyclictest" in row.name]
-    assert any("Probably missing capabilities" in note for note in section.notes)
 
 
 @pytest.mark.whole

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.bench.machine import ProcessorTime, processor_time, stolen_percent
-from haptic_wall.controller.bench.rows import over_rounds, ratio
 from haptic_wall.controller.bench.words import figure
 
 
@@ -15,13 +14,6 @@ from haptic_wall.controller.bench.words import figure
 )
 def test_figures_have_three_digits(value: float | None, text: str) -> None:
     assert figure(value) == text
-
-
-def test_quartiles_tell_how_far_the_rounds_are_apart() -> None:
-    row = over_rounds("r", [1.0, 2.0, 3.0, 4.0, 5.0], "µs", "nothing")
-    assert (row.low, row.value, row.high) == (2.0, 3.0, 4.0)
-    alone = ratio("r", [3.0], [2.0], "nothing")
-    assert (alone.low, alone.value, alone.high) == (1.5, 1.5, 1.5)
 
 
 def test_the_hosts_share_is_of_all_processors_time(tmp_path: Path) -> None:

@@ -72,19 +72,6 @@ def test_a_load_that_oscillates_on_its_transmission_is_found(kick: float) -> Non
     assert ended_or_died(run(VALUE.with_mode(30.0, 0.02, 0.5), 0.2, kick=kick))
 
 
-def test_a_light_servo_with_a_load_on_its_transmission_is_found() -> None:
-    truth = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.002)
-    assert ended_or_died(run(truth.with_mode(30.0, 0.02, 0.5), 0.2, kick=0.05))
-
-
-def test_a_ripple_on_a_large_oscillation_does_not_hide_it() -> None:
-    """It swings at 9 Hz with a ripple of three times that; it ends half a second late."""
-    truth = Truth(0.008, 0.0059, 0.0453, torque_gain=2.4 / 1.783, delay=0.002)
-    trial = run(truth.with_mode(30.0, 0.02, 0.5), 0.2, kick=0.2)
-    assert trial.first_alarm_s < 0.6
-    assert trial.trip or np.abs(trial.output[1500:]).max() < 0.02
-
-
 @pytest.mark.parametrize("delay", sampled([0.001, 0.002, 0.004], 3))
 def test_where_backlash_makes_a_limit_cycle_the_stiffness_comes_down(delay: float) -> None:
     truth = Truth(0.011951, 0.011692, 0.0453, delay=delay, backlash=math.radians(0.25))
@@ -686,31 +673,29 @@ def test_the_log_says_what_was_commanded_while_a_load_is_held() -> None:
     assert trial.torque[1:] == pytest.approx(commanded[1:], abs=0.005)
 
 
-def test_a_motion_that_a_load_slows_down_beyond_measure_in_a_probe_is_not_left_alone() -> None:
-    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
-    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.5)
-    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.3)
-    assert trial.first_alarm_s < 5.0
-
-
-def test_a_reduced_wall_does_not_let_its_load_run_away() -> None:
-    truth = Truth(0.011951, 0.011692, 0.09039, delay=0.004)
-    load = operator_of(0.0, 0.0, np.zeros(5000), push=0.8)
-    trial = run(truth, 0.04, operator=load, stiffness=40.0, kick=0.1)
+@pytest.mark.parametrize(("push", "kick"), [(0.5, 0.3), (0.8, 0.1)])
+def test_a_reduced_wall_does_not_let_its_load_run_away(push: float, kick: float) -> None:
+    """In the probe the smaller load slows the motion down beyond measure."""
+    load = operator_of(0.0, 0.0, np.zeros(5000), push=push)
+    trial = run(replace(VALUE, delay=0.004), 0.04, operator=load, stiffness=40.0, kick=kick)
     assert trial.first_alarm_s < 5.0
     assert np.abs(trial.output).max() < 2.0
 
 
 def test_a_wall_is_not_reduced_so_far_that_it_gives_way_to_its_load() -> None:
+    """It is judged after two cycles: a hand that pushes is still where the whole wall held it."""
     stop, seen = probing()
-    take(stop, seen, 0.2, 0.1)
-    take(stop, seen, 0.2, 0.1)
+    for _ in range(2):
+        take(stop, seen, 0.2, 0.1)
     assert stop.alarm
     seen.load = 0.3
-    for _ in range(30):
+    for _ in range(3):
+        take(stop, seen, 0.2, 0.1)
+        assert not stop.failed
+    for _ in range(27):
         take(stop, seen, 0.2, 0.1)
         assert stop.stiffness_scale == 0.25
-    assert stop.failed
+        assert stop.failed
 
 
 @pytest.mark.parametrize(("gain", "fails"), [(-0.02, False), (0.06, False), (0.15, True)])
@@ -851,20 +836,6 @@ def test_a_saturated_oscillation_kept_up_by_the_softer_wall_does_not_get_the_wal
     trial = run_trial(truth, bench.sets, wall, push, duration_s=8.0, position=-0.3)
     assert trial.counts[3] == 0
     assert trial.trip or np.ptp(trial.output[-1000:]) < 0.05
-
-
-def test_a_reduced_wall_that_gives_way_is_judged_after_two_cycles_on_it() -> None:
-    """A hand that pushes is still at the depth where the whole wall held it."""
-    stop, seen = probing()
-    for _ in range(2):
-        take(stop, seen, 0.2, 0.1)
-    assert stop.alarm
-    seen.load = 0.3
-    for _ in range(3):
-        take(stop, seen, 0.2, 0.1)
-        assert not stop.failed
-    take(stop, seen, 0.2, 0.1)
-    assert stop.failed
 
 
 def pushed(times: list[float], pushes: list[float], duration_s: float) -> Trial:

@@ -63,16 +63,6 @@ def test_on_a_coarse_encoder_a_half_cycle_is_as_long_on_the_mean(counts: int) ->
     assert found[:, 1] == pytest.approx(counts * COUNT, abs=0.51 * COUNT)
 
 
-def test_the_two_ways_may_last_differently() -> None:
-    """Down in 30 ms, up in 70 ms."""
-    cycle = np.concatenate([np.linspace(1, -1, 30, endpoint=False), np.linspace(-1, 1, 70, False)])
-    seen, found = watched(np.tile(cycle, 6))
-    assert found[:, 1] == pytest.approx(1.0)
-    assert found[0::2, 0] == pytest.approx(0.03)
-    assert found[1::2, 0] == pytest.approx(0.07)
-    assert same_period(seen, TUNING.evidence), "compared to the half-cycle of the same way"
-
-
 def test_a_growing_motion_lasts_and_a_dying_one_does_not() -> None:
     time = np.arange(1500) * PERIOD
     wave = np.cos(math.tau * 5.0 * time)
@@ -82,26 +72,11 @@ def test_a_growing_motion_lasts_and_a_dying_one_does_not() -> None:
     assert not lasts(dying, TUNING.evidence)
 
 
-def test_nothing_lasts_before_four_are_known() -> None:
-    seen, found = watched(cosine(5.0, 0.1, 0.36))
-    assert seen.known == len(found) == 3
-    assert not lasts(seen, TUNING.evidence)
-    assert not same_period(seen, TUNING.evidence)
-
-
 @pytest.mark.parametrize("size", [0.4, 1.0, 1.49])
 def test_flicker_of_a_count_is_no_turning_point(size: float) -> None:
     still = [size * COUNT * (k % 2) for k in range(1000)]
     seen, _ = watched(still, count=COUNT)
     assert seen.known == 0
-
-
-def test_flicker_on_a_motion_changes_neither_number_nor_size() -> None:
-    flicker = np.array([0.0, COUNT] * 500)
-    _, clean = watched(cosine(2.0, 0.1, 1.0), count=COUNT)
-    _, found = watched(cosine(2.0, 0.1, 1.0) + flicker, count=COUNT)
-    assert len(found) == len(clean)
-    assert found[:, 1] == pytest.approx(clean[:, 1], abs=COUNT)
 
 
 @pytest.mark.parametrize("ripple", [0.0005, 0.002])
@@ -139,48 +114,11 @@ def test_a_mass_on_a_spring_seems_as_heavy_as_it_is(inertia: float, stiffness: f
     assert seen.inertia_2 == pytest.approx(inertia, rel=0.03)
 
 
-def test_a_servo_that_is_stronger_than_commanded_seems_lighter() -> None:
-    """Inertia in units of commanded torque."""
-    seen, _ = watched(*oscillator(0.012, 5.0, gain=1.5))
-    assert seen.inertia == pytest.approx(0.008, rel=0.03)
-
-
 def test_moved_by_somebody_else_it_seems_as_heavy_as_the_torque_explains() -> None:
     """A quarter of the spring's torque at the same motion seems a quarter of the mass."""
     positions, torques = oscillator(0.012, 5.0)
     seen, _ = watched(positions, [0.25 * torque for torque in torques])
     assert seen.inertia == pytest.approx(0.003, rel=0.03)
-
-
-def test_the_place_of_the_spring_does_not_enter() -> None:
-    positions, torques = oscillator(0.012, 5.0)
-    here, _ = watched(positions, torques)
-    there, _ = watched([5.0 + p for p in positions], torques)
-    assert there.inertia == pytest.approx(here.inertia, rel=1e-6)
-    assert there.pull == pytest.approx(here.pull, rel=1e-6)
-
-
-def test_skipped_samples_change_nothing_but_the_resolution() -> None:
-    """Every fifth sample only, with the mean torque between: a lossy bus."""
-    positions, torques = oscillator(0.012, 5.0)
-    kept = positions[::5]
-    mean = [0.0, *np.mean(np.reshape(torques[1:], (-1, 5)), axis=1).tolist()]
-    seen, found = watched(kept, mean, spans=[5 * PERIOD] * len(kept))
-    whole, all_of_them = watched(positions, torques)
-    assert len(found) == len(all_of_them)
-    assert found[1:, 0] == pytest.approx(all_of_them[1:, 0], abs=5.01 * PERIOD)
-    assert found[1:, 1] == pytest.approx(all_of_them[1:, 1], rel=0.01)
-    assert seen.inertia == pytest.approx(whole.inertia, rel=0.03)
-
-
-def test_the_pull_is_half_the_largest_torque_of_a_spring_and_more_where_it_saturates() -> None:
-    positions, torques = oscillator(0.012, 5.0)
-    seen, _ = watched(positions, torques)
-    assert seen.pull == pytest.approx(0.5 * 5.0 * seen.amplitude, rel=0.02)
-    wave = cosine(3.0, 0.1, 1.0)
-    seen, _ = watched(wave, (-0.2 * np.sign(wave)).tolist())
-    # The mean of |cos| is 2/pi.
-    assert seen.pull == pytest.approx(0.2 * 2.0 / math.pi, rel=0.02)
 
 
 def test_what_was_forgotten_does_not_count() -> None:
@@ -226,14 +164,6 @@ def test_durations_sum_to_the_time_between_the_first_turning_point_and_the_last(
             assert math.isfinite(value)
 
 
-@given(st.lists(moves, min_size=2, max_size=200), st.floats(-10.0, 10.0))
-def test_a_mirrored_motion_has_the_same_half_cycles(positions: list[float], torque: float) -> None:
-    one, found = watched(positions, [torque * p for p in positions])
-    other, mirrored = watched([-p for p in positions], [-torque * p for p in positions])
-    assert np.array_equal(found, mirrored)
-    assert (one.inertia, one.pull) == (other.inertia, other.pull)
-
-
 @pytest.mark.parametrize("count", [0.0, COUNT])
 def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count: float) -> None:
     """What turns back by less than a part of the last motion is a ripple only for so long."""
@@ -243,17 +173,6 @@ def test_a_small_motion_is_seen_soon_after_one_many_times_its_size(count: float)
     _, found = watched(np.concatenate([large, ripple, small]), count=count)
     assert found[-20:, 0] == pytest.approx(0.5 / 14.0, abs=1.01 * PERIOD)
     assert found[-20:, 1] == pytest.approx(0.02, abs=count + 1e-3)
-
-
-def test_a_large_hysteresis_does_not_outlive_the_motion_it_was_made_for() -> None:
-    seen = HalfCycles(PERIOD, COUNT, TUNING.half_cycles)
-    for position in cosine(5.0, 0.5, 0.65, COUNT):
-        seen.update(position, 0.0, PERIOD)
-    ended = sum(
-        seen.update(-0.5 + 0.02 * (1.0 - math.cos(math.tau * 14.0 * k * PERIOD)), 0.0, PERIOD)
-        for k in range(2000)
-    )
-    assert ended > 40
 
 
 def test_the_load_is_the_mean_over_two_cycles() -> None:

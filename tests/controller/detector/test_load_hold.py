@@ -37,10 +37,6 @@ def test_the_load_is_the_mean_torque_of_whole_cycles(place: float, friction: flo
     assert hold.acts(place, STIFFNESS, 0.25) == pytest.approx(0.75 * hold.torque)
 
 
-def test_a_single_half_cycle_shows_no_load() -> None:
-    assert holding(swung(0.2, 0.1, cycles=0.6)).torque == 0.0
-
-
 def test_a_motion_before_a_pause_is_no_part_of_the_load() -> None:
     seen = swung(-0.3, 0.1)
     seen.forget()
@@ -137,16 +133,6 @@ def test_a_shaft_that_turns_around_beyond_the_surface_takes_no_held_torque_there
     assert seen.turned < -0.15
     assert hold.reach > 0.5 * reach, "full only where the load was"
     assert abs(hold.torque) < 0.95 * abs(torque), "the load has gone"
-
-
-def test_what_is_held_changes_slowly() -> None:
-    hold = holding(seen := swung(0.2, 0.1))
-    at_rest(seen, 0.1)
-    last = hold.torque
-    for _ in range(1000):
-        torque = followed(hold, 0.1, -0.2, 1e-3)
-        assert abs(torque - last) < 0.01 * LIMIT
-        last = torque
 
 
 def test_a_load_that_came_on_the_softer_wall_is_held_in_the_end() -> None:

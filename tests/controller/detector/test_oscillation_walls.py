@@ -90,34 +90,6 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
 
 
-@pytest.mark.whole
-def test_a_count_keeps_up_a_hum_that_coulomb_friction_or_no_encoder_ends() -> None:
-    """What docs/detector.md says of limit cycles of a count."""
-    damping = 0.3
-    limit = float(critical_stiffness(M, 0.0, damping, T, T))
-    walls = one_wall(0.9 * limit, damping, one_sided=False)
-    walls = replace(walls, damping=np.zeros(1), whole=np.ones(1, dtype=np.int64))
-    count_commands = (walls.stiffness + walls.virtual_damping / T) * COUNT
-    sizes = []
-    for some in (
-        walls,
-        replace(walls, counts_per_radian=4.0 * walls.counts_per_radian),
-        replace(walls, counts_per_radian=np.zeros(1)),
-        replace(walls, coulomb=0.5 * count_commands),
-    ):
-        loops = Loops(some, np.full(1, 1.3 * COUNT))
-        positions: list[float] = []
-
-        def note(loops: Loops = loops, to: list[float] = positions) -> None:
-            to.append(loops.bodies.position[0])
-
-        loops.run(8000, note)
-        sizes.append(np.ptp(positions[-1000:]) / 2 / COUNT)
-    assert 0.5 < sizes[0] < 3.0
-    assert sizes[1] < 0.5 * sizes[0]
-    assert max(sizes[2:]) < 0.02
-
-
 DELAYS = (0, 1, 2, 5, 10)
 
 

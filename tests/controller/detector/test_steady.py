@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from haptic_wall.controller.detector.half_cycles import HalfCycles
 from haptic_wall.controller.detector.steady import Steadiness
@@ -41,11 +39,6 @@ def of_motion(positions: Iterable[float], count: float = COUNT) -> int:
 
 def test_what_repeats_exactly_is_counted_without_end() -> None:
     assert counted([(0.1, 0.05)] * 50) == list(range(1, 51))
-
-
-def test_each_way_is_compared_to_itself() -> None:
-    """A load to one side makes the two ways unlike."""
-    assert counted([(0.1, 0.05), (0.08, 0.07)] * 20)[-1] == 40
 
 
 @pytest.mark.parametrize("one", [(0.12, 0.05), (0.1, 0.07), (0.08, 0.05), (0.1, 0.035)])
@@ -87,11 +80,3 @@ def test_a_rhythm_whose_periods_vary_by_three_percent_is_not(seed: int) -> None:
     phase = np.interp(time, np.concatenate([[0.0], np.cumsum(lengths)]), np.arange(201))
     wave = 0.1 * np.cos(math.tau * phase)
     assert of_motion(np.round(wave / COUNT) * COUNT) < STEADY
-
-
-@given(st.lists(st.tuples(st.floats(1e-3, 1.0), st.floats(1e-3, 1.0)), max_size=60))
-def test_the_count_grows_by_one_or_begins_anew(rows: list[tuple[float, float]]) -> None:
-    last = 0
-    for count in counted(rows):
-        assert count in (last + 1, 1)
-        last = count

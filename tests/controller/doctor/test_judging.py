@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
-from haptic_wall.controller.doctor.replies import Replies, percentile
+from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting
@@ -64,12 +64,6 @@ def series(schedule: Schedule, *shares: float, age_ns: int = MS) -> Series:
 
 def by_name(findings: Iterable[Check]) -> dict[str, Check]:
     return {finding.name: finding for finding in findings}
-
-
-def test_percentiles_are_nearest_ranks() -> None:
-    numbers = list(range(1, 101))
-    assert [percentile(numbers, share) for share in (0.5, 0.99, 1.0)] == [50, 99, 100]
-    assert percentile([7], 0.01) == 7
 
 
 def test_quick_replies_are_well_in_both_schedules() -> None:
@@ -162,18 +156,6 @@ def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(
     # ... but what the adapter holds back is not the machine's doing
     fix = judged(TIMER, wanted(stalls=True), *SPOILED)["schedule"].fix
     assert fix.startswith("set servo.schedule=pipelined")
-
-
-def test_a_timer_is_blamed_before_a_return_delay() -> None:
-    found = judged(FACTORY, wanted(return_delay_ns=MS // 2), *NONE)
-    assert "latency timer" in found["reply time"].fix
-
-
-def test_an_encoder_that_moves_is_told_and_is_not_wrong() -> None:
-    found = judged(replies([MS // 10] * 9, MS // 10, counts=(5, 25)), wanted())
-    assert found["encoder at rest"].ok
-    assert "20 counts" in found["encoder at rest"].found
-    assert found["encoder at rest"].fix
 
 
 def test_the_youngest_samples_that_come_at_every_phase_are_recommended() -> None:

@@ -50,12 +50,6 @@ def test_no_vibration_has_no_growth() -> None:
     assert growth_of([Cruised(*cruise(0.0, 0.0), 1.0, COUNT)], HERTZ) is None
 
 
-def test_what_comes_after_a_turn_back_is_left_out() -> None:
-    time, position = cruise(0.0, 0.0)
-    position[200:] = position[200] - 0.5 * (time[200:] - time[200])
-    assert Cruised(time, position, 1.0, COUNT).time.size < 200
-
-
 class Bed:
     """Plays cruises whose vibration grows in proportion to the damping beyond a ceiling."""
 

@@ -1,6 +1,5 @@
 """The search for one point, on simulated servos whose limits are known."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,17 +12,12 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import testbed
 from haptic_wall.controller.experiments.sweep import critical
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
-from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import (
     excursion,
-    expected_s,
     experiment_config,
-    sweep,
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.laws.program import Phase
@@ -33,9 +27,8 @@ from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
+from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
-from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Outcome
 from tests.cases import sampled
@@ -106,15 +99,6 @@ def test_with_backlash_and_noise_it_is_what_sustains_the_kick(tmp_path: Path) ->
 
 
 @pytest.mark.whole
-def test_a_cycle_that_backlash_sustains_is_told_from_growth(tmp_path: Path) -> None:
-    sets = ("servo.coulomb=0", "servo.torque_step=0", "servo.backlash=0.00436")
-    found = search(tmp_path, 0.02, 2, *sets, "model.backlash=0.00436", kick=0.03, tolerance=0.02)
-    assert found.larger_grows is False
-    assert found.measured == pytest.approx(found.predicted_with_friction, rel=0.05)
-    assert not_none(found.measured) < 0.5 * found.exact
-
-
-@pytest.mark.whole
 def test_a_shaft_that_sticks_is_aimed_at_again_and_not_judged(tmp_path: Path) -> None:
     """A shaft at rest in its wall moves by a count or two, which says nothing of the wall."""
     sets = ("servo.coulomb=0.0615", "servo.static_friction=0.0854", "servo.dead_band=0.1")
@@ -169,51 +153,6 @@ def test_a_trip_whose_log_lacks_rows_is_not_laid_to_a_stiffness(
 
 
 @pytest.mark.whole
-def test_a_loss_of_readings_is_not_laid_to_a_stiffness(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    played = Testbed.play
-    losses = iter([ExperimentTrippedError(Trip.LOSSES_IN_ROW, "check cable")])
-
-    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
-        done = played(bed, name, phases, steps)
-        for loss in losses:
-            raise loss
-        return done
-
-    monkeypatch.setattr(Testbed, "play", play)
-    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
-    assert [trip.split(" at ")[0] for trip in found.trips] == ["trip:losses_in_row"]
-    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
-    assert found.measured == pytest.approx(true, rel=0.005)
-
-
-@pytest.mark.whole
-def test_a_trial_of_lost_readings_is_made_again_and_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The lost readings would be taken for growth, at a stiffness far below the limit."""
-    played = Testbed.play
-    batches: list[int] = []
-
-    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
-        done = played(bed, name, phases, steps)
-        batches.append(len(phases) // 2)
-        if len(batches) == 1:
-            softest = done.rows["phase"] == 1
-            done.rows["outcome"][softest] = Outcome.LOST
-            done.rows["position"][softest] *= 1.0 + np.arange(softest.sum())
-        return done
-
-    monkeypatch.setattr(Testbed, "play", play)
-    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
-    assert found.disturbed == 1
-    assert batches[1] == 1  # before anything else is tried
-    true = float(critical_stiffness(0.011951, 0.011692, 0.02, 1e-3, 2e-3))
-    assert found.measured == pytest.approx(true, rel=0.005)
-
-
-@pytest.mark.whole
 def test_few_losses_that_spoil_every_second_half_cycle_spoil_a_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,54 +174,6 @@ def test_few_losses_that_spoil_every_second_half_cycle_spoil_a_trial(
     assert search(tmp_path, 0.02, 2, *LINEAR, kick=0.1).disturbed == 1
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("trip", [Trip.LOSS_RATE, Trip.LOOP_HUNG])
-def test_a_run_that_lost_all_is_made_again(
-    trip: Trip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It ended before there was a row, and is no reason to speak of a full disk."""
-    played = Testbed.play
-    losses = iter([ExperimentTrippedError(trip, "late", Problem("holds no rows"))])
-
-    def play(bed: Testbed, name: str, phases: Sequence[Phase], steps: int) -> Played:
-        for loss in losses:
-            raise loss
-        return replace(played(bed, name, phases, steps), repeated=Trip.LOSS_RATE)
-
-    monkeypatch.setattr(Testbed, "play", play)
-    found = search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
-    assert found.measured is not None
-    assert found.trips[0].startswith(f"{trip} at ")
-    assert found.trips[1] == "trip:loss_rate in B0.02-n2-2, which was repeated"
-
-
-@pytest.mark.parametrize(
-    ("grew", "value", "error", "told"),
-    [
-        ((False, True), 10.49, 0.5, "between 10, where motion died, and 11, where it grew"),
-        ((False, True, False), 10.95, 1.0, "between 10 and 12 some motions grew and some died"),
-    ],
-)
-def test_outcomes_that_contradict_each_other_are_less_certain(
-    grew: tuple[bool, ...],
-    value: float,
-    error: float,
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    none = Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
-
-    def watched(search: PointSearch) -> None:
-        search._trials += [Trial(10.0 + n, none, 0.1, each) for n, each in enumerate(grew)]
-
-    monkeypatch.setattr(PointSearch, "_search", watched)
-    found = search(tmp_path, 0.02, 2, kick=0.1)
-    assert found.measured == pytest.approx(value, abs=0.01)
-    assert found.uncertainty == pytest.approx(error)
-    assert not_none(found.reason).startswith(told)
-
-
 def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,31 +183,6 @@ def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
     monkeypatch.setattr(Testbed, "play", play)
     with pytest.raises(ExperimentTrippedError, match="stalled"):
         search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
-
-
-@pytest.mark.parametrize("in_a_row", [1, 2])
-def test_a_disturbed_point_is_measured_again_at_the_end(
-    in_a_row: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = tuple(PlanePoint(damping, 2) for damping in (0.0, 0.01, 0.02))
-    losses = iter([ExperimentTrippedError(Trip.LOSS_RATE, "late")] * in_a_row)
-    order: list[float] = []
-
-    def run_point(search: PointSearch) -> PointResult:
-        order.append(search.result.virtual_damping)
-        for loss in losses:
-            raise loss
-        return search.result
-
-    monkeypatch.setattr(PointSearch, "run", run_point)
-    store = SweepStore(tmp_path, SweepSettings(config(), asked, Options()), fresh=False)
-    if in_a_row == 2:
-        with pytest.raises(ExperimentTrippedError):
-            sweep(config(), store, asked, Options(), workers=1)
-        return
-    assert sweep(config(), store, asked, Options(), workers=1)
-    assert order == [0.0, 0.01, 0.02, 0.0]
-    assert store.points()[0].trips == ["trip:loss_rate ended an earlier search"]
 
 
 def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
@@ -373,29 +239,6 @@ def test_a_shaft_that_is_held_is_not_aimed_at_ever_further(
     assert max(centres) < 3.1 * not_none(found.kick_rad)
 
 
-@pytest.mark.parametrize("damping", sampled([-0.005, 0.02, 3.0], 3))
-def test_friction_read_off_its_dampings_is_what_solving_for_it_gives(damping: float) -> None:
-    device = Device.of(config())
-    stiffness, amplitude, frequency = device.onsets(damping, 2e-3)
-    some = slice(1, None, 60)
-    solved, at = device.onset(stiffness[some], damping, 2e-3)
-    assert amplitude[some] == pytest.approx(solved, rel=1e-6)
-    assert frequency[some] == pytest.approx(at, rel=1e-6)
-    assert stiffness[0] == pytest.approx(device.exact(damping, 2e-3))
-    assert stiffness[-1] > 1000.0 * stiffness[0]
-
-
-@pytest.mark.whole
-def test_load_friction_that_fades_late_or_early_is_all_of_it_or_none() -> None:
-    def limit(gear: float, gear_rest: float, fading: float) -> float:
-        servo = Lossy(0.012, 0.0117, 0.06, gear=gear, gear_rest=gear_rest, fading=fading)
-        return kick_limit(servo, 0.02, 1e-3, 1.2e-3, 0.1)
-
-    assert limit(0.1, 0.2, 1e6) == pytest.approx(limit(0.3, 0.0, 1.0), rel=1e-4)
-    assert limit(0.1, 0.2, 1e-6) == pytest.approx(limit(0.1, 0.0, 1.0), rel=1e-2)
-    assert limit(0.1, 0.0, 1.0) < limit(0.1, 0.2, 2.0) < limit(0.3, 0.0, 1.0)
-
-
 def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     effective = config(
         "model.inertia={value: 0.012, low: 0.008, high: 0.018}",
@@ -410,47 +253,7 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
     assert 0.0 < hold.stiffness < 0.35 * float(limit)
 
 
-def test_real_time_is_estimated_from_what_will_be_played() -> None:
-    effective = config("loop.clock=monotonic")
-    one = expected_s(effective, (PlanePoint(0.02, 1),), Options())
-    two = expected_s(
-        effective, (PlanePoint(0.02, 1), PlanePoint(0.02, 2), PlanePoint(9.0, 2)), Options()
-    )
-    assert 20.0 < one < 200.0
-    assert 1.5 * one < two < 3.0 * one  # nothing is tried over the ceiling
-
-
 def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
     effective = config("servo.torque_limit=null", preset="emulated-ideal")
     with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
         Device.of(effective)
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("damping", [0.08, 0.5])
-def test_a_link_with_a_notch_has_its_own_boundary(tmp_path: Path, damping: float) -> None:
-    link = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
-            "servo.transmission_damping=0.0277", "servo.delay=0.001")  # fmt: skip
-    notch = ("wall.side=both", "wall.velocity_filter=notch", "wall.velocity_hz=46",
-             "wall.velocity_q=0.7")  # fmt: skip
-    found = search(tmp_path, damping, 0, *LINEAR, *link, *notch, tolerance=0.02)
-    filtered = VelocityFilter("notch", math.tau * 46e-3, 0.7)
-    servo = (0.011951, 0.011692, 0.003, 200.0, 0.0277)
-    exact = flexible_boundary(*servo, damping, 1e-3, 1e-3, velocity_filter=filtered).stiffness
-    assert found.measured == pytest.approx(float(exact), rel=0.01)
-    assert found.exact == pytest.approx(float(exact), rel=1e-6)
-    assert found.predicted_with_friction == pytest.approx(float(exact), rel=1e-6)
-
-
-def test_friction_of_a_link_read_off_is_what_is_asked_for_again() -> None:
-    device = Device.of(
-        config("servo.load_inertia=0.003", "servo.transmission_stiffness=200",
-               "servo.transmission_damping=0.0277")
-    )  # fmt: skip
-    stiffness, amplitude, frequency = device.onsets(0.05, 2e-3)
-    some = slice(1, None, 60)
-    again, at = device.onset(stiffness[some], 0.05, 2e-3)
-    assert again == pytest.approx(amplitude[some])
-    assert at == pytest.approx(frequency[some])
-    assert device.onset(stiffness[:1] * 0.9, 0.05, 2e-3)[0] == [math.inf]
-    assert device.ceiling(2e-3) < 0.1 * device.rigid_ceiling(2e-3)

@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_wall.controller.experiments.identify.cruise import Band, Cruise, cruises
 from haptic_wall.controller.experiments.identify.excitation import (
-    COASTING_S,
     Bounds,
     Guess,
     motions,
@@ -41,19 +39,6 @@ def test_a_shaft_that_was_thrown_beyond_the_reach_is_brought_home() -> None:
     playing.torque(0.7, 0.0)
     torques = [playing.torque(0.7, 0.0) for _ in range(100)]
     assert not playing.done and min(torques) < -GUESS.coulomb
-
-
-def test_a_dead_band_makes_a_throw_stronger_and_its_coast_no_longer() -> None:
-    """A shaft that coasts is braked by its friction alone, whatever the motor needs to move it."""
-    without, with_it = (motions(replace(GUESS, dead_band=band), BOUNDS, 0.3) for band in (0.0, 0.1))
-    throws = [
-        (one.torque, other.torque)
-        for one, other, coast in zip(without, with_it, with_it[1:], strict=False)
-        if coast.seconds == COASTING_S
-    ]
-    assert len(throws) == 4
-    for torque, more in throws:
-        assert abs(more) == pytest.approx(abs(torque) + 0.1)
 
 
 @pytest.mark.whole
@@ -91,16 +76,3 @@ def furthest(guess: Guess, weight: float, hanging: float) -> float:
         if playing.done:
             return far
     raise AssertionError("the program does not end")
-
-
-def test_a_cruise_holds_the_weight() -> None:
-    """It would stop the shaft on one way, and drive it on the other."""
-    cruise = Cruise(speed=1.5, half=0.3, seconds=0.4, bias=0.1, inertia=0.012, most=2.0)
-    bands = [Band(6.0, 12.0, 0.05)]
-    without, held = (
-        cruises(cruise, bands, replace(GUESS, cosine=weight), BOUNDS) for weight in (0.0, 0.07)
-    )
-    more = [other.bias - one.bias for one, other in zip(without, held, strict=True)]
-    springs = [phase.stiffness > 0.0 for phase in held]  # they hold it by themselves
-    assert more == pytest.approx([0.0 if spring else 0.07 for spring in springs])
-    assert springs.count(False) == 6

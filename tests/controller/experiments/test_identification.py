@@ -11,18 +11,11 @@ import yaml
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import (
-    bench,
     identification,
-    one_way,
-    output_error,
 )
-from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
-from haptic_wall.controller.experiments.identify.effects import NONE
-from haptic_wall.controller.experiments.identify.excitation import Guess
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import (
-    Fit,
     Friction,
-    NoFitError,
     fit_motion,
 )
 from haptic_wall.controller.experiments.identify.identification import (
@@ -34,20 +27,13 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_config,
     identified_model,
 )
-from haptic_wall.controller.experiments.identify.loaded_fit import fit_loaded
 from haptic_wall.controller.experiments.identify.motion_model import motion_of
-from haptic_wall.controller.experiments.identify.one_way import fit_one_way
-from haptic_wall.controller.experiments.identify.output_error import Prior
-from haptic_wall.controller.experiments.identify.torque_gain import torque_gain
 from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.plant import mechanism
-from haptic_wall.hw.plant.body import Pull, step
-from tests.cases import sampled
 from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
@@ -79,11 +65,6 @@ def far_off(found: Identified, config: Config) -> list[float]:
     return [abs(e.value - t) / e.stderr for e, t in zip(estimates, truth(config), strict=True)]
 
 
-def assert_held(model: dict[str, dict[str, float]], config: Config) -> None:
-    for name, true in zip(NAMES, truth(config), strict=True):
-        assert model[name]["low"] <= true <= model[name]["high"]
-
-
 def only_thorough(thorough: bool) -> None:
     if not thorough:
         pytest.skip("seconds; --thorough runs it")
@@ -93,12 +74,6 @@ def only_thorough(thorough: bool) -> None:
 def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
     """No vibration is looked for, which is a run of its own and changes nothing of the others."""
     monkeypatch.setattr(identification, "find_mode", lambda *_: None)
-
-
-@pytest.fixture
-def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fit ends after a few steps: what is told needs no more digits."""
-    monkeypatch.setattr(output_error, "_ROUNDS", 6)
 
 
 @pytest.fixture(scope="module")
@@ -157,15 +132,6 @@ def test_play_is_seen_and_measured(tmp_path: Path, play: float, thorough: bool) 
 
 
 @pytest.mark.whole
-@pytest.mark.usefixtures("rigid", "few_rounds")
-def test_without_viscous_friction_and_without_an_encoder(tmp_path: Path) -> None:
-    config = config_of("servo.damping=0", "servo.counts_per_rev=0")
-    found = identify(config, tmp_path)
-    assert found.damping.value == pytest.approx(0.0, abs=0.05 * 0.0036617)
-    assert found.inertia.value == pytest.approx(config.servo.inertia, rel=0.01)
-
-
-@pytest.mark.whole
 @pytest.mark.usefixtures("rigid")
 def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     sets = ("loop.clock=simulated", "servo.delay=0.001")
@@ -177,16 +143,6 @@ def test_a_measured_current_gives_the_gain(tmp_path: Path) -> None:
     assert found.coulomb.value == pytest.approx(config.servo.coulomb, rel=0.05)
     # The bus adds what a torque takes to travel, less what a request does.
     assert found.delay.value == pytest.approx(0.001, abs=1e-4)
-
-
-def test_a_dead_band_is_no_part_of_the_gain(usual: tuple[Config, Identified]) -> None:
-    _, found = usual
-    rows, missing = found.played.rows.copy(), 0.01
-    sent = rows["sampled_ns"] + rows["age_ns"]
-    acting = rows["torque"][np.maximum(np.searchsorted(sent, rows["sampled_ns"], "right") - 1, 0)]
-    rows["measured_torque"] = 0.9 * (acting - np.clip(acting, -missing, missing))
-    gain = not_none(torque_gain(rows, 0.0, missing))
-    assert gain.value == pytest.approx(0.9, abs=0.001)
 
 
 def test_a_blocked_shaft_is_told_with_what_was_tried(tmp_path: Path) -> None:
@@ -218,32 +174,6 @@ def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(identification, "Testbed", Reversed)
     with pytest.raises(UnidentifiableError, match="Drive Mode"):
         identify(config_of(), tmp_path)
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("few_rounds")
-def test_a_strong_spring_on_the_shaft_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def on_a_spring(
-        state: Any,
-        parameters: Any,
-        torque: float,
-        duration: float,
-        pull: object = None,
-        *,
-        turns: Any = None,
-    ) -> Any:
-        assert pull is None
-        return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
-
-    monkeypatch.setattr(mechanism, "step", on_a_spring)
-    try:
-        found = identify(config_of(), tmp_path)
-    except UnidentifiableError as error:
-        assert "spring" in str(error) or "reach" in str(error)
-    else:
-        assert "spring" in " ".join(found.warnings)
 
 
 def test_what_else_pushes_both_ways_is_told(tmp_path: Path) -> None:
@@ -285,73 +215,6 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
         assert width <= 2.0 * ideal * getattr(config.servo, name)
 
 
-@pytest.mark.whole
-def test_load_friction_that_fades_is_taken_for_no_inertia_and_no_delay(tmp_path: Path) -> None:
-    config = config_of(
-        "servo.delay=0.002",
-        "servo.load_friction=0.07",
-        "servo.load_friction_at_rest=0.17",
-        "servo.stribeck_speed=2.0",
-        "model.damping={value: 0.003, low: 0.002, high: 0.004}",  # holds the truth: it is kept to
-    )
-    found = identify(config, tmp_path)
-    assert any(
-        text.startswith("the gear adds ") and "more in slow" in text for text in found.warnings
-    )
-    assert found.effects["gear"] == pytest.approx(0.07, abs=0.03)
-    assert found.effects["gear_rest"] == pytest.approx(0.17, abs=0.03)
-    model = identified_model(found, config)
-    assert_held(model, config)
-
-
-def test_a_second_try_that_fails_loses_nothing_of_the_first(
-    usual: tuple[Config, Identified], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config, found = usual
-    first = replace(found.fit, residual=1.0, effects=replace(NONE, fitted=("gear_rest",)))
-
-    tried: list[bool] = []
-
-    def fit_one_way(*_: Any, gear_fades: bool = True, **__: Any) -> Fit:
-        tried.append(gear_fades)
-        if not gear_fades:
-            raise NoFitError("it does not converge")
-        return first
-
-    monkeypatch.setattr(bench, "fit_one_way", fit_one_way)
-    monkeypatch.setattr(bench, "fit_loaded", lambda *_: first)
-    moved = Bench(Testbed(config, tmp_path, print), bounds_of(config, 0.6), print)
-    assert moved._explained(motion_of(found.played.rows), rough=False) is first
-    assert tried == [True, False]
-
-
-@pytest.mark.whole
-def test_load_friction_that_fades_and_a_droop_are_taken_for_no_damping(tmp_path: Path) -> None:
-    """They cancel each other; without the drag the lower bound was 31 % above the truth."""
-    config = config_of(
-        "servo.inertia=0.011577",
-        "servo.damping=0.011974",
-        "servo.coulomb=0.088008",
-        "servo.delay=0.0023",
-        "servo.kick=0.0008",
-        "servo.torque_limit=4.1",
-        "servo.no_load_speed=4.82",
-        "servo.back_emf=true",
-        "servo.current_droop=0.015",
-        "servo.load_friction=0.05",
-        "servo.load_friction_at_rest=0.2",
-        "servo.stribeck_speed=2.6",
-        "safety.max_speed=7.71",
-        "model.inertia={value: 0.011951, low: 0.007967, high: 0.017926}",
-        "model.damping={value: 0.011692, low: 0.005846, high: 0.023384}",
-        "model.coulomb={value: 0.09039, low: 0.045195, high: 0.18078}",
-    )
-    found = identify(config, tmp_path)
-    assert found.effects["gear_rest"] == pytest.approx(0.2, abs=0.03)
-    model = identified_model(found, config)
-    assert_held(model, config)
-
-
 def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_damping(
     usual: tuple[Config, Identified],
 ) -> None:
@@ -381,19 +244,6 @@ def test_a_residual_with_structure_narrows_no_belief(usual: tuple[Config, Identi
     # Noise of the readings is no structure.
     noisy = replace(torn, noise=math.sqrt(8.8) * found.rounding)
     assert identified_model(noisy, config)["inertia"]["low"] > before.inertia.low
-
-
-def test_what_changes_at_each_sample_is_noise_and_what_is_smooth_is_not(
-    usual: tuple[Config, Identified],
-) -> None:
-    _, found = usual
-    fit = found.fit
-    assert found.noise == pytest.approx(found.rounding, rel=0.05)
-    added = np.random.default_rng(1).normal(0.0, 5e-4, fit.fitted.shape)
-    noisy = replace(fit, fitted=fit.fitted + added)
-    assert noisy.noise == pytest.approx(math.hypot(found.noise, 5e-4), rel=0.03)
-    swings = 5e-3 * np.sin(0.1 * np.arange(fit.fitted.shape[1]))
-    assert replace(fit, fitted=fit.fitted + swings).noise == pytest.approx(fit.noise, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -437,17 +287,6 @@ def test_the_bounds_are_inside_of_those_believed_and_hold_the_friction_as_a_sum(
     assert np.all(low <= np.maximum(gain * sums, believed) + 1e-9)
 
 
-def test_a_belief_without_bounds_still_gets_those_of_a_servo_that_warms_up(
-    usual: tuple[Config, Identified],
-) -> None:
-    config, found = usual
-    raw = config.model_dump(mode="json")
-    raw["model"]["damping"] = 0.003
-    unsure = replace(found, damping=replace(found.damping, value=0.003, stderr=0.01))
-    bounds = identified_model(unsure, Config.model_validate(raw))["damping"]
-    assert (bounds["low"], bounds["high"]) == pytest.approx((0.00285, 0.00315))
-
-
 def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, Identified]) -> None:
     """Or the file would be refused: with all effects the two disagreed by a percent."""
     config, found = usual
@@ -474,84 +313,6 @@ def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None
     fading = Effects(stiction=1.8, stribeck=1.5)
     known = identify(fading.on(config_of("model.damping=0.003")), tmp_path)
     assert any("the damping is the believed one" in warning for warning in known.warnings)
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("start", sampled([1e200, 1e12], 2), ids=["overflows", "too large"])
-def test_a_fit_that_diverges_is_left_out(
-    usual: tuple[Config, Identified], start: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As with all effects at once: of the starts for friction that fades one ran away."""
-    config, found = usual
-    motion, step = motion_of(found.played.rows), config.servo.position_step
-    wanted = fit_one_way(motion, step)
-    away = {"fading": 1e-9, "coulomb": start, "inertia": 1.0 / start, "damping": -start}
-    monkeypatch.setattr(one_way, "_ROUNDED", 0.0)  # so that effects are tried at all
-    monkeypatch.setattr(one_way, "_fadings", lambda best: [{**best.values, **away}])
-    assert fit_one_way(motion, step).inertia == pytest.approx(wanted.inertia, rel=1e-3)
-
-
-@pytest.mark.whole
-def test_one_direction_alone_tells_the_same(usual: tuple[Config, Identified]) -> None:
-    config, found = usual
-    fit = fit_one_way(motion_of(found.played.rows), config.servo.position_step)
-    values = (fit.inertia, fit.damping, fit.coulomb, fit.delay)
-    assert values == pytest.approx(truth(config), rel=0.03)
-    assert fit.effects.fitted == ()
-
-
-@pytest.mark.whole
-def test_a_damping_that_is_known_exactly_hides_nothing_else(
-    usual: tuple[Config, Identified],
-) -> None:
-    config, found = usual
-    known = {"damping": Prior(config.servo.damping or 0.0, 1e-12)}
-    fit = fit_one_way(motion_of(found.played.rows), config.servo.position_step, known)
-    values = (fit.inertia, fit.damping, fit.coulomb, fit.delay)
-    assert values == pytest.approx(truth(config), rel=0.03)
-
-
-@pytest.mark.whole
-def test_backlash_is_not_taken_for_delay_beside_a_dead_band(
-    usual: tuple[Config, Identified],
-) -> None:
-    """The encoder's noise hides it in the residual."""
-    config, found = usual
-    motion, play, missing = motion_of(found.played.rows), 0.003, 0.006
-    shown = motion.position.copy()
-    for k in range(1, shown.size):
-        shown[k] = np.clip(shown[k - 1], shown[k] - 0.5 * play, shown[k] + 0.5 * play)
-    step = config.servo.position_step
-    shown += np.random.default_rng(1).normal(0.0, 0.5 * step, shown.size)
-    loose = replace(
-        motion,
-        position=step * np.round(shown / step),
-        torque=motion.torque + missing * np.sign(motion.torque),
-    )
-    start = fit_one_way(loose, step, rough=True)
-    fit = fit_loaded(loose, step, start, hints=("dead_band",))
-    assert fit.effects.dead_band == pytest.approx(missing, rel=0.1)
-    assert fit.backlash == pytest.approx(play, rel=0.1)
-    assert fit.delay == pytest.approx(0.0037, abs=1e-4)
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("rigid")
-def test_a_motion_that_is_not_explained_is_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As one that a hand has touched; the second one is what counts."""
-    found: list[Any] = []
-
-    def explained(moved: Any, motion: Any, rough: bool) -> Any:
-        found.append(whole(moved, motion, rough or len(found) == 1))
-        return replace(found[-1], residual=0.01) if len(found) == 2 else found[-1]
-
-    whole = Bench._explained
-    monkeypatch.setattr(Bench, "_explained", explained)
-    result = identify(config_of(), tmp_path)
-    assert [log.stem for log in result.logs][-3:] == ["gentle", "motions", "motions-2"]
-    assert result.fit is found[2] and result.warnings == ()
 
 
 @pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
@@ -582,18 +343,3 @@ def test_the_configuration_holds_the_truth_and_little_else(
         not_none(loaded.model.torque_gain).value == not_none(loaded.model.torque_gain).high == 1.0
     )
     assert yaml.safe_load(path.read_text())["wall"]["stiffness"] == 3.0
-
-
-@pytest.mark.whole
-def test_a_weight_that_drives_the_shaft_away_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config = Effects(gravity=0.01, hanging=math.pi / 2).on(config_of())
-    monkeypatch.setattr(bench, "_furthest", lambda _played: 1.0)
-    bed = Testbed(config, tmp_path, lambda _text: None, option="--logs")
-    inertia, damping, coulomb, _ = truth(config)
-    guess = Guess(inertia, damping, coulomb, 0.005)
-    with pytest.raises(UnidentifiableError, match=r"up to 0\.0[01]\d* N·m"):
-        Bench(bed, bounds_of(config, 0.6), lambda _text: None).fitted(
-            "motions", guess, 0.15, rough=True
-        )

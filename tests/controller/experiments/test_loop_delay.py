@@ -134,22 +134,6 @@ def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
     assert stderr < 5e-4
 
 
-@pytest.mark.whole
-def test_another_torque_than_meant_shows_in_the_acceleration(tmp_path: Path) -> None:
-    """The driver means the stall ratio of the data sheet, 1.783 N·m/A; the servo has another."""
-    config = config_of(
-        "servo.torque_constant=1.5",
-        "model.torque_gain={value: 1, low: 0.7, high: 1.3}",
-        "servo.hand=none",
-        preset="emulated-ideal",
-    )
-    fit = shaken(config, tmp_path, bursts=1).fit
-    gain = fit.acceleration * not_none(config.servo.inertia)
-    error = fit.acceleration_stderr * not_none(config.servo.inertia)
-    assert gain == pytest.approx(1.5 / (4.1 / 2.3), abs=3 * error)
-    assert gain + 3 * error < 1.0  # not what was meant
-
-
 def test_a_servo_that_does_not_move_is_told(tmp_path: Path) -> None:
     config = config_of("servo.coulomb=3", "model.coulomb=0.09", "servo.hand=none")
     with pytest.raises(ExperimentFailedError, match="the servo does not move: 0 rad"):
@@ -242,13 +226,3 @@ def test_a_stiff_transmission_widens_the_error_and_says_so(
     assert found.fit.lag == pytest.approx(0.0007, abs=found.fit.stderr)
     assert found.fit.stderr > 5e-4
     assert "differs a little from that of a rigid servo" in found.note
-
-
-@pytest.mark.whole
-def test_the_same_servo_rigid_is_measured_as_well_as_ever(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    found = shaken(tried(monkeypatch, RIGID), tmp_path, bursts=2)
-    assert found.fit.lag == pytest.approx(0.0007, abs=3 * found.fit.stderr)
-    assert found.fit.stderr < 1e-4
-    assert found.note == ""

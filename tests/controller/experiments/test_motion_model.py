@@ -86,31 +86,6 @@ def test_it_moves_as_a_real_servo_does() -> None:
     assert np.max(np.abs(ideal - found)) > 1e-3
 
 
-def test_load_friction_fades_with_the_speed() -> None:
-    random = np.random.default_rng(5)
-    true = TrueServo(0.0018, 0.0037, 0.008, counts_per_rev=0, delay=0.0007, torque_limit=1.0)
-    true = replace(true, load_friction=0.08, load_friction_at_rest=0.2, stribeck_speed=1.7)
-    torques = np.repeat(random.uniform(-0.06, 0.06, 60), 10)
-    motion, speed = moved(true, torques)
-    one = np.ones((1, 1))
-    real = {**model(true), "gear": 0.08 * one, "gear_rest": 0.2 * one, "fading": 1.7 * one}
-    pieces = pieces_of(motion, [(123, 480)])
-    measured = motion.position[123:480] - motion.position[123]
-    found = simulated(pieces, real, np.array([[speed[123]]]))[0, 0]
-    assert found == pytest.approx(measured, abs=1e-4)
-    constant = simulated(pieces, {**real, "gear_rest": 0.0 * one}, np.array([[speed[123]]]))[0, 0]
-    assert np.max(np.abs(constant - measured)) > 1e-2
-
-
-def test_a_stuck_shaft_stays_and_breaks_away() -> None:
-    true = TrueServo(0.0018, 0.0, 0.013, counts_per_rev=0, torque_limit=1.0)
-    torques = np.concatenate([np.full(50, 0.012), np.full(50, -0.02), np.zeros(100)])
-    motion, speed = moved(true, torques)
-    found = shown(motion, true, 0, 200, speed)
-    assert np.all(found[:51] == 0.0)
-    assert found == pytest.approx(motion.position, abs=1e-12)
-
-
 def test_torques_act_when_they_were_sent_and_lost_periods_are_longer_steps() -> None:
     random = np.random.default_rng(4)
     true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.0013, torque_limit=1.0)
@@ -129,18 +104,6 @@ def test_play_lags_behind_at_each_turn() -> None:
     found = shown(motion, true, begin, 1500, speed)
     expected = motion.position[begin:] - motion.position[begin]
     assert found - found[0] == pytest.approx(expected, abs=1e-9)
-
-
-def test_variants_and_pieces_stand_side_by_side() -> None:
-    true = TrueServo(0.0018, 0.0037, 0.013, counts_per_rev=0, delay=0.002, torque_limit=1.0)
-    motion, speed = moved(true, 0.06 * np.sin(np.arange(800) * 0.02))
-    pieces = pieces_of(motion, [(100, 400), (400, 500)])
-    found = simulated(pieces, model(true, 1.1), np.array([speed[[100, 400]], speed[[100, 400]]]))
-    assert found.shape == (2, 2, 300)
-    assert found[0, 1, :100] == pytest.approx(
-        motion.position[400:500] - motion.position[400], abs=1e-9
-    )
-    assert np.max(np.abs(found[1, 0] - found[0, 0])) > 1e-3
 
 
 def test_a_failed_reading_is_no_sample_but_its_torque_was_sent() -> None:

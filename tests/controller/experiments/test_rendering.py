@@ -4,12 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.experiments.rendered import rendering
 from haptic_wall.controller.experiments.rendered.contact_transient import plan_approach
 from haptic_wall.controller.experiments.rendered.rendering import (
     Rendering,
     measure_rendering,
-    rendering_report,
 )
 from haptic_wall.controller.experiments.rendered.rows import Comparison
 from haptic_wall.controller.experiments.rendered.static_stiffness import plan_push
@@ -77,15 +75,6 @@ def test_friction_delay_and_gain_are_the_servos(
     within(rows["lost motion"], 0.0)
 
 
-def test_the_ways_of_the_push_lie_apart_by_friction(
-    usual: tuple[Rendering, dict[str, Comparison]],
-) -> None:
-    found, _ = usual
-    assert not_none(found.static).friction == pytest.approx(
-        0.09039, abs=3 * not_none(found.static).friction_stderr
-    )
-
-
 def test_contacts_are_those_of_a_simulated_servo(
     usual: tuple[Rendering, dict[str, Comparison]],
 ) -> None:
@@ -119,28 +108,6 @@ def test_play_and_inserted_delay_show(other: tuple[Rendering, dict[str, Comparis
     within(rows["lost motion"], 0.004)
     assert not_none(rows["lost motion"].rendered) > 0.003
     within(rows["delay"], 0.003)
-
-
-def test_contacts_happen_on_the_other_side_too(
-    other: tuple[Rendering, dict[str, Comparison]],
-) -> None:
-    found, _ = other
-    assert len(found.contacts) == 10
-    assert all(contact.entry > 0.5 for contact in found.contacts)
-    assert all(contact.penetration > 0.0 for contact in found.contacts)
-
-
-@pytest.mark.whole
-def test_a_spring_too_soft_for_friction_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rendering, "plan_approach", lambda *_: None)  # no contacts: of no interest
-    found, rows = measured(tmp_path, "wall.stiffness=0.3", "wall.damping=0")
-    row = rows["static stiffness"]
-    assert row.rendered is None
-    assert "friction hides" in row.note
-    assert found.static is None
-    assert rendering_report(found)["rows"][0]["ratio"] is None
 
 
 def test_plans_keep_within_travel_and_torque() -> None:

@@ -6,7 +6,6 @@ import pytest
 from haptic_wall.controller.experiments.identify.separable import (
     Linear,
     Linearised,
-    fit_own,
     fit_pieces,
 )
 from haptic_wall.controller.theory.checks import FloatArray
@@ -56,19 +55,9 @@ def test_a_value_stays_within_its_bounds() -> None:
     assert own[0] == pytest.approx(best, rel=1e-4)
 
 
-def test_what_is_known_beforehand_holds_a_value() -> None:
-    assert fitted(decaying(1e9), 4.0, mean=2.5)[0] == pytest.approx(2.5, abs=1e-6)
-
-
 def test_values_without_a_finite_motion_are_not_taken() -> None:
     assert fitted(decaying(most=3.0), 0.5)[0] == pytest.approx(RATE, rel=1e-6)
     assert fitted(decaying(most=3.0), 5.0)[0] == 5.0  # there is no way back
-
-
-def test_own_values_alone_are_found() -> None:
-    linear = decaying()
-    own = fit_own(lambda own: linear(np.array([RATE]), own), np.zeros((1, 3)), 5)
-    assert own == pytest.approx(HEIGHTS)
 
 
 def test_a_piece_at_rest_keeps_its_own_value() -> None:

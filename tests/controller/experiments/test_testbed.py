@@ -17,8 +17,7 @@ from haptic_wall.controller.experiments.testbed import (
     Testbed,
 )
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.logs.file import append_end, read_log
-from haptic_wall.controller.logs.summary import LogSummary
+from haptic_wall.controller.logs.file import append_end
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime.safety import Trip
@@ -55,18 +54,6 @@ def test_a_released_shaft_swings_as_its_spring_says(tmp_path: Path) -> None:
     assert played.log.exists()
 
 
-def test_its_log_is_read_whole(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    config = load_config("emulated-ideal", ("loop.clock=simulated",)).config
-    played = Testbed(config, tmp_path).play("two", [Phase(0.3, torque=0.01), Phase(0.2)])
-    _, rows = read_log(played.log)
-    assert not caplog.messages
-    assert rows["seq"].tolist() == list(range(len(rows)))
-    assert rows["phase"][0] == -1, "the loop warms up before the program begins"
-    phases = LogSummary(begins=True, metadata={}, watched=True)
-    phases.add(rows)
-    assert phases.report(0)["phases"] == 2
-
-
 @pytest.mark.parametrize(
     ("trip", "gone"),
     [("port_shared", True), ("suspended", True), ("torque_lost", True), ("losses_in_row", False)],
@@ -96,12 +83,6 @@ def test_a_motion_that_a_stall_has_ended_is_repeated_once(
         with pytest.raises(ExperimentTrippedError):
             bed(tmp_path).play("one", [Phase(0.01)])
     assert len(runs) == 1 + stalled
-
-
-def test_a_trip_ends_it_by_name(tmp_path: Path) -> None:
-    with pytest.raises(ExperimentTrippedError) as error:
-        bed(tmp_path, "safety.max_speed=0.5").play("fast", [Phase(1.0, torque=1.0)])
-    assert error.value.stop_reason == "trip:overspeed"
 
 
 @pytest.mark.parametrize(("preset", "runs"), [("emulated-ideal", 2), ("xm430-w350", 1)])
@@ -134,11 +115,6 @@ def test_a_ctrl_c_that_comes_when_the_loop_is_just_over_is_not_lost(
     with pytest.raises(ExperimentInterruptedError):
         bed(tmp_path).play("whole", [Phase(0.01)])
     assert (tmp_path / "whole.hwlog").exists()
-
-
-def test_it_ends_with_its_last_phase(tmp_path: Path) -> None:
-    played = bed(tmp_path).play("short", [Phase(0.01), Phase(0.005)])
-    assert 15 <= len(played.rows) <= 17
 
 
 # What the recorder monitor says of a log whose rows were lost; not all of it names the file.

@@ -8,7 +8,7 @@ import pytest
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.limits import evaluate
-from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.theory import (
     max_virtual_damping,
     one_sided_limit,
@@ -61,16 +61,6 @@ def test_what_no_stiffness_makes_safe_for_some_servo_in_the_box_is_given_none() 
     assert one_sided_limit(M, 0.936 * M / T, damping, T, 0.054 * T) == 0
     (decision,) = decide(Request(1e9, damping, "above"), GuardSettings(), where, [0.0])
     assert decision.stiffness == 0
-
-
-@pytest.mark.parametrize("low", [0.0, 0.15])
-def test_the_members_of_the_box_are_the_corner_first_and_reach_its_ends(low: float) -> None:
-    box = Box.of(situation((low, 0.56), (M, 1.5 * M), (0.5, 1.0)))
-    assert (box.inertia[0], box.damping[0], box.gain[0]) == (1.0, 0.0, 1.0)
-    assert box.damping.max() == pytest.approx((0.56 - low) * M / T)
-    assert box.damping.min() == 0.0
-    assert (box.inertia.min(), box.inertia.max()) == (1.0, pytest.approx(1.5))
-    assert (box.gain.min(), box.gain.max()) == (0.5, 1.0)
 
 
 # found by search: b T/m at the corner, B of the ceiling, delay; inertia and gain of the member

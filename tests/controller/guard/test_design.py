@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -12,29 +11,25 @@ import pytest
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.delay_parts import (
     ADAPTER,
-    HOLD,
     SAMPLE_AGE,
     WIRE,
     DelayParts,
     shorter,
 )
 from haptic_wall.controller.guard.design import FAST_BAUD, improvements
-from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate, evaluate_box
+from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate_box
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Change, Improvement, LimitName
+from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (
     critical_stiffness,
     linear_limit,
-    max_virtual_damping,
     one_sided_limit,
 )
 from haptic_wall.hw.dynamixel.wire import cycle_s
-from tests.cases import sampled
 
 M, B_VISCOUS, T = 0.012, 0.0117, 1e-3
-COUNT = math.tau / 4096
 TORQUE = 4.1
 EVERY = GuardSettings(mode="off")
 ALL: tuple[Change, ...] = (
@@ -121,91 +116,6 @@ def test_each_change_is_the_limit_with_that_one_thing_changed() -> None:
     # the one-sided limit of one plant is found to a few 1e-4
     assert found["belief"].stiffness == pytest.approx(limit(), rel=1e-3)
     assert "encoder" not in found
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(("step", "delay"), sampled([(COUNT, 2e-3), (0.0, 2e-3), (COUNT, 0.0)], 3))
-def test_the_best_virtual_damping_is_found_on_both_sides_of_a_sharp_top(
-    step: float, delay: float
-) -> None:
-    """With an encoder the top is a corner, where the limits cross; without it is smooth."""
-    where = situation(step)
-    _, found = bought(where, {"delay": delay}, 0.05, changes=("virtual_damping",))
-    ceiling = float(max_virtual_damping(M, B_VISCOUS, T, delay))
-    tried = np.geomspace(1e-3, 0.999, 400) * ceiling
-    request = Request(0.0, 0.0, "above")
-    plants = Plants.at_corner(where, np.full(tried.size, delay))
-    best = np.max(evaluate(request, EVERY, where, plants, asked=tried).smallest())
-    assert found["virtual_damping"].stiffness >= 0.995 * best
-    assert found["virtual_damping"].stiffness <= 1.02 * best
-
-
-@pytest.mark.whole
-def test_the_quick_choice_of_a_virtual_damping_is_not_far_from_the_best() -> None:
-    """The guard's: what it claims is allowed there, and is most of what could be had."""
-    for side in ("above", "both"):
-        for delay in (0.0, 0.3e-3, 2e-3, 10e-3):
-            where = situation(COUNT if delay < 2e-3 else 0.0)
-            request = Request(0.0, 0.02, side)
-            parts = [DelayParts(T, {"delay": delay})]
-            found = evaluate(request, EVERY, where, Plants.at_corner(where, np.array([delay])))
-            quick, thorough = (
-                improvements(request, EVERY, where, parts, found, ["virtual_damping"], how)[0][0]
-                for how in (False, True)
-            )
-            assert quick.stiffness >= 0.85 * thorough.stiffness
-            plants = Plants.at_corner(where, np.array([delay]))
-            there = evaluate(request, EVERY, where, plants, asked=np.array([quick.damping]))
-            assert quick.stiffness == pytest.approx(there.smallest()[0], rel=0.03)
-
-
-def test_a_finer_encoder_helps_where_the_encoder_binds_and_only_there() -> None:
-    now, found = bought(situation(COUNT), {"delay": 0.5e-3}, 0.2, "both", ("encoder",))
-    assert now == pytest.approx((0.1 * TORQUE - 0.2 * COUNT / T) / COUNT, rel=0.01)
-    finer = found["encoder"]
-    assert finer.stiffness == pytest.approx(critical_stiffness(M, B_VISCOUS, 0.2, T, 0.5e-3))
-    assert finer.binding == "exact"
-    assert finer.buys(now)
-    now, found = bought(situation(COUNT), {"delay": 2e-3}, 0.02, "both", ("encoder",))
-    assert not found["encoder"].buys(now)
-
-
-def test_only_what_applies_is_answered() -> None:
-    where = situation(damping=Bounded.exactly(0.0))
-    _, found = bought(where, {"delay": 0.0}, 0.1, "both")
-    assert set(found) == {"virtual_damping", "largest_part", "rate"}
-
-
-def test_several_delays_at_once_give_what_each_gives_alone() -> None:
-    where, request = situation(COUNT), Request(0.0, 0.05, "above")
-    delays = [0.0, 1e-3, 5e-3]
-    parts = [DelayParts(T, {"delay": delay}) for delay in delays]
-    found = evaluate(request, EVERY, where, Plants.at_corner(where, np.array(delays)))
-    together = improvements(request, EVERY, where, parts, found, ALL)
-    for i, each in enumerate(parts):
-        alone = improvements(request, EVERY, where, [each], found.take(np.array([i])), ALL)[0]
-        several = {x.change: x.stiffness for x in together[i]}
-        for x in alone:
-            # half of no delay is no improvement alone, and none beside others
-            assert several[x.change] == pytest.approx(x.stiffness, rel=1e-9)
-
-
-def test_a_stiffness_of_nothing_has_no_factor() -> None:
-    improvement = Improvement("delay", 3.0, LimitName.EXACT, 0.1)
-    assert improvement.factor(2.0) == pytest.approx(1.5)
-    assert improvement.factor(0.0) is None
-    assert improvement.buys(0.0)
-    assert not Improvement("delay", 0.0, LimitName.EXACT, 0.1).buys(0.0)
-
-
-def test_the_parts_of_a_delay_make_the_whole() -> None:
-    parts = DelayParts(T, {"sample_age": 1.5e-3, "device": 0.25e-3})
-    assert parts.delay == pytest.approx(1.75e-3)
-    assert parts.total == pytest.approx(2.25e-3)
-    assert list(parts.sizes()) == ["sample_age", HOLD, "device"]
-    assert sum(parts.sizes().values()) == pytest.approx(parts.total)
-    assert parts.with_part(HOLD, 0.25e-3).period == pytest.approx(0.5e-3)
-    assert parts.largest() == ("sample_age", 1.5e-3)
 
 
 @pytest.mark.parametrize(

@@ -174,25 +174,3 @@ def test_one_sided_walls_return_no_device_faster_than_it_came(cases: list[Case])
     loops = [case.at_corner() for case in pushing]
     loops += [case.at_random(random, corners=bool(i % 2)) for i, case in enumerate(pushing)]
     assert np.max(bounce(loops, phases)) <= 1.0
-
-
-def test_the_linear_condition_alone_would_command_what_is_unstable(cases: list[Case]) -> None:
-    unstable = 0
-    for case in cases[::5]:
-        linear = case.decision.limits.linear
-        loop, gain = case.at_corner(), case.situation.belief.torque_gain.high
-        assert linear is not None
-        unstable += radius(loop._replace(stiffness=MARGIN * linear * gain)) > 1
-    assert unstable > 0.3 * len(cases[::5])
-
-
-def test_the_exact_limit_alone_would_throw_devices_back(cases: list[Case]) -> None:
-    pushing = [c for c in cases if c.decision.request.side != "both"][::10]
-    loops = []
-    for case in pushing:
-        exact = case.decision.limits.exact
-        assert exact is not None
-        gain = case.situation.belief.torque_gain.high
-        loops.append(case.at_corner()._replace(stiffness=MARGIN * exact * gain))
-    thrown = np.max(bounce(loops, np.array([1.0])), axis=1) > 1.01
-    assert np.count_nonzero(thrown) > len(pushing) / 4

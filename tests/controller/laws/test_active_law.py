@@ -169,22 +169,6 @@ def test_a_law_that_takes_too_long_gives_no_number() -> None:
     assert "took 0.6 ms" in rendered.law.fault
 
 
-@pytest.mark.parametrize(
-    ("torque", "said"),
-    [
-        (lambda x, t: x * math.sin(t), "drive the shaft away"),
-        (lambda _x, _t: 0.0, "the same torque everywhere"),
-        (lambda x, t: math.nan if t > 5.0 else -x, "gives nan at"),
-    ],
-)
-def test_what_is_no_law_at_any_instant_is_refused(
-    torque: Callable[[float, float], float], said: str
-) -> None:
-    with pytest.raises(LawError) as refused:
-        tabulated_in_time("mine:Law", Given(torque), GRID)
-    assert said in str(refused.value)
-
-
 def test_a_law_whose_calls_take_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     ticking = iter(0.0002 * i for i in range(100_000))
     monkeypatch.setattr("haptic_wall.controller.laws.own.perf_counter", lambda: next(ticking))
@@ -277,12 +261,3 @@ def test_a_torque_in_flight_has_its_energy_reserved() -> None:
     tank.move(-0.001, 1.0)  # but now the shaft might turn
     assert tank.held <= LENT_J
     assert tank.allowed(0.5) == 0.0
-
-
-def test_a_flickering_count_spends_only_a_part_of_the_loan_on_the_servos_grid() -> None:
-    own = Given(lambda x, t: 0.1 * math.cos(3.0 * x) * (1.0 + 0.1 * math.sin(t)) - 4.0 * x**3)
-    rendered = Rendered(own, torque_step=0.005)
-    torques = [rendered.torque(STEP * (0.5 + i // 10 % 2)) for i in range(3000)]
-    assert rendered.law.tank.held > 0.3 * LENT_J  # 300 counts have cost a part of it
-    assert all(abs(each / 0.005 - round(each / 0.005)) < 1e-9 for each in torques)
-    assert max(torques) > 0.01

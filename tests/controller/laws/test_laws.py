@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import ConfigError
-from haptic_wall.controller.laws.profile import Profile
 from haptic_wall.controller.laws.shape import Grid, Shape
 from haptic_wall.controller.laws.shaped import ShapedLaw
 from haptic_wall.controller.laws.stops import Stops
@@ -68,14 +67,6 @@ def test_a_law_that_says_so_stores_its_work_on_any_path_at_any_speed(law: str) -
         work = float(np.sum(0.5 * (e[1:] + e[:-1]) * np.diff(path)))
         worst = max(worst, abs(work - (made.potential(path[-1]) - made.potential(path[0]))))
     assert (worst < 1e-5) == made.stores_work
-
-
-def test_no_potential_is_below_zero_by_rounding() -> None:
-    step = math.tau / 4096
-    places = [-1.0 + step * i for i in range(1304)]
-    law = ShapedLaw("profile", Profile(places, [-2.0 * x for x in places]), 0.0)
-    for x in [step * i / 50 for i in range(-200, 201)] + [0.0, *places]:
-        assert law.elongation(x) >= 0.0
 
 
 @pytest.mark.parametrize("law", [law for law in EXAMPLES if law != SUM])
@@ -204,19 +195,16 @@ def test_the_guard_learns_what_a_law_is() -> None:
         (["law=detents", "count=8", "width=1"], "count", "found wall.width too"),
         (["law=detents", "count=512"], "count", "at least 16 encoder counts"),
         (["law=detents", "count=8", "snap=0.5"], "snap", "from 0.05 to 0.45"),
-        (["law=detents", "count=8", "low=0"], "low", "it is for wall.law stops"),
         (["low=0"], "low", "it is for wall.law stops"),
         (["law=texture", "period=0.01"], "period", "at least 8 encoder counts"),
         (["law=friction"], "friction", "the torque at which it slips"),
         (["law=profile", "profile=[[0, 1], [0, 0]]"], "profile", "rising positions"),
         (["law=profile", "profile=[[0, -1], [1, 0]]"], "profile", "drive the shaft away"),
         (["law=profile", "profile=nowhere.csv"], "profile", "cannot be read"),
-        (["law=profile", "profile=[[0, 1]]"], "profile", "two or more"),
         (["law=profile", "profile=[[0, 1], [1e-320, -1]]"], "profile", "between two positions"),
         (["law=sum"], "parts", "found none"),
         (["law=sum", "parts=[{law: stops, low: 0}]"], "parts", "in part 0, stops.high"),
         (["law=sum", "parts=[{law: sum}]"], "parts", "a sum in part 0"),
-        (["law=sum", "parts=[{law: spring, low: 0}]"], "parts", "in part 0, found low"),
         (
             ["law=texture", "period=0.1", "passivity_control=true"],
             "passivity_control",

@@ -8,7 +8,6 @@ from haptic_wall.controller.laws.velocity import (
     BackwardDifference,
     Biquad,
     SampleDifference,
-    velocity_estimator,
 )
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
@@ -50,13 +49,6 @@ def test_sample_difference_counts_lost_periods() -> None:
         x += 5.0 * periods * T
         velocity = estimator.update(x, periods)
     assert velocity == pytest.approx(5.0)
-
-
-def test_one_sample_is_the_backward_difference() -> None:
-    assert isinstance(velocity_estimator(T, 1), BackwardDifference)
-    one, many = velocity_estimator(T, 1), SampleDifference(T, 1)
-    for position in (0.1, 0.4, 0.3, 0.9):
-        assert one.update(position, 1) == pytest.approx(many.update(position, 1))
 
 
 def test_a_biquad_is_the_filter_of_its_taps() -> None:

@@ -4,33 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from random import Random
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
-import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from haptic_wall.controller.live.lesson_process import FOLDERS, Stage, measured, serve_lesson
+from haptic_wall.controller.live.lesson_process import Stage, serve_lesson
 from haptic_wall.controller.processes.demo import SERVO, SERVOS
-from haptic_wall.controller.processes.live import hand_over, take_over
+from haptic_wall.controller.processes.live import hand_over
 from haptic_wall.controller.processes.live_place import Live
 from haptic_wall.controller.processes.run_socket import listening
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand
-from tests.controller.live import strangers
 
-PAGES = [Path(__file__).parents[3] / "controller" / "live" / folder for folder in FOLDERS]
 TOKEN = "the-right-token"
 BEGAN_NS = 5_000_000_000
 LAG_S = 0.002
@@ -191,14 +186,6 @@ def test_a_change_that_a_run_cannot_take_yet_is_asked_for_again(page: Page) -> N
         run.listener.settimeout(10.0)
 
 
-def test_the_map_of_the_unguarded_servo_is_that_of_the_true_one(page: Page) -> None:
-    limits = []
-    for servo in SERVOS:
-        with page.connect(servo) as client:
-            limits.append(heard(client, "map")["limits"]["exact"][10])
-    assert limits[0] == pytest.approx(limits[1], rel=0.01)
-
-
 def test_a_readers_servo_is_computed(page: Page) -> None:
     own = {"inertia": 0.01, "damping": 0.01, "period": 1e-3, "delay": 2e-3, "virtual_damping": 0.05}
     with page.connect() as client:
@@ -246,28 +233,6 @@ def test_a_hostile_client_changes_nothing(page: Page) -> None:
     run.listener.settimeout(10.0)
 
 
-@pytest.mark.parametrize("token", [TOKEN, ""])
-def test_no_stranger_harms_the_page(
-    page: Page,
-    caplog: pytest.LogCaptureFixture,
-    capfd: pytest.CaptureFixture[str],
-    token: str,
-    wholly: bool,
-) -> None:
-    random, words = Random(8), ""
-    for _ in range(2000 if wholly else 30):
-        strangers.send(page.place, strangers.request(random, page.place))
-    with page.connect("guarded", token, close_timeout=1.0) as client:
-        for number in range(2000 if wholly else 30):
-            client.send(strangers.message(random))
-            client.send(f'"{number}"')
-            while token and f'"{number}"' not in words:
-                words = heard(client, "refused")["words"]
-    assert greeted(page, "guarded")
-    assert [each for each in caplog.records if strangers.is_ours(each)] == []
-    assert capfd.readouterr() == ("", "")
-
-
 def test_a_client_that_goes_in_mid_drag_lets_go(page: Page) -> None:
     run = page.runs["guarded"]
     with page.connect("guarded") as client:
@@ -302,34 +267,6 @@ def test_a_run_that_is_started_anew_is_shown_again(page: Page) -> None:
     until(lambda: greeted(page, "guarded"))
 
 
-def test_all_files_together_are_small_and_need_no_internet(page: Page) -> None:
-    names = {file.name for folder in PAGES for file in folder.iterdir()}
-    size = 0
-    for name in names:
-        with urlopen(f"http://{page.place}/{name}") as answer:
-            content = answer.read()
-        size += len(content)
-        assert b"http" not in content.replace(b"http://www.w3.org", b"") or "uPlot" in name
-    assert size < 300_000
-    with urlopen(f"http://{page.place}/") as answer:
-        assert answer.read() == (PAGES[1] / "index.html").read_bytes()
-
-
-def test_what_is_measured_is_in_the_rows() -> None:
-    telemetry = Telemetry.create()
-    config = load_config("simulated", SERVO).config
-    assert measured(telemetry, config)["measured_hz"] is None
-    row = Row()
-    for k in range(1500):
-        row.torque = 0.2 * float(np.sin(0.1 * k))
-        row.position = 0.001 * float(np.sin(0.1 * k))
-        telemetry.write(row)
-    found = measured(telemetry, config)
-    assert found["measured_hz"] == pytest.approx(100.0 / (2.0 * np.pi), rel=0.02)
-    assert found["torque_range"] == pytest.approx(0.4, rel=0.01)
-    telemetry.close()
-
-
 def test_the_end_is_told_to_who_is_there(tmp_path: Path) -> None:
     page = Page(tmp_path)
     for servo in SERVOS:
@@ -340,20 +277,3 @@ def test_the_end_is_told_to_who_is_there(tmp_path: Path) -> None:
         page.close()
         for client in (free, guarded):
             assert heard(client, "over")
-
-
-def test_no_more_runs_come_when_the_demo_is_gone() -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    theirs.setblocking(False)
-    with theirs:
-        assert take_over(theirs) is None
-        ours.close()
-        with pytest.raises(EOFError):
-            take_over(theirs)
-
-
-def test_a_page_that_is_gone_does_not_hinder_a_run() -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    theirs.close()
-    with ours, Path(os.devnull).open() as file:
-        hand_over(ours.fileno(), {"name": "x"}, {"telemetry": file.fileno()})

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import socket
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.errors import LogFormatError, UserError
-from haptic_wall.controller.logs.blocks import MAGIC, MOST_BYTES, encoded
-from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
+from haptic_wall.controller.logs.blocks import MAGIC, encoded
+from haptic_wall.controller.logs.file import append_end, read_log
 from haptic_wall.controller.logs.reader import FORMAT, LogReader, Misplaced
 from haptic_wall.controller.logs.recordings import read_recordings
 from haptic_wall.controller.runtime.telemetry import ROW
@@ -165,73 +164,27 @@ def test_two_logs_in_one_file_are_two_parts(
         read_log(joined)
 
 
-def test_of_joined_logs_each_is_cut_and_drawn_by_itself(
+def test_of_joined_logs_one_is_cut(
     joined: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    cut, csv = tmp_path / "cut.hwlog", tmp_path / "a.csv"
-    for option in ("--cut", "--plot", "--mcap"):
-        status, text = told(capsys, "log", joined, "--from", 0.1, option, cut.with_suffix(".png"))
-        assert status == 2
-        assert "choose one of them by --from and --to: 0.1 to 0.199 s, 1.199 to 1.498 s" in text
-    assert summary(capsys, joined, "--from", 1.3, "--cut", cut, "--csv", csv)["name"] == "other"
-    metadata, kept = read_log(cut)
-    assert (metadata["name"], metadata["config"]["wall"]["side"]) == ("other", "both")
-    assert kept["seq"].tolist() == list(range(101, 300))
-    assert len(csv.read_text().splitlines()) == 200
-    told(capsys, "log", joined, "--csv", csv)
-    assert json.loads(told(capsys, "detect", csv, "--json")[1])["parts"] == 2
-
-
-def test_a_log_of_before_checksums_may_be_joined_to_one_of_today(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log_of(log, rows(0, 100))
-    today = log.read_bytes()
-    old = {name: value for name, value in METADATA.items() if name != "checksum"}
-    log_of(log, rows(0, 100), metadata=old)
-    before = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
-    for content in (today + before, before + today):
-        log.write_bytes(content)
-        assert [part["rows"] for part in summary(capsys, log)["parts"]] == [100, 100]
-
-
-def test_a_hundred_logs_in_one_file_are_enough(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log_of(log, rows(0, 10))
-    log.write_bytes(log.read_bytes() * 101)
-    assert "more than 100 logs joined in one file" in told(capsys, "log", log)[1]
+    cut = tmp_path / "cut.hwlog"
+    status, text = told(capsys, "log", joined, "--from", 0.1, "--cut", cut)
+    assert status == 2
+    assert "choose one of them by --from and --to: 0.1 to 0.199 s, 1.199 to 1.498 s" in text
+    assert summary(capsys, joined, "--from", 1.3, "--cut", cut)["name"] == "other"
+    assert read_log(cut)[1]["seq"].tolist() == list(range(101, 300))
 
 
 # What no run writes
 
 
 @pytest.mark.parametrize(
-    "config", [None, [], "text", 5, {}, {"wall": None}, {"servo": [1], "wall": "x", "loop": 3}]
-)
-def test_whatever_stands_for_the_configuration_a_log_is_summarised(
-    log: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, config: object
-) -> None:
-    log_of(log, rows(0, 50), metadata={**METADATA, "config": config})
-    assert summary(capsys, log)["rows"] == 50
-    status, text = told(capsys, "log", log)
-    assert (status, "config      unknown servo, wall unknown" in text) == (0, True)
-    for command in (["detect", log], ["log", log, "--plot", tmp_path / "a.png"]):
-        status, text = told(capsys, *command)
-        assert (status, text.count("\n")) == (2, 1)
-        assert "this program does not know the log's configuration" in text
-
-
-@pytest.mark.parametrize(
     ("ended", "why"),
     [
-        ({"rows": "abc"}, "rows is no count in it"),
         ({"rows": -1}, "rows is no count in it"),
         ({"rows": 10**300}, "rows is no count in it"),
         ({"stop_reason": 5}, "stop_reason is no text in it"),
-        ({"stop_reason": ["trip:x"]}, "stop_reason is no text in it"),
         ({"message": {}}, "message is no text in it"),
-        ({"guard": [1]}, "guard has no list of texts as its reasons"),
         ({"guard": {"reasons": [{}]}}, "guard has no list of texts as its reasons"),
         ({"warnings": "text"}, "warnings is no list of texts in it"),
     ],
@@ -260,14 +213,10 @@ def test_what_is_no_json_is_damage(
     ("column", "value", "why"),
     [
         ("oscillation", 99, "oscillation is 99 in it, wanted 0 to 3"),
-        ("outcome", -1, "outcome is -1 in it, wanted 0 to"),
-        ("flags", -(2**63), "flags is -9223372036854775808 in it"),
         ("deadline_ns", 2**63 - 1, "deadline_ns is 9223372036854775807 in it"),
         ("deadline_ns", 5, "deadline_ns does not increase in it"),
         ("seq", 7, "seq does not increase in it"),
         ("lateness_ns", 2**62, "lateness_ns is"),
-        ("missed", 2**50, "missed is"),
-        ("phase", -3, "phase is -3 in it"),
         ("torque", 1e300, "torque is 1e+300 in it, which is too large"),
     ],
 )
@@ -294,12 +243,11 @@ def test_numbers_of_a_loop_that_went_wrong_are_read(
     assert told(capsys, "detect", log)[0] == 0
 
 
+# Bounds
+
+
 NARROW = np.dtype(
     [(name, "<f4" if name == "position" else ROW[name]) for name in not_none(ROW.names)]
-)
-TEXT = np.dtype([(name, "<U8" if name == "seq" else ROW[name]) for name in not_none(ROW.names)])
-SEVERAL = np.dtype(
-    [(name, ("<f8", (2,)) if name == "torque" else ROW[name]) for name in not_none(ROW.names)]
 )
 OTHER = np.dtype([*((name, ROW[name]) for name in not_none(ROW.names)), ("\x1b[31m", "<f8")])
 
@@ -308,83 +256,20 @@ OTHER = np.dtype([*((name, ROW[name]) for name in not_none(ROW.names)), ("\x1b[3
     ("dtype", "said"),
     [
         (NARROW, "its column position is of type 'float32', wanted '<f8'"),
-        (ROW.newbyteorder(">"), "its column seq is of type '>i8', wanted '<i8'"),
-        (TEXT, "its column seq is of type '<U8', wanted '<i8'"),
-        (SEVERAL, "its column torque is of type \"('<f8', (2,))\", wanted '<f8'"),
         (OTHER, r"its rows have a column '\x1b[31m' that this program does not know"),
         (np.dtype([("seq", "<i8"), ("position", "<f8")]), "its rows lack the column deadline_ns"),
     ],
 )
-@pytest.mark.parametrize("size", [0, 20])
 def test_rows_of_other_columns_are_refused_in_a_sentence(
-    log: Path, capsys: pytest.CaptureFixture[str], dtype: np.dtype[np.void], said: str, size: int
+    log: Path, capsys: pytest.CaptureFixture[str], dtype: np.dtype[np.void], said: str
 ) -> None:
-    made = np.zeros(size, dtype)
-    if dtype["seq"].kind == "i":
-        made["seq"] = np.arange(size)
+    made = np.zeros(20, dtype)
+    made["seq"] = np.arange(20)
     log_of(log, made)
     for command in ("log", "detect"):
         status, text = told(capsys, command, log)
-        if size or said.startswith("its column"):
-            assert (status, text.count("\n")) == (2, 1)
-            assert said in text or (command, status) == ("detect", 2)
-
-
-@pytest.mark.parametrize("field", ["name", "program", "cut", "phases", "version", "wrong"])
-@pytest.mark.parametrize(
-    "value", ["\x1b]0;x\x07\x9b31m\n\u202e\ud800", None, [], {"log": 5}, 10**400, {"from_s": "x"}]
-)
-def test_whatever_the_metadata_hold_is_shown_and_not_obeyed(
-    log: Path, capsys: pytest.CaptureFixture[str], field: str, value: object
-) -> None:
-    metadata = {**METADATA, field: value}
-    log_of(log, rows(0, 50), {"stop_reason": "trip:\x1b[2J", "message": "\x07"}, metadata=metadata)
-    for command in (["log", log], ["log", log, "--json"], ["detect", log]):
-        status, text = told(capsys, *command)
-        assert status == (2 if field == "version" else 0), text
-
-
-def test_what_was_cut_out_keeps_whatever_the_metadata_hold(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("\ud800", r"$\frac{$", "\x00"):
-        log_of(log, rows(0, 50), metadata={**METADATA, "name": name})
-        paths = {option: tmp_path / f"a.{option}" for option in ("cut", "mcap")}
-        options = [word for option, path in paths.items() for word in (f"--{option}", path)]
-        assert told(capsys, "log", log, "--from", 0.01, *options)[0] == 0
-        assert LogReader(paths["cut"]).metadata["name"] == name
-
-
-def test_a_name_is_no_formula(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log_of(log, rows(0, 50), metadata={**METADATA, "name": r"$\frac{$ 中"})
-    assert told(capsys, "log", log, "--plot", tmp_path / "a.png") == (
-        0,
-        told(capsys, "log", log)[1],
-    )
-
-
-# Bounds
-
-
-def test_a_length_larger_than_any_block_is_not_read(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A sparse file, whose first header names all of it."""
-    head = bytes(encoded(np.zeros(0, np.uint8))[0])
-    head = head.replace(b"(0,)", b"(1099511627776,)").replace(b"  # crc32", b"# was  ")
-    with log.open("wb") as file:
-        file.write(head)
-        file.truncate(1 << 41)
-    status, text = told(capsys, "log", log)
-    assert (status, "is not a log of haptic-wall" in text) == (2, True)
-    log_of(log, rows(0, 50))
-    size = log.stat().st_size
-    with log.open("r+b") as file:
-        file.truncate(1 << 41)
-    found = summary(capsys, log)
-    assert (found["rows"], found["damaged"]["bytes"]) == (50, (1 << 41) - size)
+        assert (status, text.count("\n")) == (2, 1)
+        assert said in text or command == "detect"
 
 
 @pytest.mark.parametrize(
@@ -401,33 +286,6 @@ def test_what_only_looks_like_blocks_is_passed_over(
         file.write(piece * (20_000_000 // len(piece)))
     found = summary(capsys, log)
     assert (found["rows"], found["damaged"]["cut_off"]) == (50, True)
-
-
-def test_more_rows_than_a_block_takes_are_written_in_several(log: Path) -> None:
-    many = rows(0, MOST_BYTES // ROW.itemsize + 1)
-    with LogWriter(log, METADATA, ROW) as writer:
-        writer.append(many)
-    sizes = [len(piece) for piece in LogReader(log).pieces() if isinstance(piece, np.ndarray)]
-    assert sizes == [len(many) - 1, 1]
-
-
-def test_more_metadata_than_anyone_writes_are_damage(
-    log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log_of(log, rows(0, 50), metadata={**METADATA, "wrong": "x" * (1 << 22)})
-    found = summary(capsys, log)
-    assert (found["rows"], found["name"]) == (50, None)
-
-
-def test_deadlines_of_one_moment_fill_no_memory(log: Path) -> None:
-    """Windows take again what lies within ten seconds, which may be everything."""
-    with LogWriter(log, METADATA, ROW) as writer:
-        for start in range(0, 600_000, 100_000):
-            made = rows(start, start + 100_000)
-            made["deadline_ns"] = made["seq"]
-            writer.append(made)
-    most = max(each.parts[0].times.size for each in read_recordings(log))
-    assert most < 400_000
 
 
 @pytest.mark.parametrize("command", ["log", "detect"])

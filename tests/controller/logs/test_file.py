@@ -1,9 +1,7 @@
 """A log keeps what was written, byte for byte, whatever becomes of the disk or the writer."""
 
 import errno
-import fcntl
 import io
-import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
 from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
-from haptic_wall.controller.logs.reader import Damage, End, Head, LogReader, Misplaced
+from haptic_wall.controller.logs.reader import Damage, End, LogReader
 from haptic_wall.controller.system.file_kinds import LOG
 from haptic_wall.controller.system.whole_file import Beside
 
@@ -43,59 +41,6 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     metadata, read = read_log(write(tmp_path / "a.hwlog", rows(3), rows(0), rows(4, 3)))
     assert {**METADATA, **metadata} == metadata
     np.testing.assert_array_equal(read, rows(7))
-
-
-def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
-    first = write(tmp_path / "a.hwlog", rows(5), rows(6, 5)).read_bytes()
-    assert write(tmp_path / "b.hwlog", rows(5), rows(6, 5)).read_bytes() == first
-
-
-def test_numpy_alone_can_read_it(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.hwlog", rows(3), rows(2, 3))
-    with path.open("rb") as file:
-        assert np.load(file).tobytes().startswith(b'{"format": "haptic-wall log"')
-        np.testing.assert_array_equal(np.load(file), rows(3))
-        np.testing.assert_array_equal(np.load(file), rows(2, 3))
-
-
-def test_blocks_are_readable_before_the_log_is_closed(tmp_path: Path) -> None:
-    log = LogWriter(tmp_path / "a.hwlog", METADATA, ROW)
-    log.append(rows(3))
-    np.testing.assert_array_equal(read_log(tmp_path / "a.hwlog")[1], rows(3))
-    log.close()
-    log.close()
-
-
-def test_a_log_without_rows_is_empty(tmp_path: Path) -> None:
-    metadata, read = read_log(write(tmp_path / "a.hwlog"))
-    assert metadata["name"] == "simulated"
-    assert read.size == 0
-
-
-@given(st.data())
-def test_a_log_cut_off_anywhere_keeps_its_whole_blocks(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    path = write(tmp_path_factory.mktemp("log") / "a.hwlog")
-    ends = [path.stat().st_size]
-    blocks = [rows(3), rows(4, 3), rows(2, 7)]
-    for count in (1, 2, 3):
-        ends.append(write(path, *blocks[:count]).stat().st_size)
-    cut = data.draw(st.integers(ends[0], ends[-1]))
-    path.write_bytes(path.read_bytes()[:cut])
-    whole = sum(len(block) for block, end in zip(blocks, ends[1:], strict=True) if end <= cut)
-    assert len(read_log(path)[1]) == whole
-
-
-def test_a_cut_off_end_is_warned_about(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = write(tmp_path / "a.hwlog", rows(3), rows(3, 3))
-    path.write_bytes(path.read_bytes()[:-1])
-    with caplog.at_level(logging.WARNING):
-        assert len(read_log(path)[1]) == 3
-    assert "not a complete block" in caplog.text
-    caplog.clear()
-    read_log(write(path, rows(3)))
-    assert not caplog.records
 
 
 def pieces(path: Path) -> tuple[list[int], list[Damage], list[dict[str, Any]]]:
@@ -193,71 +138,6 @@ def test_every_intact_block_is_given_back_and_nothing_false(
     check()
 
 
-@given(order=st.lists(st.integers(0, 6), max_size=12))
-def test_blocks_in_any_order_give_each_row_at_most_once(
-    blocks: tuple[bytes, list[tuple[range, int, int]]],
-    tmp_path_factory: pytest.TempPathFactory,
-    order: list[int],
-) -> None:
-    content, table = blocks
-    path = tmp_path_factory.mktemp("log") / "a.hwlog"
-    places = [table[k] for k in order]
-    path.write_bytes(content[: table[0][1]] + b"".join(content[b:e] for _, b, e in places))
-    expected: list[int] = []
-    late = twice = 0
-    for numbers, _, _ in places:
-        if not expected or numbers[0] > expected[-1]:
-            expected += numbers
-        elif numbers[0] in expected:
-            twice += len(numbers)
-        else:
-            late += len(numbers)
-    read, left_out = [], []
-    for piece in LogReader(path).pieces():
-        if isinstance(piece, Misplaced):
-            left_out.append(piece)
-        else:
-            assert isinstance(piece, np.ndarray)
-            read += piece["seq"].tolist()
-    assert read == expected
-    # Of a block that is late, and then comes again, nothing is there before.
-    assert sum(each.rows for each in left_out) == late + twice
-    assert sum(each.twice for each in left_out) == twice
-
-
-@given(data=st.data())
-def test_joined_logs_are_read_one_after_the_other(
-    blocks: tuple[bytes, list[tuple[range, int, int]]],
-    tmp_path_factory: pytest.TempPathFactory,
-    data: st.DataObject,
-) -> None:
-    content, table = blocks
-    path = tmp_path_factory.mktemp("log") / "a.hwlog"
-    ends = data.draw(st.lists(st.integers(0, len(table)), min_size=1, max_size=4))
-    path.write_bytes(b"".join(content[: table[end - 1][2] if end else table[0][1]] for end in ends))
-    read: list[list[int]] = [[]]
-    for piece in LogReader(path).pieces():
-        if isinstance(piece, Head):
-            assert piece.metadata["unit"] == "N·m"
-            read.append([])
-        else:
-            assert isinstance(piece, np.ndarray)
-            read[-1] += piece["seq"].tolist()
-    assert read == [[n for numbers, _, _ in table[:end] for n in numbers] for end in ends]
-
-
-def test_a_log_whose_metadata_are_damaged_still_gives_its_rows(
-    blocks: tuple[bytes, list[tuple[range, int, int]]], tmp_path: Path
-) -> None:
-    content, _ = blocks
-    path = tmp_path / "a.hwlog"
-    path.write_bytes(bytes(4096) + content[4096:])
-    assert LogReader(path).metadata == {}
-    numbers, damage, _ = pieces(path)
-    assert damage[0].start == 0
-    assert numbers[-1] == 706
-
-
 def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path: Path) -> None:
     path = tmp_path / "old.hwlog"
     head = b'{"format": "haptic-wall log", "version": 1, "name": "old"}'
@@ -310,16 +190,6 @@ def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(
     assert asked == ["rows", "folder", "rows"]
 
 
-def test_a_log_is_synced_without_harm_to_a_device(tmp_path: Path) -> None:
-    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
-        log.append(rows(3))
-        log.sync()
-        log.sync()
-    with LogWriter(Path("/dev/null"), METADATA, ROW) as log:
-        log.append(rows(3))
-        log.sync()
-
-
 def test_what_the_disk_has_lost_is_an_error_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -350,24 +220,6 @@ def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(
     log.close()
     assert path.stat().st_size < len(rows(300).tobytes()), "it has no hole"
     np.testing.assert_array_equal(read_log(path)[1], rows(100, 1000))
-
-
-def test_a_disk_that_cannot_be_asked_has_lost_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def cannot(_: object) -> NoReturn:
-        raise OSError(errno.EINVAL, "Invalid argument")
-
-    def may_not(*_: object) -> NoReturn:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
-        with monkeypatch.context() as folder:
-            folder.setattr(os, "open", may_not)  # written to by all, read by one
-            log.sync()
-        log.append(rows(3))
-        monkeypatch.setattr(os, "fdatasync", cannot)
-        log.sync()
 
 
 class _FullDisk(io.FileIO):
@@ -401,11 +253,6 @@ def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_log(path)[1], rows(110))
 
 
-def test_metadata_is_json(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="JSON compliant"):
-        LogWriter(tmp_path / "a.hwlog", {"delay": float("nan")}, ROW)
-
-
 @pytest.mark.parametrize(
     "content",
     [b"", b"time_s,position_rad\n0,0\n", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + b"x" * 118],
@@ -413,13 +260,6 @@ def test_metadata_is_json(tmp_path: Path) -> None:
 def test_another_file_is_not_a_log(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.hwlog"
     path.write_bytes(content)
-    with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
-        read_log(path)
-
-
-def test_a_plain_array_is_not_a_log(tmp_path: Path) -> None:
-    path = tmp_path / "other.npy"
-    np.save(path, np.arange(5))
     with pytest.raises(LogFormatError, match="is not a log of haptic-wall"):
         read_log(path)
 
@@ -455,20 +295,6 @@ def test_another_writer_goes_on_where_one_was_killed(
     np.testing.assert_array_equal(read_log(path)[1], rows(9))
 
 
-def test_a_log_of_days_is_gone_on_with_as_quickly_as_one_of_minutes(tmp_path: Path) -> None:
-    # Rows of days: their beginning is a hole in the file, of which nothing may be read.
-    path = write(tmp_path / "a.hwlog", rows(3))
-    whole = path.read_bytes()
-    last = whole.rindex(b"\x93NUMPY")
-    with path.open("r+b") as file:
-        file.truncate(1 << 40)
-        file.seek(1 << 40)
-        file.write(whole[last:] + b"\x93NUMPY\x01\x00half a block")
-    with LogWriter.resume(path, ROW) as log:
-        np.testing.assert_array_equal(log.found, rows(3))
-    assert path.stat().st_size == (1 << 40) + len(whole) - last
-
-
 def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with(
     tmp_path: Path,
 ) -> None:
@@ -479,18 +305,6 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(LogFormatError, match="metadata"):
         LogWriter.resume(path, ROW)
-
-
-def test_a_device_that_logs_go_to_stays_everybodys() -> None:
-    """/dev/null, say; a terminal here, that nobody else has."""
-    ends = os.openpty()
-    try:
-        device = Path(os.ttyname(ends[1]))
-        with LogWriter(device, {}, ROW), device.open("rb") as other:
-            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    finally:
-        for end in ends:
-            os.close(end)
 
 
 def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.summary import summarised
 from haptic_wall.controller.report import sketch
-from haptic_wall.controller.report.dense_picture import MOST, outline
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
@@ -126,13 +125,6 @@ def test_a_sketch_keeps_every_peak_in_little_memory(monkeypatch: pytest.MonkeyPa
     assert drawn.medians_us["lateness_ns"] == pytest.approx(1.35, rel=0.02)
 
 
-def test_a_short_run_is_drawn_row_by_row() -> None:
-    whole = sketch.WHOLE
-    drawn = sketched([rows(0, 3), rows(3, whole - 3)], whole, 7)
-    np.testing.assert_array_equal(drawn.rows["seq"], np.arange(whole))
-    assert drawn.mean_time.size == 0
-
-
 @pytest.mark.whole
 def test_detect_sees_the_same_in_windows_as_in_the_whole(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
@@ -155,15 +147,3 @@ def test_detect_sees_the_same_in_windows_as_in_the_whole(
     assert drawn < 8 * (seen.SLICES + 5)
     times = np.concatenate([part.times for part, _ in parted.drawn])
     assert np.all(np.diff(times) > 0)
-
-
-def test_shade_stays_simple_and_where_it_was() -> None:
-    time = np.arange(100_000.0) * 1e-3
-    few = (time >= 20.0) & (time < 30.0)
-    corners, heights = outline(time, few)
-    assert corners.tolist() == [20.0, 20.0, 30.0, 30.0]
-    assert heights.tolist() == [0.0, 1.0, 1.0, 0.0]
-    corners, heights = outline(time, few & (np.arange(time.size) % 3 > 0))
-    assert corners.size == heights.size <= 4 * MOST
-    assert 20.0 <= corners.min() < corners.max() <= 30.5
-    assert outline(time, np.zeros_like(few))[0].size == 0

@@ -3,16 +3,9 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.logs.file import read_log
-from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.logs.recordings import read_recordings
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.runtime.telemetry import ROW
-from tests.typed import not_none
 
 PAST = sorted((Path(__file__).parent / "past").glob("*.hwlog"))
 """40 ticks of a simulated wall, begun inside it: before there were phases, checksums, an end; with
@@ -43,27 +36,3 @@ def test_every_command_reads_it(
     assert len(csv.read_text().splitlines()) == 41
     assert mcap.stat().st_size
     assert json.loads(answer(capsys, "detect", log, "--json"))["samples"] == 40
-
-
-def test_the_first_format_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    answer(capsys, "log", PAST[0], "--plot", tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize("log", PAST, ids=lambda log: log.stem)
-def test_its_rows_are_those_that_were_written(
-    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    metadata, raw = read_log(log)
-    rows = np.concatenate(list(LogRows.of(LogReader(log)).blocks()))
-    assert rows.dtype == ROW
-    assert rows["seq"].tolist() == list(range(40))
-    for name in not_none(raw.dtype.names):
-        np.testing.assert_array_equal(rows[name], raw[name])
-    assert np.isnan(rows["measured_torque"]).all()
-    (recording,) = read_recordings(log)
-    assert recording.parts[0].positions.tolist() == raw["position"].tolist()
-    answer(capsys, "log", log, "--from", "0", "--cut", tmp_path / "cut.hwlog")
-    kept, cut = read_log(tmp_path / "cut.hwlog")
-    assert kept["config"] == metadata["config"]
-    assert cut.tobytes() == rows.tobytes()

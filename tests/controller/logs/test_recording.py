@@ -1,7 +1,4 @@
-import contextlib
 import math
-import os
-import socket
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -53,15 +50,6 @@ def test_an_even_record_is_taken_as_it_is(tmp_path: Path) -> None:
     assert found.known.position_step == pytest.approx(STEP, rel=1e-9)
 
 
-def test_columns_may_come_in_any_order_with_others_beside(tmp_path: Path) -> None:
-    times = np.arange(100.0) * 1e-3
-    path = write(tmp_path / "a.csv", extra=times, position_rad=swing(times), time_s=times)
-    found = read_recording(path)
-    assert np.allclose(found.parts[0].positions, swing(times))
-    assert any("no column torque_nm" in note for note in found.notes)
-    assert found.known.position_step == 0.0
-
-
 def test_a_gap_parts_the_record_and_is_told(tmp_path: Path) -> None:
     times = np.arange(3000.0) * 1e-3
     times = times[(times < 1.0) | (times >= 1.5)]
@@ -102,13 +90,6 @@ def test_uneven_times_are_brought_onto_a_grid_and_told(tmp_path: Path) -> None:
     assert (
         np.abs(part.positions - swing(part.times)).max() < 0.05 * (math.tau * 5 * 1.8e-3) ** 2 / 8
     )
-    assert any("uneven" in note for note in found.notes)
-
-
-def test_samples_that_come_in_pairs_have_no_usual_step_and_are_told(tmp_path: Path) -> None:
-    times = np.concatenate([[0.0], np.cumsum(np.tile([0.3e-3, 1.7e-3], 1500))])
-    found = read_recording(write(tmp_path / "a.csv", time_s=times, position_rad=swing(times)))
-    assert found.period == pytest.approx(1e-3, rel=0.01)
     assert any("uneven" in note for note in found.notes)
 
 
@@ -212,25 +193,6 @@ def test_a_csv_larger_than_what_fits_is_refused_at_once(
         read_recording(write(path, time_s=times, position_rad=times))
 
 
-@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder"])
-def test_what_may_never_end_is_not_looked_into(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    path = Path("a.csv")
-    with contextlib.ExitStack() as stack:
-        if kind == "pipe":
-            os.mkfifo(path)
-        elif kind == "socket":
-            stack.enter_context(socket.socket(socket.AF_UNIX)).bind("a.csv")
-        elif kind == "device":
-            path.symlink_to("/dev/zero")
-        else:
-            path.mkdir()
-        with pytest.raises(OSError, match=f"a {kind}, not a file|Is a directory"):
-            read_recording(path)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -297,14 +259,6 @@ def test_any_cells_are_refused_or_read(
         for part in (part for each in found for part in each.parts):
             assert np.all(np.diff(part.times) > 0.0)
             assert part.times.size < 1000
-
-
-def test_any_bytes_are_refused_or_read_but_never_a_traceback(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    for size in (1, 10, 1000):
-        path.write_bytes(b"time_s,position_rad\n" + RNG.bytes(size))
-        with pytest.raises(UserError):
-            read_recording(path)
 
 
 def test_units_that_are_hardly_s_and_rad_are_asked_for(tmp_path: Path) -> None:

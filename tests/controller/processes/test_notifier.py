@@ -1,6 +1,5 @@
 """What is said is said in order, and nobody waits for a terminal that stands still."""
 
-import os
 import threading
 
 from haptic_wall.controller.processes.run import Notifier
@@ -34,16 +33,3 @@ def test_a_terminal_that_is_gone_is_no_reason_to_end() -> None:
         notifier("first")
         notifier("second")
     assert heard == ["second"]
-
-
-def test_who_speaks_keeps_off_the_core_that_the_speaker_has_left() -> None:
-    cores = os.sched_getaffinity(0)
-    others = {min(cores)}
-    heard = []
-    with Notifier(lambda _text: heard.append(os.sched_getaffinity(0))) as notifier:
-        os.sched_setaffinity(0, others)
-        try:
-            notifier("first")
-        finally:
-            os.sched_setaffinity(0, cores)
-    assert heard == [others]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.logs.file import LogWriter, read_log
 from haptic_wall.controller.processes import children, recorder, recorder_monitor
-from haptic_wall.controller.processes.recorder import Recorder, _Attempts, may_stand_back
+from haptic_wall.controller.processes.recorder import Recorder, _Attempts
 from haptic_wall.controller.processes.recorder_monitor import STUCK_S, RecorderMonitor
 from haptic_wall.controller.runtime.telemetry import CAPACITY, ROW, Row, Telemetry, Word
 
@@ -322,32 +322,6 @@ def test_what_the_disk_lost_once_is_noted_though_it_takes_all_rows_after_it(
     np.testing.assert_array_equal(rows, np.arange(2250), "and all else is kept")
 
 
-@pytest.mark.parametrize("when", ["sync", "close"])
-def test_what_the_disk_says_at_the_very_end_is_noted(
-    talking: Run, monkeypatch: pytest.MonkeyPatch, when: str
-) -> None:
-    talking.go(1.0)
-    if when == "sync":
-        talking.telemetry.write(row())
-        monkeypatch.setattr(os, "fdatasync", failing)
-    else:
-        close = LogWriter.close
-        monkeypatch.setattr(LogWriter, "close", lambda log: failing(close(log)))
-    (note,), _ = talking.end()
-    assert note.endswith(LOST)
-    assert talking.monitor.lacking is None
-
-
-def test_a_loss_is_remembered_when_the_recorder_that_told_it_is_dead(run: Run) -> None:
-    run.go(1.0)
-    run.recorders[-1].lose("run.hwlog: Input/output error")
-    run.recorders[-1].end(-9)
-    run.go(3.0)
-    notes, _ = run.end()
-    assert notes[0] == "the recorder was killed by SIGKILL"
-    assert notes[1].endswith(LOST)
-
-
 @pytest.mark.parametrize("how", ["killed", "stopped"])
 def test_the_last_rows_are_written_by_another_recorder(run: Run, how: str) -> None:
     run.go(2.0)
@@ -372,19 +346,6 @@ def test_where_no_recorder_can_write_the_end_it_is_said_how_much_is_missing(run:
     assert run.monitor.lacking == 1
     assert len(rows) == 2000
     assert len(run.recorders) == 1 <= recorder_monitor.LAST_ATTEMPTS
-
-
-def test_only_a_recorder_that_has_nothing_to_catch_up_with_stands_back(run: Run) -> None:
-    run.go(5.0)
-    assert may_stand_back(run.words)
-    run.recorders[-1].writes = False  # it does not come to run
-    run.go(10.0)
-    assert not may_stand_back(run.words)
-    run.recorders[-1].writes = True
-    run.go(1.0)
-    assert may_stand_back(run.words)
-    run.words[Word.FINISHED] = 1
-    assert not may_stand_back(run.words)
 
 
 def test_a_recorder_that_takes_over_does_not_go_on_with_an_earlier_runs_log(talking: Run) -> None:

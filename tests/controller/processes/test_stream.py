@@ -75,15 +75,6 @@ def test_rows_arrive_one_object_each_on_a_coarser_grid(
     assert max(map(len, datagrams)) < 1400, "fits a packet, and PlotJuggler's buffer of 2048"
 
 
-def test_every_row_is_sent_where_as_many_are_wanted(listener: socket.socket) -> None:
-    telemetry = Telemetry.create()
-    made = Sender(telemetry, Stream("127.0.0.1", listener.getsockname()[1], 5000.0), 1000.0)
-    write(telemetry, 30)
-    made.send()
-    made.close()
-    assert len(heard(listener)) == 30
-
-
 def test_nobody_listening_is_said_once_and_sending_goes_on(
     listener: socket.socket, sender: tuple[Telemetry, Sender]
 ) -> None:
@@ -102,15 +93,6 @@ def test_nobody_listening_is_said_once_and_sending_goes_on(
             write(telemetry, 50, start)
             assert made.send() == []
         assert heard(later)
-
-
-def test_no_route_is_said_once() -> None:
-    telemetry = Telemetry.create()
-    made = Sender(telemetry, Stream("255.255.255.255", 9870, 100.0), 1000.0)
-    write(telemetry, 50)
-    (sentence,) = made.send()
-    assert "cannot be reached" in sentence
-    made.close()
 
 
 @pytest.mark.parametrize(
@@ -151,16 +133,6 @@ def test_another_machine_is_asked_for(place: str) -> None:
     with pytest.raises(UserError, match=r"is not this machine.*add --stream-anywhere to"):
         stream_to(f"{place}:9870", 100.0, anywhere=False)
     assert stream_to(f"{place}:9870", 100.0, anywhere=True).port == 9870
-
-
-def test_an_own_address_on_the_network_is_this_machine() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.7", 9))
-        except OSError:
-            pytest.skip("this machine has no network")
-        own = probe.getsockname()[0]
-    assert stream_to(f"{own}:9870", 100.0, anywhere=False).host == own
 
 
 @pytest.mark.parametrize(

@@ -33,12 +33,3 @@ def test_a_steep_line_is_whole_at_the_joints(at: int, drawstyle: str) -> None:
     assert np.all(drawn.min(axis=1)[40:360] < 200)  # something in every row
     whole = pixels(lambda ax: ax.plot(x, y, color="k", linewidth=2, drawstyle=drawstyle))
     assert np.count_nonzero((whole < 100) & (drawn > 200)) == 0
-
-
-def test_a_line_of_one_point_and_of_none_is_drawn_with_its_name() -> None:
-    for count in (0, 1, PIECE, PIECE + 1):
-        ax = Figure().subplots()
-        line(ax, np.arange(float(count)), np.zeros(count), label="position", color="k")
-        assert [each.get_label() for each in ax.lines] == ["position"]
-    line(ax, np.arange(3.0 * PIECE), np.zeros(3 * PIECE), label="torque", color="k")
-    assert ax.get_legend_handles_labels()[1] == ["position", "torque"]

@@ -129,16 +129,6 @@ def test_a_clamped_stiffness_is_in_the_title_and_drawn(
     assert figure.axes[2].get_ylabel() == "stiffness\n[N·m/rad]"
 
 
-def test_a_wall_below_is_drawn_below(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    rows = run_rows(side=-1)
-    rows["position"] += 0.2  # never touched: the wall must be in the picture all the same
-    figure = draw(
-        monkeypatch, tmp_path, rows, metadata("simulated", "wall.side=below"), saved=False
-    )
-    assert figure.axes[0].get_ylim()[0] < 0.0
-    assert "wall (fills below)" in legend(figure.axes[0])
-
-
 def test_a_run_on_the_simulated_clock_has_no_lateness(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

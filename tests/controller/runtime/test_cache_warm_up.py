@@ -10,11 +10,11 @@ import pytest
 from haptic_wall.controller.runtime import cache_warm_up, deadlines
 from haptic_wall.controller.runtime.assembly import cache_warm_up_of, guard_schedule, most_injected
 from haptic_wall.controller.runtime.cache_warm_up import CacheWarmUp, StandInClock
-from haptic_wall.controller.runtime.deadlines import SpinWaiter, waiter_for
+from haptic_wall.controller.runtime.deadlines import SpinWaiter
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.clock import Clock, MonotonicClock, SimulatedClock
+from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.open import open_servo
 from haptic_wall.hw.settings import ServoSettings
 from tests.cases import sampled
@@ -174,31 +174,6 @@ def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine: Machine) -
     assert warm_up.need_ns <= 200_000
 
 
-def test_a_single_long_one_does_not_end_them(machine: Machine) -> None:
-    costs = [40_000]
-    began: list[int] = []
-    warm_up = made(machine, lambda: costs[0], began)
-    assert warm_up.practise(200_000)
-    before = warm_up.need_ns
-    costs[0] = 5_000_000
-    warm_up(PERIOD_NS)
-    assert warm_up.need_ns < 1.2 * before + 2000
-
-
-def test_short_periods_and_waits_without_spinning_have_none(machine: Machine) -> None:
-    began: list[int] = []
-    clock = MonotonicClock()
-    for spin_ns, period_ns, wanted in (
-        (50_000, PERIOD_NS, True),
-        (50_000, 125_000, False),
-        (0, PERIOD_NS, False),
-    ):
-        waiter = waiter_for(clock, spin_ns, period_ns, made(machine, 60_000, began))
-        began.clear()
-        waiter.wait(machine.now + period_ns)
-        assert bool(began) == wanted
-
-
 def test_an_error_ends_the_warm_ups_and_nothing_else(machine: Machine) -> None:
     def tick(*_: object) -> NoReturn:
         raise ZeroDivisionError("by design")
@@ -210,38 +185,6 @@ def test_an_error_ends_the_warm_ups_and_nothing_else(machine: Machine) -> None:
     deadline = machine.now + PERIOD_NS
     assert 0 <= waiter.wait(deadline) - deadline < 500
     assert machine.naps[-1] > 900_000, "nothing is set aside for it any more"
-
-
-class Mute:
-    """A servo whose stand-in cannot be asked anything."""
-
-    def __init__(self, servo: Any, able: bool = True) -> None:
-        self._servo, self._able = servo, able
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._servo, name)
-
-    def stand_in(self, clock: Clock) -> Mute:
-        return Mute(self._servo.stand_in(clock), able=False)
-
-    def request(self) -> None:
-        if not self._able:
-            raise LookupError("no stand-in today")
-        self._servo.request()
-
-
-def test_a_run_whose_cache_warm_up_fails_says_so_and_goes_on() -> None:
-    said: list[str] = []
-    config = load_config("simulated", ("loop.warm_up_s=0.01", "realtime.spin_us=50")).config
-    result = run_session(
-        config,
-        MonotonicClock(),
-        Telemetry.create(),
-        0.05,
-        surroundings=Surroundings(open_servo=lambda *how: Mute(open_servo(*how)), tell=said.append),
-    )
-    assert result.stop_reason == "duration"
-    assert any("LookupError: no stand-in today" in text for text in said)
 
 
 def test_damping_put_in_stays_below_the_ceiling_of_a_vibration() -> None:

@@ -44,18 +44,6 @@ def test_simulated_time_has_nothing_to_keep_away_from() -> None:
     assert first_deadline(SimulatedClock(7), PERIOD) == 7 + PERIOD
 
 
-def test_a_tick_in_time_is_followed_by_the_next_point() -> None:
-    assert next_deadline(5 * PERIOD, 5 * PERIOD + 300_000, PERIOD) == (6 * PERIOD, 0)
-
-
-def test_less_than_a_period_late_runs_at_once_and_keeps_its_place() -> None:
-    assert next_deadline(5 * PERIOD, 6 * PERIOD + 900_000, PERIOD) == (6 * PERIOD, 0)
-
-
-def test_a_stall_skips_whole_periods_and_counts_them() -> None:
-    assert next_deadline(5 * PERIOD, 9 * PERIOD + 100, PERIOD) == (9 * PERIOD, 3)
-
-
 @given(st.integers(0, 10**18), st.integers(0, 10**12), st.integers(500_000, 20_000_000))
 def test_grid_properties(deadline: int, late: int, period: int) -> None:
     now = deadline + late

@@ -6,7 +6,7 @@ from typing import cast
 import pytest
 
 from haptic_wall.controller.laws.velocity import BackwardDifference
-from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE, Sampler
+from haptic_wall.controller.runtime.sampler import Sampler
 from haptic_wall.hw.servo import Outcome, Reading, Servo
 
 PERIOD_NS = 1_000_000
@@ -42,15 +42,6 @@ def sampler(*replies: Reading, pipelined: bool = False) -> tuple[Sampler, Replie
     return made, servo
 
 
-def test_nothing_is_known_before_the_first_good_reading() -> None:
-    made, _ = sampler(failed(Outcome.LOST), good(0.5, 1))
-    made.sample(0)
-    assert math.isnan(made.position)
-    assert made.sampled_ns is None
-    made.sample(PERIOD_NS)
-    assert (made.position, made.velocity, made.first) == (0.5, 0.0, True)
-
-
 @pytest.mark.parametrize(
     ("passed", "counted"),
     [(0.2, 0.5), (0.95, 1.0), (1.05, 1.0), (1.5, 1.5), (2.93, 3.0), (3.4, 3.4)],
@@ -60,42 +51,6 @@ def test_the_velocity_is_over_the_time_that_really_passed(passed: float, counted
     made.sample(0)
     made.sample(PERIOD_NS)
     assert made.velocity == pytest.approx(0.01 / (counted * 1e-3))
-
-
-@pytest.mark.parametrize("outcome", [Outcome.LOST, Outcome.CORRUPT, Outcome.REFUSED])
-def test_a_reading_that_failed_is_no_position_and_has_no_velocity(outcome: Outcome) -> None:
-    made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(outcome))
-    for k in range(3):
-        made.sample(k * PERIOD_NS)
-    assert (made.position, made.velocity, made.known) == (0.01, 0.0, False)
-
-
-def test_a_reply_that_is_not_due_yet_leaves_all_as_it_is() -> None:
-    made, _ = sampler(good(0.0, 0), good(0.01, PERIOD_NS), failed(Outcome.WAITING))
-    for k in range(3):
-        made.sample(k * PERIOD_NS)
-    assert (made.position, made.known, made.first) == (0.01, True, False)
-    assert made.velocity == pytest.approx(10.0)
-
-
-def test_requests_are_sent_in_their_own_period_or_in_the_one_before() -> None:
-    made, servo = sampler(good(0.0, 0))
-    made.request_ahead()
-    assert servo.requests == 0
-    made.sample(0)
-    assert servo.requests == 1
-    made, servo = sampler(good(0.0, 0), pipelined=True)
-    made.request_ahead()
-    made.sample(0)
-    assert servo.requests == 1
-
-
-def test_a_lost_pipelined_reply_changes_how_long_the_next_one_is_waited_for() -> None:
-    made, servo = sampler(*[failed(Outcome.LOST)] * 3, pipelined=True)
-    for _ in range(3):
-        made.sample(0)
-    shares = [deadline / PERIOD_NS for deadline in servo.deadlines]
-    assert shares == pytest.approx([COLLECT_SHARE, LONGER_SHARE, COLLECT_SHARE])
 
 
 def test_the_served_interval_goes_on_over_readings_that_failed() -> None:

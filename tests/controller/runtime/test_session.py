@@ -3,8 +3,6 @@
 import gc
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import NoReturn
 
@@ -58,17 +56,6 @@ def heights(rows: Rows, wall: float = 0.0) -> tuple[float, float]:
     return distance[:quarter].max(), distance[-quarter:].max()
 
 
-def run_command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", "run", *arguments],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        timeout=120,
-        check=False,
-    )
-
-
 def call(arguments: list[str]) -> int:
     try:
         return cli.main(arguments)
@@ -76,22 +63,6 @@ def call(arguments: list[str]) -> int:
         return status_of(ended)
     finally:
         gc.enable()  # a run switches it off
-
-
-@pytest.mark.parametrize("preset", sampled(["simulated", "emulated-xm430"], 2))
-def test_the_same_run_gives_the_same_log_to_the_byte(
-    preset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In another process too, and whether a picture is drawn or not."""
-    arguments = [preset, "--set", "loop.clock=simulated", "--duration", "0.5", "--json", "--log"]
-    done = run_command(tmp_path, *arguments, "a.hwlog", "--no-plot")
-    assert done.returncode == 0, done.stderr
-    monkeypatch.chdir(tmp_path)
-    assert call(["run", *arguments, "b.hwlog", "--plot", "p.png"]) == 0
-    logs = [(tmp_path / name).read_bytes() for name in ("a.hwlog", "b.hwlog")]
-    assert logs[0] == logs[1]
-    assert len(logs[0]) > 500 * 100
-    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_report_of_a_simulated_run(
@@ -178,15 +149,6 @@ def test_the_guard_keeps_an_absurd_wall_stable() -> None:
     assert guard["commanded"]["stiffness"] == pytest.approx(0.8 * guard["limit"]["exact"], rel=1e-3)
     first, last = heights(rows)
     assert last < 0.75 * first, "0.8 of the limit leaves a fifth of the damping: 0.35 1/s"
-
-
-def test_the_guard_can_be_wrong_when_the_belief_is() -> None:
-    """Truth and belief are apart: believing too much damping commands what is unstable."""
-    settings = (*LINEAR, "wall.stiffness=1e9", "servo.damping=0.001", "servo.kick=0.001")
-    alone = ("safety.max_speed=1e6", "safety.on_oscillation=report")
-    _, rows = session("simulated", *settings, "model.damping=0.05", *alone)
-    first, last = heights(rows)
-    assert last > 3.0 * first
 
 
 def test_the_driver_on_a_bus_in_memory_renders_the_same_wall() -> None:
@@ -375,47 +337,6 @@ def test_the_report_of_a_run_that_ends_in_a_probe_names_what_holds_apart_from_it
     assert guard["commanded"]["stiffness"] == pytest.approx(rows["stiffness"][0])
     assert not_none(result.oscillation)["reduced_to"] == {"stiffness": 1.0, "damping": 1.0}
     assert f"the guard commands {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
-
-
-def test_where_an_alarm_has_reduced_the_wall_the_reasons_say_what_is_allowed() -> None:
-    result, rows = session("simulated", *OSCILLATES, duration=3.0)
-    guard = not_none(result.guard)
-    left = not_none(result.oscillation)["reduced_to"]["stiffness"]
-    assert left < 1.0
-    assert guard["commanded"]["stiffness"] == pytest.approx(left * rows["stiffness"][0])
-    begins = f"the wall has {guard['commanded']['stiffness']:.4g} N·m/rad at the end; "
-    assert f"{begins}the guard allows {rows['stiffness'][0]:.4g}" in guard["reasons"][0]
-    assert not any("guard commands" in reason for reason in guard["reasons"])
-    assert any(f"reduced to {100 * left:.3g} %" in reason for reason in guard["reasons"])
-
-
-def test_an_interval_that_lost_replies_made_longer_is_not_blamed_on_ticks() -> None:
-    result, _ = session(
-        "emulated-ideal",
-        *("loop.clock=simulated", "servo.faults=drop:every=4", "safety.max_loss=0.9"),
-    )
-    assert not_none(result.guard)["interval_s"] > 1.01e-3
-    (why,) = [
-        reason for reason in not_none(result.guard)["reasons"] if "counts as the period" in reason
-    ]
-    assert why.startswith("a good reading came every ")
-    assert (
-        f"{not_none(result.bus)['lost']} of {not_none(result.bus)['cycles']} replies were lost"
-        in why
-    )
-    assert "ticks late" not in why
-
-
-@pytest.mark.parametrize("preset", sampled(["simulated", "emulated-ideal"], 2))
-def test_a_kick_of_up_to_a_quarter_turn_is_at_once(preset: str) -> None:
-    sets = ["loop.clock=simulated", "wall.side=both", "servo.hand=none"]
-    result, rows = session(preset, *sets, "servo.kick=1.5", duration=0.5)
-    assert result.wall_came_on
-    assert rows["torque"][0] == pytest.approx(-4.1, abs=0.01)
-    result, rows = session(preset, *sets, "servo.kick=1.6", duration=0.5)
-    assert not result.wall_came_on
-    result, rows = session(preset, *sets, "servo.kick=1.6", "safety.engage=at-once", duration=0.5)
-    assert result.wall_came_on
 
 
 def test_a_wall_that_waits_comes_on_without_a_blow_when_the_shaft_is_brought_to_it() -> None:
@@ -671,14 +592,3 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
     first, last = heights(rows)
     assert bool(last > first) is grows
     assert bool(last < 0.1 * first) is not grows
-
-
-def test_with_a_notch_the_guard_commands_what_is_asked_of_a_link() -> None:
-    link = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
-    link += ["servo.transmission_damping=0.028", "servo.kick=0.01", "servo.delay=0.001"]
-    asked = ["wall.stiffness=30", "wall.damping=0.4"]
-    notch = ["wall.velocity_filter=notch", "wall.velocity_hz=46"]
-    _, rows = session("simulated", *LINEAR, *link, *asked, duration=0.3)
-    assert rows["damping"][-1] < 0.2
-    _, rows = session("simulated", *LINEAR, *link, *asked, *notch, duration=0.3)
-    assert (rows["damping"][-1], rows["stiffness"][-1]) == (0.4, 30.0)

@@ -2,15 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.logs.pieces import End
-from haptic_wall.controller.logs.reader import LogReader
-from haptic_wall.controller.processes.plan import Plan
-from haptic_wall.controller.processes.run import run
 from haptic_wall.controller.runtime import session
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.session import Result, Surroundings, run_session
@@ -203,15 +198,3 @@ def test_a_defect_after_a_trip_does_not_hide_the_trip(
     assert result.stop_reason == Trip.SERVO_LOST
     assert "port is gone" in result.message
     assert "ZeroDivisionError" in result.message
-
-
-def test_a_log_tells_of_a_defect_after_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(session, "guard_report", broken_report)
-    ended = run(Plan(CONFIG, 0.1, tmp_path / "a.hwlog", {}, None), lambda _text: None)
-    assert ended.stop_reason == Trip.INTERNAL_ERROR
-    *_, end = LogReader(tmp_path / "a.hwlog").pieces()
-    assert isinstance(end, End)
-    assert end.ended["stop_reason"] == ended.stop_reason
-    assert "broken_report" in end.ended["message"]

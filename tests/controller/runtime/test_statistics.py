@@ -25,12 +25,6 @@ def test_nothing_counted_is_null() -> None:
     assert TimeStatistics().as_report(50) == {"p50": None, "max": None}
 
 
-def test_zero_is_zero() -> None:
-    statistics = TimeStatistics()
-    statistics.add(np.zeros(5, dtype=np.int64))
-    assert statistics.as_report(50) == {"p50": 0.0, "max": 0.0}
-
-
 def test_a_run() -> None:
     rows = np.zeros(10, dtype=ROW)
     rows["seq"] = np.arange(10)

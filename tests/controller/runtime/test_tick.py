@@ -180,16 +180,6 @@ def test_the_torque_is_the_walls() -> None:
     assert rig.servo.sent == pytest.approx([-1.0, -1.1 - 0.02 * 10.0, -1.1])
 
 
-def test_jitter_of_the_samples_does_not_reach_the_velocity() -> None:
-    """Up to a tenth of a period; what is further from whole periods is counted as it is."""
-    rig = on(Rig([0.0, 0.001, 0.002, 0.003, 0.004], stiffness=0.0, damping=0.1))
-    for late_us in (0, 90, 0, 300, 390):
-        rig.deadline += PERIOD_NS
-        rig.clock.wait_until(rig.deadline + late_us * 1000)
-        rig.tick.run(rig.deadline, rig.clock.now_ns(), 0)
-    assert rig.rows["velocity"].tolist() == [0.0, 1.0, 1.0, pytest.approx(1 / 1.3), 1.0]
-
-
 def test_order_of_a_cycle_in_both_schedules() -> None:
     assert on(Rig([0.0])).run(1).servo.calls == ["request", "collect", "write"]
     piped = on(Rig([0.0, 0.0], pipelined=True)).run(2)
@@ -363,22 +353,6 @@ def test_stiffer_again_only_where_that_loads_the_spring_with_no_more_than_a_smal
     assert set(rig.rows["stiffness"][99:]) <= {10.0, 20.0}, "at once: a ramp could run into contact"
 
 
-@pytest.mark.parametrize("side", ["above", "both"])
-def test_a_longer_delay_that_allows_more_raises_only_while_the_spring_is_at_rest(side: str) -> None:
-    """The longer delay allows less damping, and so more stiffness where counts are coarse."""
-    rungs = [Rung(1.0, 0.2, 0.0), Rung(10.0, 0.1, 1e-3)]
-    positions = [0.1] * 205 + [-0.001] + [0.1] * 20
-    rig = on(Rig(positions, rungs=rungs, ages=(0, 500_000), side=side))
-    rig.run(5)
-    rig.servo.age_ns = 400_000
-    rig.run(200)
-    assert set(rig.rows["stiffness"]) == {1.0}, "at a penetration it would load the spring"
-    assert rig.rows["damping"][-1] == 0.1
-    assert rig.rows["delay_s"][-1] == 1e-3
-    rig.run(21)
-    assert set(rig.rows["stiffness"][-21:]) == {10.0}
-
-
 def reduced(rig: Rig, scale: float, damping_scale: float) -> Rig:
     """The watch scales the wall from now on."""
     rig.watch.scale, rig.watch.damping_scale = scale, damping_scale
@@ -406,21 +380,6 @@ def test_the_watch_scales_the_limit_of_the_elastic_torque_too() -> None:
     assert rig.servo.sent == pytest.approx([-2.0, -2.0, -0.5, -0.5])
 
 
-def test_what_the_watch_takes_is_taken_of_whatever_the_guard_allows() -> None:
-    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3)]
-    rig = on(Rig([0.0] * 300, rungs=rungs, ages=(0, 500_000)))
-    reduced(rig, 0.25, 0.5).run(5)
-    rig.servo.age_ns = 400_000
-    rig.run(145)
-    stiffness = rig.rows["stiffness"]
-    assert stiffness[0] == 5.0
-    assert np.all(np.diff(stiffness) <= 0.0)
-    assert (stiffness[-1], rig.rows["damping"][-1]) == (2.5, 0.005)
-    assert rig.tick.commanded == (2.5, 0.005)
-    reduced(rig, 1.0, 1.0).run(1)
-    assert rig.rows["stiffness"][-1] == 10.0, "given back: all that the guard allows, and no more"
-
-
 def test_a_request_to_raise_is_handed_to_the_watch_and_raises_nothing_in_contact() -> None:
     rig = on(Rig([0.1] * 300, rungs=[Rung(20.0, 0.02, 0.0)], ages=(0,)))
     reduced(rig, 0.25, 0.5).run(20)
@@ -445,22 +404,6 @@ def test_an_alarm_while_an_increase_is_pending_lowers_what_is_rendered_and_it_st
     assert set(rig.rows["stiffness"][100:205]) == {2.0 * scale}
     rig.run(20)
     assert rig.rows["stiffness"][-1] == 10.0 * scale, "outside; what the watch took stays taken"
-
-
-def test_another_longer_delay_does_not_slow_a_fall_that_is_under_way() -> None:
-    rungs = [Rung(20.0, 0.02, 0.0), Rung(10.0, 0.01, 1e-3), Rung(9.9, 0.01, 2e-3)]
-    rig = on(Rig([0.0] * 120, rungs=rungs, ages=(0, 500_000, 700_000)))
-    rig.servo.age_ns = 400_000
-    rig.run(20)
-    rig.servo.age_ns = 600_000
-    rig.run(60)
-    stiffness, delay = rig.rows["stiffness"], rig.rows["delay_s"]
-    first, second = np.flatnonzero(np.diff(delay) > 0.0)
-    assert delay[-1] == 2e-3
-    assert stiffness[second] > 10.0, "the second comes while the first still falls"
-    falls = np.flatnonzero(np.diff(stiffness) < 0.0)
-    assert falls[0] == first
-    assert falls[-1] <= first + 51
 
 
 def test_before_the_first_sample_no_age_is_counted() -> None:
@@ -579,10 +522,3 @@ def test_what_the_wall_drives_near_the_no_load_speed_trips() -> None:
     assert ran in (11, 12), "the first sample, and 10 ms of torque that acted"
     allowed = on(Rig(positions, stiffness=10.0, driven=6.0))
     assert not any(allowed.run(1).tick.trip for _ in range(30))
-
-
-def test_the_clip_limits_the_wall_and_is_told_as_saturation() -> None:
-    rig = on(Rig([0.1, 0.5, -0.5], steps=1, stiffness=10.0, clip=2.0)).run(3)
-    assert list(rig.rows["wall_torque"]) == pytest.approx([-1.0, -2.0, 2.0])
-    assert rig.servo.sent == pytest.approx([0.0, -1.0, -2.0])
-    assert [bool(flags & FLAG_SATURATED) for flags in rig.rows["flags"]] == [False, False, True]

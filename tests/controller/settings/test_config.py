@@ -63,13 +63,6 @@ def test_an_emulated_servo_has_what_a_real_one_has_and_the_ideal_one_does_not() 
     assert 1.0 / (math.tau * true.current_bandwidth) < belief.delay.high
 
 
-def test_simulated_belief_defaults_to_the_truth() -> None:
-    belief = loaded("lwr3").belief()
-    assert belief.inertia == Bounded.exactly(0.8)
-    assert belief.delay == Bounded.exactly(0.005)
-    assert belief.torque_gain == Bounded.exactly(1.0)
-
-
 LINKED = ("servo.load_inertia=0.003", "servo.transmission_stiffness=200")
 
 
@@ -114,17 +107,6 @@ def test_a_chain_that_is_none_is_refused(sets: list[str], words: str) -> None:
 def test_a_load_that_is_no_part_of_the_inertia_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"less than model\.inertia, 0\.003, the inertia of"):
         loaded("simulated", *LINKED, "model.inertia=0.003", "model.load_inertia=0.003")
-
-
-@pytest.mark.parametrize("name", ["xm430-w350", "xl330-m288"])
-def test_a_real_servo_is_believed_with_its_gear_train_and_bare_horn(name: str) -> None:
-    belief = loaded(name).belief()
-    assert belief.is_flexible
-    assert belief.is_fast(1e-3)
-    link = f"model.load_inertia={0.3 * belief.inertia.value}"
-    linked = loaded(name, link).belief()
-    assert not linked.is_fast(1e-3)
-    assert linked.flexible_hz.high < 0.1 * belief.flexible_hz.high
 
 
 def test_a_belief_counts_the_lag_of_the_current_loop_as_delay() -> None:
@@ -205,22 +187,11 @@ def test_the_grid_period_is_whole_nanoseconds() -> None:
     assert loaded("simulated", "loop.rate_hz=300").period_ns == 3_333_333
 
 
-def test_simulated_servo_settings_carry_the_truth() -> None:
-    config = loaded("paper-table2")
-    settings = config.servo_settings()
-    assert (settings.backend, settings.true) == ("simulated", config.true_servo())
-
-
 def test_the_guard_gets_the_wall_that_is_asked_for() -> None:
     config = loaded("simulated", "wall.stiffness=1e6", "guard.margin=0.5", "wall.side=below")
     request, guard = config.request(), config.guard_settings()
     assert (request.stiffness, request.side, request.velocity_samples) == (1e6, "below", 1)
     assert (guard.mode, guard.margin, guard.damping_cap) == ("stable", 0.5, 0.7)
-
-
-def test_the_configuration_cannot_be_changed() -> None:
-    with pytest.raises(ValueError, match="frozen"):
-        loaded("simulated").wall.stiffness = 3.0  # type: ignore[misc]
 
 
 def test_a_model_that_makes_no_torque_is_named_with_the_nearest_that_does() -> None:

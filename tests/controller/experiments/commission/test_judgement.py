@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.experiments.commission import agreement
-from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion, verdict
-from haptic_wall.controller.experiments.sweep.device import Device
-from haptic_wall.controller.experiments.sweep.plan import reach
 from haptic_wall.controller.report.commission import words
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
@@ -41,12 +38,6 @@ def test_no_damping_allows_more_than_the_best(sets: tuple[str, ...], thorough: b
     assert best["stiffness"] == asked.decide(1e6, best["damping"]).stiffness
 
 
-def test_the_wall_of_the_configuration_is_judged_too() -> None:
-    found = verdict(question("simulated", "wall.stiffness=500"), True)
-    assert found["configured"]["binding"] is not None
-    assert found["configured"]["commanded"]["stiffness"] < 500
-
-
 def test_the_measured_age_makes_it_softer() -> None:
     config = load_config("emulated-ideal").config
     parts = {"parts": {"age": {"guard": 0.0006}}}
@@ -55,34 +46,6 @@ def test_the_measured_age_makes_it_softer() -> None:
         verdict(GuardQuestion.of(config, d), True)["plain"]["commanded"] for d in (parts, late)
     )
     assert old["stiffness"] < 0.5 * young["stiffness"]
-
-
-@pytest.mark.parametrize("coulomb", [0.0, 0.001, 0.09])
-@pytest.mark.parametrize("kick", [0.01, 0.1])
-def test_friction_at_a_kick_is_the_onset_the_other_way_round(coulomb: float, kick: float) -> None:
-    device = Device.of(load_config("simulated", [f"servo.coulomb={coulomb}"]).config)
-    for damping, delay in ((0.0, 0.0), (0.05, 0.0013), (0.1, 0.004)):
-        found = device.sustained(damping, delay, kick)
-        if coulomb == 0.0:
-            assert found == pytest.approx(device.exact(damping, delay), rel=1e-4)
-        else:
-            amplitude, _ = device.onset(np.array([found]), damping, delay)
-            assert amplitude[0] == pytest.approx(kick, rel=5e-3)
-
-
-@pytest.mark.parametrize("name", ["simulated", "xl330-m288"])
-def test_planned_points_can_be_reached(name: str) -> None:
-    config = load_config(name).config
-    device = Device.of(config)
-    settings = short_sweep(config)
-    assert len(settings) == 6 and len({s.delay_steps for s in settings}) == 2
-    count = 2.0 * np.pi / 4096
-    share = config.guard.quantisation_share * device.torque_limit
-    for setting in settings:
-        assert setting.virtual_damping * count / device.period <= share
-        delay = setting.delay_steps * device.period + device.lag
-        planned = reach(device, setting, delay, OPTIONS.kick)
-        assert planned.predicted <= planned.top
 
 
 def swept(measured: float | None, **more: Any) -> dict[str, Any]:

@@ -61,11 +61,6 @@ def late(
     [
         # A process of a higher priority ran for 5 ms while the loop slept, and while it spun.
         (late(asleep=4941, beyond=counted(delay=4968)), Cause.OTHER, "waited 4.97 ms for the core"),
-        (
-            late(held=4700, work=34, beyond=counted(delay=4693, involuntary=1)),
-            Cause.OTHER,
-            "1 involuntary switch;",
-        ),
         # SIGSTOP for 20 ms: neither on the core nor waiting for it.
         (
             late(asleep=19809, beyond=counted(delay=26, voluntary=1), stopped=True),
@@ -74,7 +69,6 @@ def late(
         ),
         # The timer of a virtual machine whose host had other things to do.
         (late(asleep=7902, beyond=counted(delay=480)), Cause.WOKEN_LATE, "7.9 ms late"),
-        (late(asleep=7902, beyond=counted(delay=480), steal_ms=10), Cause.HOST, "steal 10 ms"),
         # The host took the core while the loop computed for 3 ms.
         (
             late(work=3006, beyond=counted(on_core=539)),
@@ -82,8 +76,6 @@ def late(
             "on the core for 0.539 ms of 3.01 ms; no other process had it",
         ),
         (late(work=5861, beyond=counted(on_core=5386, minor=2048)), Cause.FAULTS, "2048 minor"),
-        (late(work=9978, beyond=counted(on_core=6329, minor=2048)), Cause.FAULTS, "2048 minor"),
-        (late(asleep=3000, beyond=counted(voluntary=1, major=1)), Cause.FAULTS, "1 major"),
         (
             late(work=5062, beyond=counted(on_core=2316, minor=906), collections_ns=4900_000),
             Cause.COLLECTION,
@@ -117,34 +109,8 @@ def test_without_a_host_it_is_the_kernel_or_the_firmware() -> None:
     assert "host" not in evidence(Cause.WOKEN_LATE, tick, BARE)
 
 
-def test_how_often_a_bus_is_waited_for_varies() -> None:
-    """One wait more than usual is no reason to say that the tick waited for something else."""
-    tick = late(held=2000, bus=200, beyond=counted(voluntary=1))
-    assert likely_cause(tick, LOOP) == Cause.HOST
-
-
 def test_a_kernel_that_does_not_count_the_wait_still_counts_switches() -> None:
     blind = Machine(virtual=True, real_time=False, shared=False, knows_run_delay=False)
     tick = late(held=5000, beyond=counted(involuntary=2))
     assert likely_cause(tick, blind) == Cause.OTHER
     assert "2 involuntary switches" in evidence(Cause.OTHER, tick, blind)
-
-
-def test_what_explains_nothing_is_left_out() -> None:
-    tick = late(bus=3000, steal_ms=0, beyond=counted(delay=4))
-    assert evidence(Cause.BUS, tick, LOOP) == "waited 3 ms for the reply"
-    tick = late(held=5000, steal_ms=0)
-    assert "steal" not in evidence(Cause.HOST, tick, LOOP)
-
-
-@pytest.mark.parametrize(
-    ("machine", "words"),
-    [
-        (Machine(True, True, True, True), "share the loop's only core"),
-        (Machine(True, False, False, True), "no real-time scheduler"),
-        (LOOP, "priority or above"),
-    ],
-)
-def test_why_another_could_run_is_said(machine: Machine, words: str) -> None:
-    tick = late(asleep=2000, beyond=counted(delay=2000))
-    assert words in evidence(likely_cause(tick, machine), tick, machine)

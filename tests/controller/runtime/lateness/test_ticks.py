@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,7 +18,6 @@ import pytest
 
 from haptic_wall.controller.runtime import tick
 from haptic_wall.controller.runtime.deadlines import SpinWaiter, next_deadline
-from haptic_wall.controller.runtime.lateness import thread_counters
 from haptic_wall.controller.runtime.lateness.causes import Cause, Machine
 from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader, Counters
 from haptic_wall.controller.runtime.lateness.ticks import WORST, LateTicks
@@ -118,16 +116,6 @@ def test_the_longest_recent_stall_is_known(ticks: LateTicks, readings: Readings)
     assert ticks.stalled_s(readings.now) == pytest.approx(0.008, abs=1e-4)
 
 
-def test_what_the_tick_before_cost_is_not_counted_again(
-    ticks: LateTicks, readings: Readings
-) -> None:
-    serve(ticks, readings, 10 * PERIOD, 5_900_000)  # over 0.92 ms after the next one is due
-    due = 15 * PERIOD
-    woke = due + 920_000
-    ticks.late(due, woke, woke + 30_000, SimpleNamespace(margin_ns=0, slept_ns=0), 0, 0, 0)
-    assert ticks.report()["late_ticks"] == 1
-
-
 def test_a_wait_for_the_bus_is_late_only_when_it_is_long(
     ticks: LateTicks, readings: Readings
 ) -> None:
@@ -144,13 +132,6 @@ def test_a_wait_for_the_bus_is_late_only_when_it_is_long(
     assert ticks.report()["causes"] == {Cause.LOST: 1, Cause.BUS: 2}
 
 
-def test_an_ordinary_wait_for_the_bus_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
-    """However much longer it is than what made the tick late."""
-    serve(ticks, readings, 10 * PERIOD, 300_000, delay=300_000, bus_ns=650_000)
-    serve(ticks, readings, 20 * PERIOD, 300_000, delay=300_000, bus_ns=650_000, replies_lost=1)
-    assert ticks.report()["causes"] == {Cause.OTHER: 2}
-
-
 def test_what_is_usual_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
     """Waiting 30 µs in each tick for the core adds up between two readings."""
     for k in range(1, 50):
@@ -159,77 +140,6 @@ def test_what_is_usual_is_no_cause(ticks: LateTicks, readings: Readings) -> None
         ticks.rest(20 * k * PERIOD, slept_until(20 * k * PERIOD), PERIOD, 0)
     serve(ticks, readings, 995 * PERIOD, 700_000, delay=15 * 30_000)
     assert ticks.report()["causes"] == {Cause.WOKEN_LATE: 1}
-
-
-def test_no_reading_where_there_is_no_time_for_it(ticks: LateTicks, readings: Readings) -> None:
-    before = readings.reads
-    ticks.rest(PERIOD, slept_until(PERIOD), -1, 0)
-    assert readings.reads == before
-
-
-def test_what_happened_long_before_is_no_cause(ticks: LateTicks, readings: Readings) -> None:
-    """Where there is no time for a reading either."""
-    ticks.continued()
-    gc.collect()
-    ticks.rest(10 * PERIOD, slept_until(10 * PERIOD), -1, 1)
-    serve(ticks, readings, 20 * PERIOD, 0, bus_ns=900_000, replies_lost=1)
-    assert ticks.report()["causes"] == {Cause.BUS: 1}
-
-
-def test_an_explanation_is_not_explained(ticks: LateTicks, readings: Readings) -> None:
-    """It takes so long that the next tick is woken late: that is not late once more."""
-    explained = 11 * PERIOD + 400_000
-    readings.now = explained
-    waiter = slept_until(10 * PERIOD + 600_000)
-    ticks.late(10 * PERIOD, 10 * PERIOD + 600_000, 10 * PERIOD + 620_000, waiter, 0, 0, 0)
-    woke = explained + 10_000
-    no_sleep = SimpleNamespace(margin_ns=0, slept_ns=0)
-    ticks.late(11 * PERIOD, woke, woke + 30_000, no_sleep, 0, 0, 0)
-    assert ticks.report()["late_ticks"] == 1
-
-
-def test_ticks_whose_replies_are_lost_count_as_late() -> None:
-    """They wait for 0.8 of a period, less what they took to ask."""
-    sets = ["loop.clock=simulated", "servo.faults=drop:p=0.01", "safety.max_loss=0.5"]
-    config = load_config("emulated-ideal", sets).config
-    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
-        result = run_session(
-            config,
-            SimulatedClock(),
-            Telemetry.create(),
-            1.0,
-            surroundings=Surroundings(take_real_time=lambda: late),
-        )
-    assert not_none(result.timing)["causes"] == {Cause.LOST: not_none(result.timing)["late_ticks"]}
-    assert not_none(result.timing)["late_ticks"] >= 5
-
-
-@pytest.mark.parametrize("accounts", [b"", b"0 0 0\n"], ids=["empty", "switched off"])
-def test_a_kernel_that_does_not_account_for_waiting_is_found_out(
-    accounts: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    kept = tmp_path / "schedstat"
-    kept.write_bytes(accounts)
-    monkeypatch.setattr(thread_counters, "_opened", lambda _path: os.open(kept, os.O_RDONLY))
-    reader = CounterReader(0)
-    assert not reader.knows_run_delay
-    assert reader.steal_ns() is None
-    before = reader.read()
-    compute()
-    grown = reader.read().less(before)
-    reader.close()
-    assert grown.on_core_ns >= 0.9e9 * STALL_S, "counted all the same"
-    assert grown.run_delay_ns == 0
-
-
-def test_sleeps_are_told_as_long_as_they_were(ticks: LateTicks) -> None:
-    for k in range(100):
-        deadline = k * 20 * PERIOD
-        waiter = SimpleNamespace(margin_ns=50_000, slept_ns=deadline - 40_000)
-        ticks.rest(deadline, waiter, PERIOD, 0)
-    overshoot = ticks.report()["sleep_overshoot_us"]
-    assert overshoot["p50"] == pytest.approx(10.0, rel=0.07)
-    assert overshoot["max"] == 10.0
 
 
 class Stall:
@@ -315,21 +225,6 @@ def test_what_an_elastic_clock_takes_out_is_reported_all_the_same(
     assert not_none(result.timing)["worst"][0]["time_s"] == pytest.approx(0.699)
 
 
-@pytest.mark.parametrize("at", [100, 700])
-def test_late_ticks_begin_with_the_loop(at: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also in a run that ends in its warm-up; their times are those of the log's rows."""
-    clock, telemetry = SimulatedClock(), Telemetry.create()
-    Stall(monkeypatch, clock, at, TorqueLostError("the watchdog came first"))
-    config = load_config("emulated-ideal", ["loop.clock=simulated"]).config
-    with LateTicks(PLAIN, cast(CounterReader, Readings()), config.period_ns) as late:
-        surroundings = Surroundings(take_real_time=lambda: late)
-        result = run_session(config, clock, telemetry, 2.0, surroundings=surroundings)
-    rows, _ = telemetry.read(0)
-    before = int(rows["deadline_ns"][-1]) - telemetry.words[Word.BEGAN_NS]
-    (worst,) = not_none(result.timing)["worst"]
-    assert round(worst["time_s"] * 1e9) == before + config.period_ns == (at - 1) * PERIOD
-
-
 STALL_S = 0.0015
 """Short enough to be undisturbed now and then on a machine where all cores are busy"""
 DISTURBED = {Cause.OTHER, Cause.KERNEL, Cause.WORK, Cause.UNKNOWN}
@@ -405,26 +300,6 @@ def undisturbed() -> Iterator[None]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def stay() -> None:
-    end = time.monotonic() + STALL_S
-    while time.monotonic() < end:
-        pass
-
-
-def crowded_out(causes: set[str]) -> None:
-    """In a thread of its own: share a core with a busy process, and give way to it."""
-    core = max(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {core})
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
-    script = f"import os; os.sched_setaffinity(0, {{{core}}}); print(flush=True)\nwhile True: pass"
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as hog:
-        try:
-            not_none(hog.stdout).readline()
-            causes |= provoked_until(Cause.OTHER, stay)
-        finally:
-            hog.kill()
-
-
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ("act", "cause"),
@@ -441,15 +316,6 @@ def test_a_provoked_stall_is_called_by_its_name(act: Callable[[], None], cause: 
         causes = provoked_until(cause, act)
     assert cause in causes
     assert causes <= {cause, *DISTURBED}
-
-
-@pytest.mark.realtime
-def test_another_process_on_the_core_is_called_so() -> None:
-    causes: set[str] = set()
-    thread = threading.Thread(target=crowded_out, args=[causes])
-    thread.start()
-    thread.join()
-    assert Cause.OTHER in causes
 
 
 @pytest.mark.realtime
