@@ -122,15 +122,6 @@ def test_the_torque_measured_is_the_one_that_acts() -> None:
     assert reading.torque == pytest.approx(-1.0, abs=STEP / 2)
 
 
-def test_a_latched_hardware_error_is_told_and_the_position_still_used() -> None:
-    bench = started()
-    bench.truth.memory["hardware_error_status"] = 0x20
-    bench.servo.request()
-    reading = bench.servo.collect(bench.clock.now_ns() + 900_000)
-    assert reading.outcome is Outcome.OK
-    assert reading.alert is True
-
-
 def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
     bench = Bench(FREE)
@@ -366,15 +357,6 @@ def test_a_torque_that_the_watchdog_has_ended_is_not_brought_back_but_told() -> 
         bench.cycle(1.0)
     assert bench.state.torque == 0.0
     assert bench.servo.stop() is True
-
-
-def test_a_pause_is_got_over_with_lost_replies() -> None:
-    bench, servo, _ = troubled(lambda number, reply: [] if number < 3 else [(0, reply)])
-    bench.wait(0.1)
-    servo.request()
-    servo.write(1.0)
-    bench.wait(0.001)
-    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
 
 
 @pytest.mark.parametrize("lost", [1, 2, 3, 4])

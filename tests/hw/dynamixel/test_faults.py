@@ -15,13 +15,11 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import sampled
-from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
+from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 
 X = "XM430-W350"
 PING = encode(1, Instruction.PING)
 READ_POSITION = bytes([132, 0, 4, 0])
-COUNTS = round(4096 / (2 * math.pi))
-"""Where the servo stands: at 1 rad"""
 
 
 def raw(client: Client, frame: bytes = PING, within_ns: int = 3 * MS) -> bytes:
@@ -328,16 +326,6 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
     assert client.answer(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
 
 
-def test_an_error_that_is_not_in_shutdown_only_alerts() -> None:
-    client = Client()
-    client.enable_current_mode()
-    client.write(1, 102, 100, 2)
-    assert not client.servos[1].memory["shutdown"] & 0x08
-    client.inject("hardware-error:bits=encoder")
-    assert client.answer(1, Instruction.PING).error == 0x80
-    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
-
-
 def test_a_supply_that_sags_and_recovers_leaves_its_error_latched() -> None:
     client = Client(true=replace(FREE, supply=11.5))
     client.inject("supply:volts=9,at=0.1,for=0.05")
@@ -536,15 +524,3 @@ def test_any_faults_together_break_nothing_and_are_over_when_lifted(
     times = [float(row[0]) for row in client.rows()]
     assert times == sorted(times)
     assert {float(row[4]) for row in client.rows()} == {1.0}
-
-
-def test_the_same_faults_from_the_start_give_the_same_run_with_an_adapter_too() -> None:
-    def run() -> tuple[list[bytes], str]:
-        client = Client(
-            fast=False, adapter=Adapter(MS, 62, 5 * MS), faults=Faults([*STEADY[:9]], seed=11)
-        )
-        heard = [raw(client, within_ns=2 * MS) for _ in range(150)]
-        client.witness.flush()
-        return heard, client.record.getvalue()
-
-    assert run() == run()

@@ -125,12 +125,6 @@ def test_a_model_that_senses_its_supply_is_sent_the_square_and_says_so() -> None
 # What is refused
 
 
-def test_a_slave_of_a_dual_joint_is_refused() -> None:
-    bench = Bench()
-    bench.truth.memory["drive_mode"] = 2
-    refused(bench, match=r"slave of a dual joint.*bit 1 of Drive Mode")
-
-
 @pytest.mark.parametrize(
     ("register", "value", "message"),
     [
@@ -222,7 +216,8 @@ def test_a_firmware_without_watchdog_is_refused() -> None:
     [
         ("hardware_error_status", 0x20, r"hardware error \(overload\).*reboot"),
         ("hardware_error_status", 0x05, r"hardware error \(input voltage, overheating\)"),
-        ("drive_mode", 0x01, r"reverse.*clears bit 0 of Drive Mode \(10\)"),
+        ("drive_mode", 0x01, r"reverse.*doctor CONFIG --fix` clears bit 0 of Drive Mode \(10\)"),
+        ("drive_mode", 0x02, r"slave of a dual joint.*--fix` clears bit 1 of Drive Mode"),
         ("drive_mode", 0x08, r"torque back on.*clears bit 3 of Drive Mode \(10\)"),
         ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
         ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
@@ -313,22 +308,6 @@ def test_an_adapter_that_returns_what_is_sent_is_named(
         assert "the adapter returns what is sent" in found
         return
     with pytest.raises(ServoError, match="the adapter returns what is sent"):
-        bench.servo.start()
-
-
-@pytest.mark.parametrize(
-    ("register", "value"),
-    [("drive_mode", 1), ("drive_mode", 2), ("drive_mode", 8), ("startup_configuration", 3)],
-)
-def test_what_doctor_mends_names_doctor(register: str, value: int) -> None:
-    bench = Bench()
-    bench.truth.memory[register] = value
-    refused(bench, match="`haptic-wall doctor CONFIG --fix` clears")
-
-
-def test_nobody_at_this_rate_is_a_missing_servo() -> None:
-    bench = Bench(baud=57_600)
-    with pytest.raises(ServoMissingError, match="No servo answers"):
         bench.servo.start()
 
 
@@ -429,14 +408,6 @@ def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
     bench.line.wrong_way = True
     refused(bench, match=r"moved the wrong way \(\+3 counts at -0\.\d+ N·m\).*Drive Mode")
     assert abs(bench.state.position - TRUE.position) < 15 * COUNT
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None:
-    """As if the servo had not told of it in its Drive Mode."""
-    bench = Bench(replace(TRUE, coulomb=0.0), probe_direction=direction)
-    bench.line.wrong_way = True
-    refused(bench, match="moved the wrong way")
 
 
 def losing_the_end_of_the_push(bench: Bench, confirmed_too: bool) -> None:

@@ -12,7 +12,6 @@ from haptic_wall.hw.dynamixel.tables import (
     POSITION_UNIT,
     REGISTERS,
     VELOCITY_UNIT,
-    Register,
     model_by_number,
 )
 
@@ -92,24 +91,6 @@ def test_table_is_consistent(name: str, firmware: int) -> None:
         assert register.encode(register.maximum)
         assert register.encode(register.minimum)
         assert register.eeprom == (register.address < 64)
-
-
-def test_xm430_w350_as_in_its_manual() -> None:
-    table = MODELS["XM430-W350"].registers
-    assert table["current_limit"] == Register("current_limit", 38, 2, True, 1193, 0, 1193)
-    assert table["return_delay_time"].default == 250
-    assert table["goal_current"].signed
-    assert not table["present_position"].writable
-    assert table["shutdown"].default == 0x34
-    assert table["indirect_address_29"][:2] == ("indirect_address_29", 578)
-    assert table["indirect_data_56"].address == 661
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_every_model_may_run_at_its_own_voltage(name: str) -> None:
-    table = MODELS[name].registers
-    volts = 10 * MODELS[name].voltage
-    assert table["min_voltage_limit"].default < volts < table["max_voltage_limit"].default
 
 
 # From the manual's pages: current limit, velocity limit, voltages [0.1 V], temperature, shutdown,
@@ -204,15 +185,6 @@ def test_fast_reads_by_model_and_firmware() -> None:
     assert not MODELS["2XL430-W250"].knows_fast_reads(99)
 
 
-def test_the_x330_moves_its_indirect_data_with_firmware_53() -> None:
-    old, new = (MODELS["XL330-M288"].registers_at(firmware) for firmware in (52, 53))
-    assert old["indirect_data_20"].address == 227
-    assert "indirect_data_21" not in old
-    assert old["indirect_address_1"][4:] == (208, 64, 227)
-    assert new["indirect_data_28"].address == 251
-    assert new["indirect_address_1"][4:] == (224, 64, 251)
-
-
 def test_block_from_the_tick_to_the_temperature_has_no_gaps() -> None:
     """One read of it serves the loop, so it must not run into an undefined address."""
     for name in CURRENT_MODELS:
@@ -222,16 +194,6 @@ def test_block_from_the_tick_to_the_temperature_has_no_gaps() -> None:
             for byte in range(r.address, r.address + r.size)
         }
         assert set(range(120, 147)) <= covered
-
-
-@pytest.mark.parametrize("name", ["XL430-W250", "XC430-W150", "XC430-W240", "2XC430-W250"])
-def test_without_current_control(name: str) -> None:
-    model = MODELS[name]
-    assert not model.current_mode
-    assert 0 not in model.modes
-    assert "goal_current" not in model.registers
-    assert "current_limit" not in model.registers
-    assert model.registers["present_load"].address == 126
 
 
 @pytest.mark.parametrize(
