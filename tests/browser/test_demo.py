@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.browser.test_page import place, press, program
+from tests.browser.test_page import place, program
 from tests.support.chromium import Tab
 
 pytestmark = [pytest.mark.realtime, pytest.mark.xdist_group("browser")]
@@ -167,21 +167,6 @@ def test_a_run_that_ends_comes_back_with_the_wall_of_the_step(
     tab.wait(f"window.lesson.free.store.last < {before}", PATIENT_S)
     scene(tab, "stiff")
     tab.wait(f"{state('free')}.startsWith('oscillates')", PATIENT_S)
-
-
-def test_the_torque_is_heard_and_silenced(tab: Tab, address: str) -> None:
-    tab.open(address)
-    tab.wait(STARTED, PATIENT_S)
-    hear = "document.querySelector('#free .hear')"
-    box = place(tab, "#free .hear")
-    tab.value(f"{hear}.scrollIntoView({{ block: 'center' }})")
-    box = place(tab, "#free .hear")
-    press(tab, box["x"] + 10, box["y"] + 10)
-    tab.wait(f"{hear}.getAttribute('aria-pressed') === 'true'")
-    tab.wait("window.lesson.sound.next > 0")
-    assert tab.value("window.lesson.sound.gain.gain.value") <= 0.25
-    press(tab, box["x"] + 10, box["y"] + 10)
-    tab.wait("window.lesson.sound.servo === null")
 
 
 def test_nothing_sticks_out_and_the_first_frame_is_soon(tab: Tab, address: str) -> None:

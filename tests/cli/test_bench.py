@@ -15,7 +15,6 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import (
@@ -31,15 +30,12 @@ from haptic_wall.controller.bench.rows import (
     Histogram,
     Measurement,
     Section,
-    interleaved,
     over_rounds,
 )
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import status_of
 
 FOUND = Section(
@@ -267,28 +263,6 @@ def test_arrays_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(rows[name] > 0.0 for name in gains)
 
 
-def test_each_core_simulates_its_half_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    walls = array_simulation.random_walls(rough=True, count=5)
-    many, start, order = array_simulation._as_arrays(walls)
-    seen: list[FloatArray] = []
-    run = Loops.run
-
-    def watched(self: Loops, periods: int) -> None:
-        run(self, periods)
-        seen.append(self.measured)
-
-    monkeypatch.setattr(Loops, "run", watched)
-    made = two_cores.simulation(many, start, 200)
-    for _ in range(2):  # made anew, not continued
-        seen.clear()
-        for part in made():
-            part()
-        assert len(seen) == 2 * two_cores.RUNS
-        found = np.empty(5)
-        found[order] = np.concatenate([seen[0], seen[-1]])
-        np.testing.assert_array_equal(found, array_simulation.together(walls, 200))
-
-
 def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     rows, notes = plant_alone.beside_peers()
     apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}
@@ -359,10 +333,3 @@ def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(
     section = bus_cycle.measure()
     assert not [row for row in section.rows if "rustypot" in row.name]
     assert any("'.[bench]' in the clone" in note for note in section.notes)
-
-
-def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted() -> None:
-    order = []
-    times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
-    assert order == ["a", "b"] * 3
-    assert {name: len(each) for name, each in times.items()} == {"a": 2, "b": 2}

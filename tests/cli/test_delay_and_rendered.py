@@ -202,15 +202,6 @@ def test_wrong_input_is_the_users_error(
     assert message in err
 
 
-def test_a_file_in_place_of_the_folder_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "taken").write_text("mine")
-    status, _, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path / "taken")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-
-
 def test_hardware_without_a_torque_limit_is_not_moved(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

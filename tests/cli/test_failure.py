@@ -83,18 +83,6 @@ def test_an_error_is_an_object(
     assert found["advice"].endswith(advice)
 
 
-def test_an_interruption_is_one_too(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted() -> NoReturn:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("haptic_wall.controller.cli.presets.preset_names", interrupted)
-    assert cli.main(["presets", "--json"]) == 130
-    found = json.loads(capsys.readouterr().out)
-    assert found == {"error": "interrupted", "field": None, "advice": None, "exit_status": 130}
-
-
 def test_a_trip_that_ends_an_experiment_is_one_too(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -78,27 +78,6 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name: str) -
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["confg"], "did you mean config?"),
-        (["config", "--nonesuch"], "--nonesuch"),
-        (["config", "simulatd"], "did you mean simulated?"),
-        (["config", "simulated", "--set", "wall.stiffness=soft"], "wall.stiffness (from --set)"),
-        (["log", "nowhere.hwlog"], "nowhere.hwlog: cannot be read: No such file"),
-        (["log"], "LOG"),
-    ],
-)
-def test_wrong_input_is_exit_status_2_and_a_message(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    status, out, err = call(capsys, *arguments)
-    assert status == 2
-    assert out == ""
-    assert message in err
-    assert "Traceback" not in err
-
-
 def test_all_this_holds_for_the_process_too() -> None:
     wrong = shell("config", "simulated", "--set", "wall.side=x", "--set", "guard.margin=2")
     assert (wrong.returncode, wrong.stdout) == (2, "")
@@ -151,18 +130,6 @@ def test_another_system_is_told_in_a_sentence(
         f"haptic-wall: this machine runs darwin, but {name} needs Linux: use a Linux machine or a "
         "virtual one\n"
     )
-
-
-def test_a_reader_that_leaves_early_causes_no_noise() -> None:
-    done = subprocess.run(
-        f"{PYTHON} -m haptic_wall.controller.cli.main config | head -n 1",
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout == "simulated (simulated servo)\n"
-    assert done.stderr == ""
 
 
 def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:

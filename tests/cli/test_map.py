@@ -27,7 +27,6 @@ from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.cases import whole_only
 from tests.typed import status_of
@@ -156,15 +155,6 @@ def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_in_place_of_the_folder_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "out").write_text("")
-    status, _, err = run(capsys, "simulated", "--out", tmp_path / "out")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-
-
 def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_computed(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,23 +169,6 @@ def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_compu
     status, _, err = run(capsys, "simulated", "--out", tmp_path)
     assert status == 2
     assert f"--out {tmp_path}: found a folder without write permission" in err
-
-
-@pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
-def test_a_file_of_somebody_else_is_replaced_only_by_force(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
-    few += ["--delay-steps=1", "--workers=1"]
-    (tmp_path / name).write_text("mine")
-    with monkeypatch.context() as never:
-        never.setattr(maps, "critical_map", None)
-        status, _, err = run(capsys, *few)
-    assert (status, (tmp_path / name).read_text()) == (2, "mine")
-    assert f"--out {tmp_path / name}: found a file that is not" in err
-    assert "--force" in err
-    assert run(capsys, *few, "--force")[0] == 0
-    assert run(capsys, *few)[0] == 0, "now they are of this program"
 
 
 def test_a_full_disk_leaves_the_older_map_and_nothing_else(
@@ -221,16 +194,6 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_two_maps_at_once_do_not_write_one_folder(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(maps, "critical_map", None)
-    with claimed(tmp_path):
-        status, _, err = run(capsys, "simulated", "--out", tmp_path)
-    assert status == 2
-    assert f"--out: another run is writing {tmp_path}" in err
-
-
 def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,16 +211,6 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
     assert "interrupted before anything was computed: nothing is written" in err
     assert (tmp_path / "map.json").read_text() == "of yesterday"
     assert not (tmp_path / "map.png").exists()
-
-
-def test_a_kick_given_twice_is_drawn_as_one(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, _, _ = run(
-        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0.02", "--delay-steps", "1",
-        "--kick", "0.1,0.1", "--set", "wall.side=both", "--workers", 1,
-    )  # fmt: skip
-    assert status == 0  # a warning of Matplotlib's would be an error here
 
 
 @pytest.mark.realtime

@@ -229,18 +229,6 @@ def test_a_preset_is_no_file_that_could_be_written_over(
     assert run(capsys, "simulated", "--log", "simulated")[0] == 0
 
 
-def test_links_in_a_circle_are_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], folder: Path
-) -> None:
-    (folder / "one").symlink_to("other")
-    (folder / "other").symlink_to("one")
-    status, _, err = run(capsys, "--log", "one")
-    assert (status, err) == (
-        2,
-        "haptic-wall: --log one: its links lead in a circle; name another place\n",
-    )
-
-
 def test_a_name_with_dots_is_kept_whole_and_taken_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

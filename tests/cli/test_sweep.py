@@ -133,21 +133,6 @@ def test_wrong_input_is_named(
     assert words in told
 
 
-def test_what_is_not_a_sweep_is_not_replaced(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "sweep.json").write_text("{}")
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
-    assert status == 2
-    assert "a sweep.json that haptic-wall did not write" in told
-    assert (tmp_path / "sweep.json").read_text() == "{}"
-    file = tmp_path / "file"
-    file.write_text("")
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", file)
-    assert status == 2
-    assert f"--out {file}" in told
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -76,12 +76,6 @@ def test_a_filter_of_the_velocity_is_named() -> None:
     assert "filter" not in joined(REPORT)
 
 
-def test_long_times_are_written_out() -> None:
-    late = {"p50": 0.0359, "p99": 402.4, "p99_9": 3550.2, "max": 21345.6}
-    text = joined(REPORT | {"lateness_us": late})
-    assert "lateness p50 0.0359, p99 402, p99.9 3550, max 21346 µs" in text
-
-
 def joined(report: Mapping[str, Any]) -> str:
     return " ".join(report_text(report).split())
 

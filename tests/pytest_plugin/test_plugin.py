@@ -212,24 +212,6 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.whole
-def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) -> None:
-    """A script that does not try again, and lets go of nothing, fails two of them."""
-    script = (EXAMPLES / "move_servo.py").read_text()
-    script = script.replace("ATTEMPTS = 10", "ATTEMPTS = 1")
-    script = script.replace("        servo.write(TORQUE_ENABLE, 1, 0)\n", "        pass\n")
-    (tmp_path / "move_servo.py").write_text(script)
-    (tmp_path / "test_it.py").write_text((EXAMPLES / "test_move_servo.py").read_text())
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "3 failed, 2 passed" in done.stdout, done.stdout
-
-
-@pytest.mark.whole
 def test_the_page_s_programs_run(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "testing-your-code.md").read_text()
     blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]

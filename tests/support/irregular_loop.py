@@ -1,20 +1,13 @@
-"""Exact stability of a two-sided wall whose ticks come at irregular intervals.
+"""Motion of a two-sided wall from sample to sample, where ticks come at irregular intervals.
 
 A torque u = -(K x + B v) is computed from each sample, acts an age later, and is held until the
 next one acts. v is the difference of the last two samples over the time between them. Between two
-samples the state is propagated exactly, so one interval D is a matrix A(D), and:
-
-- a repeated pattern of intervals is stable where the product of its matrices has all eigenvalues
-  inside the unit circle;
-- with independent random intervals the mean square decays where all eigenvalues of
-  E[A(D) x A(D)] (Kronecker product) are inside it. That is the stricter of the usual notions: it
-  implies that almost every motion decays.
+samples the state is propagated exactly: one interval D is a matrix A(D).
 
 Times are in quarters of the period, so that ages and intervals are whole numbers of them.
 """
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +18,6 @@ QUARTERS = 4
 PERIOD = 1e-3
 """[s]"""
 _STEP = PERIOD / QUARTERS
-_SCAN = np.geomspace(0.25, 4.0, 20)
 Matrix = NDArray[np.float64]
 
 
@@ -80,43 +72,3 @@ def interval_matrix(
         state = after
     state[2] = (state[0] - np.eye(size)[0]) / measured
     return state
-
-
-def pattern_radius(matrices: Sequence[Matrix]) -> float:
-    """Growth of a repeated pattern over one repetition."""
-    product = np.eye(len(matrices[0]))
-    for each in matrices:
-        product = each @ product
-    return float(np.abs(np.linalg.eigvals(product)).max())
-
-
-def mean_square_radius(matrices: Sequence[Matrix], weights: Sequence[float]) -> float:
-    """Growth of the mean square over one interval, drawn independently each time."""
-    together = sum(w * np.kron(each, each) for w, each in zip(weights, matrices, strict=True))
-    return float(np.abs(np.linalg.eigvals(together)).max())
-
-
-def least_unstable(radius: Callable[[float], float], guess: float) -> float:
-    """The stiffness up to which a loop is stable, looked for from a quarter to 4 guesses.
-
-    Args:
-        radius: Growth at a stiffness; above 1 it is unstable.
-        guess: Where it is looked for [N·m/rad].
-
-    Returns:
-        To 1e-4 of the guess; infinite where all that was tried is stable, 0 where nothing is.
-    """
-    low = 0.0
-    for factor in _SCAN:
-        high = factor * guess
-        if radius(high) > 1 + 1e-9:
-            break
-        low = high
-    else:
-        return math.inf
-    if low == 0.0:
-        return 0.0
-    while high - low > 1e-4 * guess:
-        middle = (low + high) / 2
-        low, high = (middle, high) if radius(middle) <= 1 + 1e-9 else (low, middle)
-    return low
