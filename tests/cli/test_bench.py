@@ -32,11 +32,10 @@ from haptic_wall.controller.bench.rows import (
     Section,
     over_rounds,
 )
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 FOUND = Section(
     (
@@ -98,25 +97,14 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]]
     return become
 
 
-def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    try:
-        status = cli.main(["bench", *arguments])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
 def test_every_section_can_be_measured() -> None:
     assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
     assert list(ABOUT_S) == list(SECTIONS)
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_json_holds_machine_versions_and_every_section(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    status, out, _ = call(capsys, "--json")
+def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
+    status, out, _ = cli("bench", "--json")
     assert status == 0
     report = json.loads(out, parse_constant=pytest.fail)
     assert list(report["sections"]) == list(SECTIONS)
@@ -138,20 +126,18 @@ def test_the_json_holds_machine_versions_and_every_section(
 
 
 @pytest.mark.usefixtures("made_up")
-def test_a_section_can_be_asked_for_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = call(capsys, "--section", "array_simulation")
+def test_a_section_can_be_asked_for_alone(cli: Cli) -> None:
+    status, out, err = cli("bench", "--section", "array_simulation")
     assert status == 0
     assert "array simulation" in out
     assert "boundary" not in out
     assert err == "measuring array_simulation (1 of 1): about 30 s ...\n"
-    assert call(capsys, "--section", "loops")[0] == 2
+    assert cli("bench", "--section", "loops")[0] == 2
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_text_tells_every_figure_with_what_it_does_not_show(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    _, out, _ = call(capsys, "--section", "boundary")
+def test_the_text_tells_every_figure_with_what_it_does_not_show(cli: Cli) -> None:
+    _, out, _ = cli("bench", "--section", "boundary")
     assert "  12.2 µs (11.6 to 13.4)  first <loop>, p99\n    does not show a wire\n" in out
     assert "  423,000 settings/s  settings in a second\n" in out
     assert "  0.875  ratio\n    does not show anything else\n  somebody is not installed" in out
@@ -164,10 +150,10 @@ def test_the_text_tells_every_figure_with_what_it_does_not_show(
 
 @pytest.mark.usefixtures("made_up")
 def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    cli: Cli, tmp_path: Path
 ) -> None:
     page = tmp_path / "bench.html"
-    assert call(capsys, "--section", "boundary", "--html", str(page))[0] == 0
+    assert cli("bench", "--section", "boundary", "--html", str(page))[0] == 0
     text = page.read_text(encoding="utf-8")
     for row in FOUND.rows:
         assert html.escape(row.name) in text
@@ -186,10 +172,7 @@ def test_the_page_holds_all_that_the_text_does_and_needs_nothing_else(
     [(PlatformError("no bus"), "no bus"), (AttributeError("a new peer"), "AttributeError: a new")],
 )
 def test_a_section_that_fails_costs_no_other(
-    made_up: Callable[[Callable[..., object]], None],
-    capsys: pytest.CaptureFixture[str],
-    error: Exception,
-    said: str,
+    made_up: Callable[[Callable[..., object]], None], cli: Cli, error: Exception, said: str
 ) -> None:
     sections = iter([error])
 
@@ -199,7 +182,7 @@ def test_a_section_that_fails_costs_no_other(
         return FOUND
 
     made_up(measure)
-    status, out, err = call(capsys, "--json")
+    status, out, err = cli("bench", "--json")
     assert status == 0
     assert "about 90 s, with the rest 7 min" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
@@ -210,7 +193,7 @@ def test_a_section_that_fails_costs_no_other(
 
 @pytest.mark.usefixtures("made_up")
 def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    cli: Cli, tmp_path: Path
 ) -> None:
     mine = tmp_path / "mine.html"
     mine.write_text("<!DOCTYPE html><title>mine</title>")
@@ -219,16 +202,14 @@ def test_a_page_that_cannot_be_written_is_refused_before_anything_is_measured(
         (tmp_path / "nowhere" / "bench.html", "cannot be written"),
         (mine, "found a file that is not a report of haptic-wall bench"),
     ):
-        status, out, err = call(capsys, "--html", str(place))
-        assert status == 2
+        err = cli.refused("bench", "--html", str(place))
         assert why in err
-        assert out == ""
         assert "measuring" not in err
 
 
 def test_after_a_ctrl_c_what_is_finished_is_told(
     made_up: Callable[[Callable[..., object]], None],
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -243,7 +224,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
     made_up(measure)
     monkeypatch.setattr("haptic_wall.controller.bench.page.png", lambda _: b"")
     page = tmp_path / "bench.html"
-    status, out, _ = call(capsys, "--json", "--html", str(page))
+    status, out, _ = cli("bench", "--json", "--html", str(page))
     assert status == 130
     report = json.loads(out)
     assert report["interrupted"]
@@ -275,31 +256,12 @@ def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     assert any("not compared with mujoco.rollout" in note for note in notes)
 
 
-def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    rows, notes = plant_alone.beside_peers()
-    assert not [row for row in rows if "mujoco" in row.name]
-    assert any("'.[bench]' in the clone" in note for note in notes)
-
-
 def test_both_programs_find_the_same_margins() -> None:
     pytest.importorskip("control")
     section = boundary.measure()
     (apart,) = (row.value for row in section.rows if "relative difference" in row.name)
     assert apart < 1e-6
     assert section.notes == ()
-
-
-def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "control", None)
-    section = boundary.measure()
-    assert [row.unit for row in section.rows] == ["ms", *3 * ["settings/s"]]
-    (note,) = section.notes
-    assert "'.[bench]' in the clone" in note
 
 
 @pytest.mark.realtime
@@ -322,14 +284,3 @@ def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back(
     # One may fail where the machine stalls; not all that were counted.
     counted = bus_cycle._ROUNDS * bus_cycle._CYCLES
     assert not [note for note in section.notes if f" {counted} of {counted} cycles" in note]
-
-
-@pytest.mark.realtime
-def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "rustypot", None)
-    monkeypatch.setattr(bus_cycle, "_COUNTS", (1,))
-    section = bus_cycle.measure()
-    assert not [row for row in section.rows if "rustypot" in row.name]
-    assert any("'.[bench]' in the clone" in note for note in section.notes)

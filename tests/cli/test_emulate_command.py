@@ -5,21 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
 from haptic_wall.controller.system.claim import claimed
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.witness import COLUMNS
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The message for arguments that are refused as the user's mistake."""
-    status = cli.main(["emulate", *arguments])
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.out == ""
-    assert "Traceback" not in captured.err
-    return captured.err
+from tests.cli.caller import Cli
 
 
 @pytest.mark.parametrize(
@@ -53,46 +43,48 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+    cli: Cli, arguments: list[str], words: list[str]
 ) -> None:
-    message = refused(capsys, *arguments)
+    message = cli.refused("emulate", *arguments)
     for word in words:
         assert word in message
 
 
-def test_link_never_replaces_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_link_never_replaces_a_file(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "precious"
     file.write_text("data")
-    assert "precious" in refused(capsys, "--link", str(file))
+    assert "precious" in cli.refused("emulate", "--link", str(file))
     assert file.read_text() == "data"
 
 
 def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    cli: Cli, tmp_path: Path
 ) -> None:
     link = tmp_path / "bus"
     link.symlink_to("precious")
-    assert "found a link to precious, which would be lost" in refused(capsys, "--link", str(link))
+    assert "found a link to precious, which would be lost" in cli.refused(
+        "emulate", "--link", str(link)
+    )
     assert str(link.readlink()) == "precious"
     with claimed(link, follow=False):
-        assert "another run is writing" in refused(capsys, "--link", str(link), "--force")
+        assert "another run is writing" in cli.refused("emulate", "--link", str(link), "--force")
     assert str(link.readlink()) == "precious"
 
 
-def test_record_that_cannot_be_written_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert "--record" in refused(capsys, "--record", str(tmp_path / "no" / "such" / "folder.csv"))
+def test_record_that_cannot_be_written_is_refused(cli: Cli, tmp_path: Path) -> None:
+    assert "--record" in cli.refused(
+        "emulate", "--record", str(tmp_path / "no" / "such" / "folder.csv")
+    )
 
 
 @pytest.mark.parametrize("options", [["--fault", "nonsense"], ["--link", "/proc/no"]])
 def test_a_bus_that_cannot_start_leaves_the_older_record(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: list[str]
+    cli: Cli, tmp_path: Path, options: list[str]
 ) -> None:
     record = tmp_path / "record.csv"
     record.write_text(f"{COLUMNS}\nof yesterday\n")
     before = record.read_text()
-    refused(capsys, "--record", str(record), *options)
+    cli.refused("emulate", "--record", str(record), *options)
     assert record.read_text() == before
     assert list(tmp_path.iterdir()) == [record]
 

@@ -77,11 +77,8 @@ def fresh(bench: Bench) -> None:
                 ("drop:p=0.1,way=reply", {"lost"}, 0.1),
                 ("drop:p=0.1,way=request", {"lost"}, 0.1),
                 ("corrupt:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),
-                (
-                    "corrupt:p=0.1,way=request",
-                    {"corrupt", "lost"},
-                    0.1,
-                ),  # the servo says: CRC error
+                # The servo says: CRC error.
+                ("corrupt:p=0.1,way=request", {"corrupt", "lost"}, 0.1),
                 ("truncate:p=0.1,way=reply", {"corrupt", "lost"}, 0.1),  # nothing may be left
                 ("duplicate:p=0.1,way=reply", {"late"}, 0.0),
                 ("late:ms=1.5,p=0.1,way=reply", {"lost", "late"}, 0.1),

@@ -237,14 +237,6 @@ def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
 
 
-def test_several_faults_may_strike_one_frame() -> None:
-    client = Client()
-    for spec in ("noise:bytes=4,way=reply", "duplicate:way=reply", "late:ms=1,way=reply"):
-        client.inject(spec)
-    assert raw(client)[4:] == CLEAN + CLEAN
-    assert [name for _, _, name in client.fault_rows()] == ["noise", "duplicate", "late"]
-
-
 def test_the_joint_reply_can_be_struck_too() -> None:
     client = Client((X, 1), (X, 2))
     request = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2]))
@@ -388,34 +380,11 @@ def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_u
     assert client.read(1, 64, 1) == 0
 
 
-def test_unplugging_lasts_until_it_is_lifted() -> None:
-    client = Client()
-    client.inject("unplug")
-    client.pass_time(5_000 * MS)
-    assert client.ask(1, Instruction.PING) is None
-    assert client.bus.lift("unplug", client.clock.now_ns())
-    assert not client.bus.lift("unplug", client.clock.now_ns())
-    client.pass_time(200 * MS)
-    assert client.ask(1, Instruction.PING) is not None
-    assert [name for _, _, name in client.fault_rows()] == ["unplug", "unplug over"]
-
-
 def test_a_reply_on_its_way_breaks_off_with_the_power() -> None:
     client = Client()
     client.inject("brown-out:at=0.000045")  # 10 bytes of request, 8 of the reply
     assert raw(client) == CLEAN[:8]
     assert client.rows()[-1][1] != "tx"
-
-
-def test_a_lifted_fault_strikes_no_more() -> None:
-    client = Client()
-    client.inject("drop")
-    client.inject("brown-out:at=0.05")
-    assert raw(client) == b""
-    client.bus.lift("drop", client.clock.now_ns())
-    client.bus.lift("brown-out", client.clock.now_ns())
-    client.pass_time(100 * MS)
-    assert raw(client) == CLEAN
 
 
 def test_a_servo_that_is_not_there_cannot_fail() -> None:

@@ -181,12 +181,6 @@ def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(periods: int) -> No
     assert bench.link.counts.late == len(late)
 
 
-def test_doubled_replies_are_used_once() -> None:
-    bench = Bench(doubled)
-    samples = [bench.cycle() for _ in range(30)]
-    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
-
-
 @pytest.mark.parametrize("cycles", [1, 2, 3])
 def test_a_copy_that_comes_later_is_not_used(cycles: int) -> None:
     bench = Bench(only({20}, lambda _, reply: [(0, reply), (cycles * PERIOD_NS, reply)]))

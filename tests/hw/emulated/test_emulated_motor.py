@@ -235,15 +235,6 @@ def test_it_is_powered_up_with_the_supply_it_is_given(volts: float, error: int) 
     assert client.read(1, HARDWARE_ERROR, 1) == error
 
 
-def test_a_warmer_place_adds_to_what_the_motor_heats() -> None:
-    client = held("XM430-W350", 400)
-    client.pass_time(1_000_000 * MS)
-    before = client.read(1, TEMPERATURE, 1)
-    client.servos[1].set_ambient(42.0, client.clock.now_ns())
-    assert before > 32
-    assert client.read(1, TEMPERATURE, 1) == before + 10
-
-
 @pytest.mark.parametrize("volts", [9.0, 16.5])
 def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
     """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
