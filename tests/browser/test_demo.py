@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -31,12 +30,6 @@ def own() -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A demo for one test, and its address."""
     with program("demo") as found:
         yield found
-
-
-def run_of(child: subprocess.Popen[str], servo: str) -> int:
-    """The process of a servo's run."""
-    words = ["pgrep", "-P", str(child.pid), "-f", f"/{servo}/run.hwlog"]
-    return int(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
 
 
 def state(servo: str) -> str:
@@ -150,23 +143,6 @@ def test_a_knob_turns_both_servos_by_the_rule_of_set(tab: Tab, address: str) -> 
     )
     for servo in ("free", "guarded"):
         tab.wait(f"window.lesson.{servo}.told.facts.asked.stiffness === 2", PATIENT_S)
-
-
-def test_a_run_that_ends_comes_back_with_the_wall_of_the_step(
-    tab: Tab, own: tuple[subprocess.Popen[str], str]
-) -> None:
-    child, address = own
-    tab.open(address)
-    tab.wait(STARTED, PATIENT_S)
-    go(tab, 2)
-    scene(tab, "stiff")
-    tab.wait("window.lesson.free.store.last > 3", PATIENT_S)  # one that ends at once is an error
-    before = tab.value("window.lesson.free.store.last")
-    os.kill(run_of(child, "free"), signal.SIGTERM)
-    tab.wait("window.lesson.free.told === null", PATIENT_S)
-    tab.wait(f"window.lesson.free.store.last < {before}", PATIENT_S)
-    scene(tab, "stiff")
-    tab.wait(f"{state('free')}.startsWith('oscillates')", PATIENT_S)
 
 
 def test_nothing_sticks_out_and_the_first_frame_is_soon(tab: Tab, address: str) -> None:

@@ -30,6 +30,7 @@ FOLDERS = [
     (["delay", *SIMULATED], "delay.json"),
     (["rendered", *SIMULATED], "rendered.png"),
     (SWEEP, "sweep.csv"),
+    (SWEEP, "sweep.json"),
     ([*SWEEP, "--fresh"], "sweep.json"),
     (["commission", *SIMULATED], "report.html"),
     (["commission", *SIMULATED, "--fresh"], "identify.json"),

@@ -359,6 +359,15 @@ def test_a_torque_that_the_watchdog_has_ended_is_not_brought_back_but_told() -> 
     assert bench.servo.stop() is True
 
 
+def test_a_pause_is_got_over_with_lost_replies() -> None:
+    bench, servo, _ = troubled(lambda number, reply: [] if number < 3 else [(0, reply)])
+    bench.wait(0.1)
+    servo.request()
+    servo.write(1.0)
+    bench.wait(0.001)
+    assert bench.state.torque == pytest.approx(1.0, abs=STEP / 2)
+
+
 @pytest.mark.parametrize("lost", [1, 2, 3, 4])
 def test_an_ended_torque_is_not_brought_back_when_replies_are_lost_besides(lost: int) -> None:
     """The watchdog's state is not known then, and clearing it would bring the wall back."""

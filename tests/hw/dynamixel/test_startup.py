@@ -212,7 +212,7 @@ def test_a_firmware_without_watchdog_is_refused() -> None:
         ("hardware_error_status", 0x05, r"hardware error \(input voltage, overheating\)"),
         ("drive_mode", 0x01, r"reverse.*doctor CONFIG --fix` clears bit 0 of Drive Mode \(10\)"),
         ("drive_mode", 0x02, r"slave of a dual joint.*--fix` clears bit 1 of Drive Mode"),
-        ("drive_mode", 0x08, r"torque back on.*clears bit 3 of Drive Mode \(10\)"),
+        ("drive_mode", 0x08, r"torque back on.*--fix` clears bit 3 of Drive Mode \(10\)"),
         ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
         ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
         ("current_limit", 0, r"raise Current Limit \(38\)"),
@@ -402,6 +402,14 @@ def test_a_servo_that_turns_the_wrong_way_is_refused() -> None:
     bench.line.wrong_way = True
     refused(bench, match=r"moved the wrong way \(\+3 counts at -0\.\d+ N·m\).*Drive Mode")
     assert abs(bench.state.position - TRUE.position) < 15 * COUNT
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_reversed_position_is_found_by_the_probe_alone(direction: int) -> None:
+    """As if the servo had not told of it in its Drive Mode."""
+    bench = Bench(replace(TRUE, coulomb=0.0), probe_direction=direction)
+    bench.line.wrong_way = True
+    refused(bench, match="moved the wrong way")
 
 
 def losing_the_end_of_the_push(bench: Bench, confirmed_too: bool) -> None:
