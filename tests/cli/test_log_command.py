@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import signal
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -322,6 +323,22 @@ def test_mcap_without_its_library_names_the_extra(
     with pytest.raises(UserError, match=r"pip install -e '\.\[mcap\]'"):
         answer(log, "--mcap", tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_an_export_whose_terminal_is_closed_leaves_nothing(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    def ended(path: Path, _: LogRows) -> None:
+        path.write_bytes(b"half")
+        os.kill(os.getpid(), number)
+        pytest.fail("went on")
+
+    monkeypatch.setattr("haptic_wall.controller.logs.csv_export.write_csv", ended)
+    before = signal.getsignal(number)
+    assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
+    assert list(tmp_path.iterdir()) == [log]
+    assert signal.getsignal(number) == before
 
 
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
