@@ -49,6 +49,16 @@ def test_without_a_picture_none_is_drawn_and_none_is_missed(
     assert "picture" not in capsys.readouterr().out
 
 
+def test_a_foreign_picture_beside_the_log_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.png").write_text("mine")
+    assert cli.main(["run", *BRIEF, "--log", "a.hwlog"]) == 2
+    assert "--plot a.png" in capsys.readouterr().err
+    assert (tmp_path / "a.png").read_text() == "mine"
+
+
 def test_a_long_run_says_how_much_it_will_write() -> None:
     config = load_config("simulated").config
     assert _length(config, 5.0) == "5 s"

@@ -10,6 +10,7 @@ import pytest
 
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.testbed import (
+    ExperimentInterruptedError,
     ExperimentTrippedError,
     Testbed,
 )
@@ -239,3 +240,16 @@ def test_the_guards_curve_is_what_a_run_commands(
         main(["run", *PLAIN, *sets, "--json", "--log", str(tmp_path / "run.hwlog")])
     commanded = json.loads(capsys.readouterr().out)["guard"]["commanded"]
     assert commanded["stiffness"] == pytest.approx(point["guard"], rel=0.03)
+
+
+def test_an_interruption_while_it_is_tapped_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise ExperimentInterruptedError("interrupted")
+
+    monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.measured._tapped", interrupted)
+    monkeypatch.setattr(
+        "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: True
+    )
+    assert call(*SIMULATED, ONE, "--out", tmp_path / "o") == 130
