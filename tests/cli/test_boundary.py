@@ -184,14 +184,7 @@ def test_a_picture_that_cannot_be_written_is_told(
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    "more",
-    [
-        [],
-        ["--counts-per-rev=4096", "--torque-limit=4"],
-        ["--load-inertia=0.003", "--transmission-stiffness=200", "--virtual-damping=0.1"],
-    ],
-)
+@pytest.mark.parametrize("more", [[], ["--counts-per-rev=4096", "--torque-limit=4"]])
 def test_the_picture_is_drawn(
     cli: Cli, tmp_path: Path, more: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -345,6 +338,13 @@ def test_a_very_stiff_transmission_gives_the_rigid_one_sided_limit(cli: Cli) -> 
     )
     rigid = one_sided_limit(0.015, 0.0117, [0.1, 0.5], 1e-3, 2e-3)
     assert [point["one_sided"] for point in found["points"]] == pytest.approx(rigid, rel=0.01)
+
+
+@pytest.mark.whole
+def test_the_picture_of_a_load(tmp_path: Path, cli: Cli) -> None:
+    path = tmp_path / "load.png"
+    assert cli("boundary", *LOOP, *LOADED, "--virtual-damping=0.1", "--plot", path).status == 0
+    assert path.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("load", [LOADED, []])
