@@ -18,8 +18,8 @@ from haptic_wall.controller.theory.flexible import (
 )
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.settings import EncoderSide
+from scripts.served_links import ServedLink, Wall, growth, served_links
 from scripts.study import Found, Given, Part, table
-from tests.support.served_links import ServedLink, Wall, growth, served_links
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))

@@ -108,16 +108,6 @@ def test_the_curve_moves_and_the_page_complains_of_nothing(tab: Tab, tmp_path: P
     assert tab.value("document.getElementById('marks').innerText").strip()
 
 
-def test_a_recorded_run_is_shown_as_a_whole(tab: Tab, tmp_path: Path) -> None:
-    with program("live", str(recorded(tmp_path))) as (_, address):
-        tab.open(address)
-        tab.wait(f"{STATE}.includes('the run ended: duration · 3.00 s')")
-        found = tab.value(
-            "import('./exports.js').then(() => 1) && document.getElementById('name').textContent"
-        )
-        assert found == "simulated (recorded)"
-
-
 def test_what_is_seen_is_exported_and_measured_from_a_pin(tab: Tab, tmp_path: Path) -> None:
     """The files are downloads of the browser; the rows are those of the log."""
     log = recorded(tmp_path)
@@ -296,18 +286,6 @@ def test_an_answer_moves_nothing_and_goes_with_the_next_wish(tab: Tab, shown: st
         tab.value("knobs.answer({ id: knobs.count, applied: true })")
         assert tab.value(ANSWER) == ""
         assert tab.value(SECTIONS) == before
-
-
-def test_wishes_of_two_knobs_in_one_moment_are_both_sent(tab: Tab, shown: str) -> None:
-    tab.open(shown)
-    tab.wait(f"{STATE}.includes('the run ended')")
-    tab.value(KNOBS)
-    tab.value(
-        "knobs.ask({ 'wall.stiffness': 3 }); knobs.ask({ 'wall.damping': 0.1 });"
-        " knobs.ask({ 'wall.stiffness': 4 })"
-    )
-    tab.wait("sent.length > 0")
-    assert tab.value("sent") == [{"set": {"wall.stiffness": 4, "wall.damping": 0.1}, "id": 3}]
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,9 @@ from pathlib import Path
 import click
 import pytest
 
-from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.settings.fields import fields
-
-
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Standard error of a command that is refused."""
-    assert cli.main(arguments) == 2
-    return capsys.readouterr().err
+from tests.cli.caller import Cli
 
 
 @pytest.mark.parametrize(
@@ -38,14 +33,10 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     ],
 )
 def test_advice_fits_the_command(
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    advice: str,
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], advice: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    message = said(capsys, *arguments)
+    message = cli.refused(*arguments)
     assert advice in message
     assert message.startswith("haptic-wall: ")
     assert "--set" not in message or arguments[0] in ("run", "sweep", "emulate")
@@ -53,8 +44,8 @@ def test_advice_fits_the_command(
 
 @pytest.mark.parametrize(("command", "expected"), [("run", set(fields())), ("emulate", None)])
 def test_completion_knows_the_paths_of_set(command: str, expected: set[str] | None) -> None:
-    context = click.Context(cli.haptic_wall, info_name="haptic-wall")
-    found = cli.haptic_wall.get_command(context, command)
+    context = click.Context(program.haptic_wall, info_name="haptic-wall")
+    found = program.haptic_wall.get_command(context, command)
     (option,) = [each for each in found.params if each.name == "sets"]
     every = {item.value.rstrip("=") for item in option.shell_complete(context, "")}
     assert expected is None or every == expected
@@ -63,20 +54,17 @@ def test_completion_knows_the_paths_of_set(command: str, expected: set[str] | No
 
 
 def test_completion_knows_the_presets() -> None:
-    context = click.Context(cli.haptic_wall, info_name="haptic-wall")
+    context = click.Context(program.haptic_wall, info_name="haptic-wall")
     (config,) = [
-        p for p in cli.haptic_wall.get_command(context, "run").params if p.name == "config"
+        p for p in program.haptic_wall.get_command(context, "run").params if p.name == "config"
     ]
     found = config.shell_complete(context, "emulated-p")
     assert [item.value for item in found if item.type == "plain"] == ["emulated-port"]
     assert [item.type for item in found if item.type != "plain"] == ["file"]
 
 
-def test_short_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["-V"]) == 0
-    assert capsys.readouterr().out.startswith("haptic-wall, version ")
-    assert cli.main(["help"]) == 0
-    assert "Commands:" in capsys.readouterr().out
-    assert cli.main(["help", "run"]) == 0
-    assert capsys.readouterr().out.startswith("Usage: haptic-wall run ")
-    assert "did you mean run?" in said(capsys, "help", "rnu")
+def test_short_version_and_help(cli: Cli) -> None:
+    assert cli("-V").out.startswith("haptic-wall, version ")
+    assert "Commands:" in cli("help").out
+    assert cli("help", "run").out.startswith("Usage: haptic-wall run ")
+    assert "did you mean run?" in cli.refused("help", "rnu")

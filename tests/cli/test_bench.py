@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import (
@@ -27,16 +26,12 @@ from haptic_wall.controller.bench.machine import ProcessorTime
 from haptic_wall.controller.bench.rows import (
     Measurement,
     Section,
-    interleaved,
     over_rounds,
 )
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.theory.checks import FloatArray
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 FOUND = Section(
     (
@@ -97,25 +92,14 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., object]]
     return become
 
 
-def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    try:
-        status = cli.main(["bench", *arguments])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
 def test_every_section_can_be_measured() -> None:
     assert all(callable(importlib.import_module(module).measure) for module in SECTIONS.values())
     assert list(ABOUT_S) == list(SECTIONS)
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_json_holds_machine_versions_and_every_section(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    status, out, _ = call(capsys, "--json")
+def test_the_json_holds_machine_versions_and_every_section(cli: Cli) -> None:
+    status, out, _ = cli("bench", "--json")
     assert status == 0
     report = json.loads(out, parse_constant=pytest.fail)
     assert list(report["sections"]) == list(SECTIONS)
@@ -132,20 +116,18 @@ def test_the_json_holds_machine_versions_and_every_section(
 
 
 @pytest.mark.usefixtures("made_up")
-def test_a_section_can_be_asked_for_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = call(capsys, "--section", "array_simulation")
+def test_a_section_can_be_asked_for_alone(cli: Cli) -> None:
+    status, out, err = cli("bench", "--section", "array_simulation")
     assert status == 0
     assert "array simulation" in out
     assert "boundary" not in out
     assert err == "measuring array_simulation (1 of 1): about 30 s ...\n"
-    assert call(capsys, "--section", "loops")[0] == 2
+    assert cli("bench", "--section", "loops")[0] == 2
 
 
 @pytest.mark.usefixtures("made_up")
-def test_the_text_tells_every_figure_with_what_it_does_not_show(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    _, out, _ = call(capsys, "--section", "boundary")
+def test_the_text_tells_every_figure_with_what_it_does_not_show(cli: Cli) -> None:
+    _, out, _ = cli("bench", "--section", "boundary")
     assert "  12.2 µs (11.6 to 13.4)  first <loop>, p99\n    does not show a wire\n" in out
     assert "  423,000 settings/s  settings in a second\n" in out
     assert "  0.875  ratio\n    does not show anything else\n  somebody is not installed" in out
@@ -161,10 +143,7 @@ def test_the_text_tells_every_figure_with_what_it_does_not_show(
     [(PlatformError("no bus"), "no bus"), (AttributeError("a new peer"), "AttributeError: a new")],
 )
 def test_a_section_that_fails_costs_no_other(
-    made_up: Callable[[Callable[..., object]], None],
-    capsys: pytest.CaptureFixture[str],
-    error: Exception,
-    said: str,
+    made_up: Callable[[Callable[..., object]], None], cli: Cli, error: Exception, said: str
 ) -> None:
     sections = iter([error])
 
@@ -174,7 +153,7 @@ def test_a_section_that_fails_costs_no_other(
         return FOUND
 
     made_up(measure)
-    status, out, err = call(capsys, "--json")
+    status, out, err = cli("bench", "--json")
     assert status == 0
     assert "about 90 s, with the rest 7 min" in err.splitlines()[0]
     first, *others = json.loads(out)["sections"].values()
@@ -184,8 +163,7 @@ def test_a_section_that_fails_costs_no_other(
 
 
 def test_after_a_ctrl_c_what_is_finished_is_told(
-    made_up: Callable[[Callable[..., object]], None],
-    capsys: pytest.CaptureFixture[str],
+    made_up: Callable[[Callable[..., object]], None], cli: Cli
 ) -> None:
     found = iter([FOUND])
 
@@ -196,7 +174,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
             raise KeyboardInterrupt from None
 
     made_up(measure)
-    status, out, _ = call(capsys, "--json")
+    status, out, _ = cli("bench", "--json")
     assert status == 130
     report = json.loads(out)
     assert report["interrupted"]
@@ -216,28 +194,6 @@ def test_arrays_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(rows[name] > 0.0 for name in gains)
 
 
-def test_each_core_simulates_its_half_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    walls = array_simulation.random_walls(rough=True, count=5)
-    many, start, order = array_simulation._as_arrays(walls)
-    seen: list[FloatArray] = []
-    run = Loops.run
-
-    def watched(self: Loops, periods: int) -> None:
-        run(self, periods)
-        seen.append(self.measured)
-
-    monkeypatch.setattr(Loops, "run", watched)
-    made = two_cores.simulation(many, start, 200)
-    for _ in range(2):  # made anew, not continued
-        seen.clear()
-        for part in made():
-            part()
-        assert len(seen) == 2 * two_cores.RUNS
-        found = np.empty(5)
-        found[order] = np.concatenate([seen[0], seen[-1]])
-        np.testing.assert_array_equal(found, array_simulation.together(walls, 200))
-
-
 def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     rows, notes = plant_alone.beside_peers()
     apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}
@@ -250,31 +206,12 @@ def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     assert any("not compared with mujoco.rollout" in note for note in notes)
 
 
-def test_without_mujoco_the_rest_is_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    rows, notes = plant_alone.beside_peers()
-    assert not [row for row in rows if "mujoco" in row.name]
-    assert any("'.[bench]' in the clone" in note for note in notes)
-
-
 def test_both_programs_find_the_same_margins() -> None:
     pytest.importorskip("control")
     section = boundary.measure()
     (apart,) = (row.value for row in section.rows if "relative difference" in row.name)
     assert apart < 1e-6
     assert section.notes == ()
-
-
-def test_without_python_control_the_rest_is_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "control", None)
-    section = boundary.measure()
-    assert [row.unit for row in section.rows] == ["ms", *3 * ["settings/s"]]
-    (note,) = section.notes
-    assert "'.[bench]' in the clone" in note
 
 
 @pytest.mark.realtime
@@ -295,21 +232,3 @@ def test_every_client_goes_round_on_one_bus_and_the_process_gets_its_cores_back(
     # One may fail where the machine stalls; not all that were counted.
     counted = bus_cycle._ROUNDS * bus_cycle._CYCLES
     assert not [note for note in section.notes if f" {counted} of {counted} cycles" in note]
-
-
-@pytest.mark.realtime
-def test_without_rustypot_the_others_are_measured_and_a_sentence_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "rustypot", None)
-    monkeypatch.setattr(bus_cycle, "_COUNTS", (1,))
-    section = bus_cycle.measure()
-    assert not [row for row in section.rows if "rustypot" in row.name]
-    assert any("'.[bench]' in the clone" in note for note in section.notes)
-
-
-def test_pieces_of_work_take_turns_and_the_first_round_is_not_counted() -> None:
-    order = []
-    times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
-    assert order == ["a", "b"] * 3
-    assert {name: len(each) for name, each in times.items()} == {"a": 2, "b": 2}

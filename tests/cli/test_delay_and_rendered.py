@@ -7,7 +7,6 @@ from typing import Any, NoReturn
 import pytest
 from matplotlib.figure import Figure
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.rendered import (
     contact_transient,
     drag,
@@ -21,21 +20,12 @@ from haptic_wall.controller.experiments.testbed import (
 )
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.errors import Problem
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 PNG = b"\x89PNG\r\n\x1a\n"
 QUICK = ("--set", "loop.clock=simulated")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str | int | Path) -> tuple[int, str, str]:
-    try:
-        status = main([*map(str, arguments)])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
 
 
 @pytest.fixture
@@ -70,11 +60,11 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 
 def test_delay_reports_value_and_error_and_leaves_its_files(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures: list[Figure]
+    cli: Cli, tmp_path: Path, figures: list[Figure]
 ) -> None:
     out = tmp_path / "new"
-    status, said, err = run(
-        capsys, "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
+    status, said, err = cli(
+        "delay", "simulated", *QUICK, "--set", "servo.delay=0.0012",
         "--bursts", 2, "--out", out, "--json",
     )  # fmt: skip
     assert status == 0
@@ -92,9 +82,9 @@ def test_delay_reports_value_and_error_and_leaves_its_files(
     assert legend[1].startswith("5 ms inserted,\n") and legend[1].endswith("ms recovered")
 
 
-def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    status, said, _ = run(
-        capsys, "delay", "paper-table2", "--bursts", 1, "--delay-steps", "2", "--out", tmp_path
+def test_delay_as_text_is_a_table(cli: Cli, tmp_path: Path) -> None:
+    status, said, _ = cli(
+        "delay", "paper-table2", "--bursts", 1, "--delay-steps", "2", "--out", tmp_path
     )
     assert status == 0
     assert "recovered" in said
@@ -102,10 +92,8 @@ def test_delay_as_text_is_a_table(capsys: pytest.CaptureFixture[str], tmp_path: 
 
 
 @pytest.mark.usefixtures("fewer")
-def test_rendered_reports_the_comparison(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, figures: list[Figure]
-) -> None:
-    status, said, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
+def test_rendered_reports_the_comparison(cli: Cli, tmp_path: Path, figures: list[Figure]) -> None:
+    status, said, err = cli("rendered", "simulated", *QUICK, "--out", tmp_path, "--json")
     assert status == 0
     report = json.loads(said)
     rows = {row["name"]: row for row in report["rows"]}
@@ -120,10 +108,7 @@ def test_rendered_reports_the_comparison(
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_an_interrupt_ends_with_130_and_no_traceback(
-    command: str,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> NoReturn:
         raise ExperimentInterruptedError(
@@ -131,17 +116,15 @@ def test_an_interrupt_ends_with_130_and_no_traceback(
         )
 
     monkeypatch.setattr(Testbed, "play", interrupted)
-    status, said, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path)
+    status, said, err = cli(command, "simulated", *QUICK, "--out", tmp_path)
     assert (status, said) == (130, "")
     assert "interrupted; steps.hwlog holds the recorded rows" in err
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
-def test_a_trip_ends_with_3_and_its_explanation(
-    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, _, err = run(
-        capsys, command, "simulated", *QUICK, "--out", tmp_path,
+def test_a_trip_ends_with_3_and_its_explanation(command: str, cli: Cli, tmp_path: Path) -> None:
+    status, _, err = cli(
+        command, "simulated", *QUICK, "--out", tmp_path,
         "--set", "model.inertia=0.5", "--set", "safety.max_speed=4",
     )  # fmt: skip
     assert status == 3
@@ -157,11 +140,7 @@ def test_a_trip_ends_with_3_and_its_explanation(
     ],
 )
 def test_a_servo_that_is_lost_on_the_way_ends_with_4(
-    command: str,
-    more: tuple[str, ...],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, more: tuple[str, ...], cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def lost(*_: object) -> NoReturn:
         raise ExperimentTrippedError(
@@ -169,17 +148,17 @@ def test_a_servo_that_is_lost_on_the_way_ends_with_4(
         )
 
     monkeypatch.setattr(Testbed, "play", lost)
-    status, _, err = run(capsys, command, "simulated", *QUICK, "--out", tmp_path, *more)
+    status, _, err = cli(command, "simulated", *QUICK, "--out", tmp_path, *more)
     assert status == 4
     assert "trip:servo_lost: the port is gone" in err
 
 
 @pytest.mark.parametrize("command", ["delay", "rendered"])
 def test_a_servo_that_does_not_move_is_no_fit_hardware(
-    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    command: str, cli: Cli, tmp_path: Path
 ) -> None:
-    status, _, err = run(
-        capsys, command, "simulated", *QUICK, "--out", tmp_path,
+    status, _, err = cli(
+        command, "simulated", *QUICK, "--out", tmp_path,
         "--set", "servo.coulomb=3", "--set", "model.coulomb=0.09",
     )  # fmt: skip
     assert status == 4
@@ -195,30 +174,15 @@ def test_a_servo_that_does_not_move_is_no_fit_hardware(
     ],
 )
 def test_wrong_input_is_the_users_error(
-    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    arguments: tuple[str, ...], message: str, cli: Cli, tmp_path: Path
 ) -> None:
-    status, said, err = run(capsys, "delay", "simulated", *QUICK, "--out", tmp_path, *arguments)
-    assert (status, said) == (2, "")
-    assert message in err
+    assert message in cli.refused("delay", "simulated", *QUICK, "--out", tmp_path, *arguments)
 
 
-def test_a_file_in_place_of_the_folder_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "taken").write_text("mine")
-    status, _, err = run(capsys, "rendered", "simulated", *QUICK, "--out", tmp_path / "taken")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-
-
-def test_hardware_without_a_torque_limit_is_not_moved(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_hardware_without_a_torque_limit_is_not_moved(cli: Cli, tmp_path: Path) -> None:
     config = tmp_path / "bed.yaml"
     config.write_text(
         "servo: {backend: dynamixel, port: /dev/none, baud: 4000000, model: XM430-W350}\n"
         "model: {inertia: 0.012, damping: 0.01, coulomb: 0.09, delay: 0.001, torque_gain: 1}\n"
     )
-    status, _, err = run(capsys, "delay", config, "--out", tmp_path)
-    assert status == 2
-    assert "servo.torque_limit: found none" in err
+    assert "servo.torque_limit: found none" in cli.refused("delay", config, "--out", tmp_path)

@@ -38,11 +38,6 @@ def test_a_place_that_is_none_or_taken_is_refused_before_anything_starts() -> No
     assert "localhost:0 for a free one" in said
 
 
-def test_without_websockets_the_install_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    assert "pip install -e '.[live]'" in refusal()
-
-
 def members(session: int) -> list[int]:
     """The processes of a session."""
     found = []

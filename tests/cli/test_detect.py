@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,19 +122,3 @@ def test_wrong_input_is_told_in_a_sentence(
 ) -> None:
     assert main(["detect", *(text.format(log) for text in arguments)]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_a_picture_that_is_interrupted_leaves_the_one_before(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = tmp_path / "d.png"
-    target.write_text("before")
-
-    def interrupted(_parts: object, _found: object, path: Path) -> NoReturn:
-        path.write_bytes(b"half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("haptic_wall.controller.report.detect.plot_detection", interrupted)
-    assert CliRunner().invoke(command, [str(log), "--plot", str(target)]).exit_code
-    assert target.read_text() == "before"
-    assert list(tmp_path.iterdir()) == [target]

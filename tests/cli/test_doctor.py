@@ -8,21 +8,19 @@ import fcntl
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.doctor.search import opened
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port as serial_port
+from tests.cli.caller import Cli
 from tests.hw.emulated.test_emulated_server import emulate
-from tests.typed import status_of
 
 TIMED = {
     "reply time",
@@ -42,24 +40,11 @@ def short_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptic_wall.controller.doctor.measure.WAKES", 20)
 
 
-def doctor(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = call(["doctor", *arguments])
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    return status, captured.out, captured.err
-
-
-def call(words: Sequence[str]) -> int:
-    try:
-        return cli.main(words)
-    except SystemExit as ended:
-        return status_of(ended)
-
-
 def report(
-    capsys: pytest.CaptureFixture[str], *arguments: str
+    cli: Cli, *arguments: str
 ) -> tuple[int, dict[str, dict[str, Any]], set[str], dict[str, Any]]:
-    status, out, _ = doctor(capsys, *arguments, *QUIET, "--json")
+    status, out, err = cli("doctor", *arguments, *QUIET, "--json")
+    assert "Traceback" not in err
     found = json.loads(out)
     checks = {check["name"]: check for check in found["checks"]}
     keys = {"name", "ok", "found", "wanted", "fix"}
@@ -81,14 +66,12 @@ def set_registers(port: str, **values: int) -> None:
 
 
 @pytest.mark.parametrize("option", ["--yes", "--change-baud"])
-def test_options_of_fix_alone_are_refused(capsys: pytest.CaptureFixture[str], option: str) -> None:
-    status, out, err = doctor(capsys, "simulated", option)
-    assert (status, out) == (2, "")
-    assert "--fix" in err
+def test_options_of_fix_alone_are_refused(cli: Cli, option: str) -> None:
+    assert "--fix" in cli.refused("doctor", "simulated", option)
 
 
-def test_a_simulated_servo_has_no_bus_to_look_at(capsys: pytest.CaptureFixture[str]) -> None:
-    _, checks, wrong, found = report(capsys, "simulated")
+def test_a_simulated_servo_has_no_bus_to_look_at(cli: Cli) -> None:
+    _, checks, wrong, found = report(cli, "simulated")
     assert wrong == set()
     assert found["reached"]
     assert not checks["port"]["applies"]
@@ -97,9 +80,9 @@ def test_a_simulated_servo_has_no_bus_to_look_at(capsys: pytest.CaptureFixture[s
 
 
 def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_the_same(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    cli: Cli, tmp_path: Path
 ) -> None:
-    status, checks, wrong, found = report(capsys, *at(tmp_path / "ttyUSB0"))
+    status, checks, wrong, found = report(cli, *at(tmp_path / "ttyUSB0"))
     assert status == 4
     assert wrong == {"port"}
     assert "servo answers" in found["not_examined"]
@@ -107,20 +90,18 @@ def test_a_port_that_is_not_there_ends_with_4_and_the_machine_is_examined_all_th
 
 
 def test_a_path_is_never_broken_at_its_hyphens(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     port = tmp_path / "an-adapter-that-is-not-there-with-a-long-name-to-be-copied"
-    _, out, _ = doctor(capsys, *at(port), *QUIET)
+    _, out, _ = cli("doctor", *at(port), *QUIET)
     assert str(port) in out
 
 
 @pytest.mark.realtime
-def test_a_servo_as_from_the_factory_is_mended_when_asked(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_servo_as_from_the_factory_is_mended_when_asked(cli: Cli) -> None:
     with emulate() as (_, port):
-        status, checks, wrong, found = report(capsys, *at(port))
+        status, checks, wrong, found = report(cli, *at(port))
         assert status == 1
         assert wrong == {"return delay"}
         assert checks["return delay"]["found"] == "250 (500 µs)"
@@ -129,7 +110,7 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(
         assert checks["latency timer"]["applies"] is False
         assert {series["schedule"] for series in found["cycles"]} == {"immediate", "pipelined"}
         assert all(len(series["phases"]) == 10 for series in found["cycles"])
-        _, checks, wrong, found = report(capsys, *at(port), "--fix")
+        _, checks, wrong, found = report(cli, *at(port), "--fix")
         assert wrong == set()
         assert found["changes"] == [
             {"name": "return delay", "before": "250", "after": "0", "verified": True}
@@ -138,11 +119,9 @@ def test_a_servo_as_from_the_factory_is_mended_when_asked(
 
 
 @pytest.mark.realtime
-def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(cli: Cli) -> None:
     with emulate("--baud", "57600") as (_, port):
-        status, checks, wrong, found = report(capsys, *at(port), "--fix")
+        status, checks, wrong, found = report(cli, *at(port), "--fix")
         assert status == 1
         assert wrong == {"servo answers"}
         assert checks["servo answers"]["found"] == "at 57600 bit/s"
@@ -150,7 +129,7 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
         assert checks["servo answers"]["fix"].startswith("change the servo's rate")
         assert checks["model"]["ok"]
         assert found["not_examined"] == ["reply time", "schedule"]
-        _, checks, wrong, found = report(capsys, *at(port), "--fix", "--change-baud")
+        _, checks, wrong, found = report(cli, *at(port), "--fix", "--change-baud")
         assert wrong == set()
         assert found["changes"][0]["after"] == "4000000"
         assert "reply time" in checks
@@ -158,25 +137,23 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(
 
 @pytest.mark.whole
 @pytest.mark.realtime
-def test_another_id_and_another_model_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_id_and_another_model_are_named(cli: Cli) -> None:
     with emulate("--servo", "XL430-W250:5") as (_, port):
-        _, checks, wrong, _ = report(capsys, *at(port))
+        _, checks, wrong, _ = report(cli, *at(port))
         assert wrong == {"servo answers"}
         assert "XL430-W250 id 5 at 4000000 bit/s" in checks["servo answers"]["found"]
-        _, checks, wrong, _ = report(capsys, *at(port), "--set", "servo.id=5")
+        _, checks, wrong, _ = report(cli, *at(port), "--set", "servo.id=5")
         assert "model" in wrong
         assert "no current mode" in checks["model"]["fix"]
 
 
 @pytest.mark.realtime
-def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(cli: Cli) -> None:
     with emulate() as (_, port):
         set_registers(
             port, return_delay_time=0, drive_mode=9, startup_configuration=1, torque_enable=1
         )
-        _, _, wrong, found = report(capsys, *at(port))
+        _, _, wrong, found = report(cli, *at(port))
         assert wrong == {
             "torque",
             "direction",
@@ -185,33 +162,31 @@ def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(
         }
         assert "reply time" in found["not_examined"]
         assert found["cycles"] == []
-        assert doctor(capsys, *at(port), *QUIET)[1].count("WRONG") >= 4
-        _, _, wrong, found = report(capsys, *at(port), "--fix", "--yes")
+        assert cli("doctor", *at(port), *QUIET)[1].count("WRONG") >= 4
+        _, _, wrong, found = report(cli, *at(port), "--fix", "--yes")
         assert wrong == set()
         assert found["changes"][0]["name"] == "torque"
         assert all(change["verified"] for change in found["changes"])
 
 
 @pytest.mark.realtime
-def test_a_current_limit_that_leaves_no_stiffness_is_named(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_current_limit_that_leaves_no_stiffness_is_named(cli: Cli) -> None:
     with emulate() as (_, port):
         set_registers(port, return_delay_time=0, current_limit=50)
-        _, checks, wrong, _ = report(capsys, *at(port))
+        _, checks, wrong, _ = report(cli, *at(port))
     assert wrong == {"stiffness"}
     assert checks["stiffness"]["found"] == "0 of 7 N·m/rad at a Current Limit (38) of 50"
     assert "raise Current Limit (38) to " in checks["stiffness"]["fix"]
 
 
 @pytest.mark.realtime
-def test_a_port_that_somebody_else_has_names_him(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_somebody_else_has_names_him(cli: Cli) -> None:
     with emulate() as (_, port), Path(port).open("rb") as end:
         other = subprocess.Popen(
             [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=end.fileno()
         )
         try:
-            status, checks, wrong, found = report(capsys, *at(port))
+            status, checks, wrong, found = report(cli, *at(port))
         finally:
             other.communicate(b"\n")
     assert status == 4
@@ -224,13 +199,13 @@ def test_a_port_that_somebody_else_has_names_him(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.realtime
 def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.doctor.adapter.holders", lambda _device: [])
     monkeypatch.setattr("haptic_wall.hw.serialport.port.holders", lambda _device: [])
     with emulate() as (_, port), Path(port).open("rb") as end:
         fcntl.flock(end, fcntl.LOCK_EX)
-        status, checks, wrong, found = report(capsys, *at(port))
+        status, checks, wrong, found = report(cli, *at(port))
     assert status == 4
     assert wrong == {"used by"}
     assert "locked by another program" in checks["used by"]["found"]
@@ -240,7 +215,7 @@ def test_a_lock_whose_owner_cannot_be_seen_is_a_user_too(
 
 @pytest.mark.realtime
 def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opens = serial_port.open_port
 
@@ -251,7 +226,7 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
 
     monkeypatch.setattr("haptic_wall.controller.doctor.search.port.open_port", refuses_4_mbit)
     with emulate("--baud", "1000000") as (_, port):
-        _, checks, wrong, found = report(capsys, *at(port), "--fix", "--change-baud")
+        _, checks, wrong, found = report(cli, *at(port), "--fix", "--change-baud")
         assert "baud rate" not in [change["name"] for change in found["changes"]]
         assert {"baud rate", "servo answers"} <= wrong
         assert checks["servo answers"]["found"] == "at 1000000 bit/s"
@@ -259,24 +234,20 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
 
 
 @pytest.mark.realtime
-def test_two_servos_with_one_id_are_told_from_a_bad_cable(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_two_servos_with_one_id_are_told_from_a_bad_cable(cli: Cli) -> None:
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
             table = Table.on(line, 4_000_000, 2, port, MODELS["XM430-W350"])
             table.link.write_register(table.registers["id"], 1, 3_000_000)
-        _, checks, wrong, _ = report(capsys, *at(port))
+        _, checks, wrong, _ = report(cli, *at(port))
     assert wrong == {"servo answers"}
     assert "a second servo with this id" in checks["servo answers"]["fix"]
 
 
 @pytest.mark.whole
 @pytest.mark.realtime
-def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    status, out, err = doctor(capsys, "emulated-ideal", *QUIET)
+def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(cli: Cli) -> None:
+    status, out, err = cli("doctor", "emulated-ideal", *QUIET)
     assert status == 1
     assert "No torque was enabled" in out
     assert "return delay" in out

@@ -1,40 +1,22 @@
 """What the emulate command makes of its options, and what it says of wrong ones."""
 
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-import serial
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.emulated_servos import DEFAULT_TRUTH, truth_of
 from haptic_wall.controller.system.claim import claimed
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.witness import COLUMNS
-from tests.typed import not_none
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The message for arguments that are refused as the user's mistake."""
-    status = cli.main(["emulate", *arguments])
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.out == ""
-    assert "Traceback" not in captured.err
-    return captured.err
+from tests.cli.caller import Cli
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--servo", "XM430-W35"], ["XM430-W35", "did you mean XM430-W350"]),
-        (["--servo", "nonsense"], ["nonsense", "XL330-M288"]),
-        (["--servo", "XM430-W350:x"], ["MODEL[:ID[:FIRMWARE]]"]),
         (["--servo", "XM430-W350:" + 5000 * "9"], ["MODEL[:ID[:FIRMWARE]]"]),
-        (["--servo", "XM430-W350:1:45:2"], ["MODEL[:ID[:FIRMWARE]]"]),
         (["--servo", "XM430-W350:253"], ["id 253", "252"]),
         (["--servo", "XM430-W350:1:300"], ["firmware_version 300", "255"]),
         (["--servo", "XD540-T270"], ["XD540-T270", "servo.torque_constant"]),
@@ -42,23 +24,15 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         (["--baud", "12345"], ["12345", "4000000"]),
         (["--servo", "XL330-M288", "--baud", "4500000"], ["baud_rate", "XL330-M288"]),
         (["--set", "servo.inertai=1"], ["servo.inertai", "did you mean servo.inertia"]),
-        (["--set", "wall.stiffness=1"], ["wall.stiffness"]),
         (["--set", "servo.inertia"], ["servo.inertia", "VALUE"]),
         (["--set", "servo.inertia=0"], ["servo.inertia", "'0'", "above 0"]),
-        (["--set", "servo.inertia=nan"], ["servo.inertia", "nan"]),
-        (["--set", "servo.delay=2"], ["servo.delay", "up to 1"]),
         (["--set", "servo.counts_per_rev=1.5"], ["servo.counts_per_rev", "whole"]),
         (["--set", "servo.hand=slap"], ["servo.hand", "push"]),
-        (["--set", "servo.current_bandwidth=-1"], ["servo.current_bandwidth", "from 0 up to"]),
-        (["--set", "servo.current_droop=2"], ["servo.current_droop", "'2'", "up to 1"]),
         (["--set", "servo.chain=[[1, 0, 0]]"], ["servo.chain", "[inertia, stiffness, damping]"]),
-        (["--set", "servo.chain=[1]"], ["servo.chain", "[inertia, stiffness, damping]"]),
-        (["--set", "servo.back_emf=yes"], ["servo.back_emf", "'yes'", "true or false"]),
         (["--set", "servo.load_friction=1"], ["servo.load_friction", "up to 0.9"]),
         (["--set", "servo.static_friction=0.05"], ["static_friction", "below coulomb 0.09"]),
         (["--set", "servo.kick=1", "--set", "servo.position=1"], ["servo.kick", "position"]),
         (["--latency-timer", "1.5"], ["--latency-timer", "'1.5'", "1 to 255"]),
-        (["--latency-timer", "256"], ["--latency-timer", "'256'"]),
         (["--block", "62"], ["--block", "timer", "give --latency-timer too"]),
         (["--latency-timer", "1", "--block", "0"], ["--block", "'0'", "from 1"]),
         (["--fault", "drp:p=0.1"], ["--fault", "'drp'", "did you mean drop?"]),
@@ -66,57 +40,53 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
             ["--fault", "unplug:at=2,id=7"],
             ["--fault", "unplug:at=2,id=7", "no servo", "ids here are 1"],
         ),
-        (["--nonsense"], ["--nonsense"]),
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+    cli: Cli, arguments: list[str], words: list[str]
 ) -> None:
-    message = refused(capsys, *arguments)
+    message = cli.refused("emulate", *arguments)
     for word in words:
         assert word in message
 
 
-def test_link_never_replaces_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_link_never_replaces_a_file(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "precious"
     file.write_text("data")
-    assert "precious" in refused(capsys, "--link", str(file))
+    assert "precious" in cli.refused("emulate", "--link", str(file))
     assert file.read_text() == "data"
 
 
 def test_link_replaces_no_link_of_somebody_elses_nor_of_a_bus_that_runs(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    cli: Cli, tmp_path: Path
 ) -> None:
     link = tmp_path / "bus"
     link.symlink_to("precious")
-    assert "found a link to precious, which would be lost" in refused(capsys, "--link", str(link))
+    assert "found a link to precious, which would be lost" in cli.refused(
+        "emulate", "--link", str(link)
+    )
     assert str(link.readlink()) == "precious"
     with claimed(link, follow=False):
-        assert "another run is writing" in refused(capsys, "--link", str(link), "--force")
+        assert "another run is writing" in cli.refused("emulate", "--link", str(link), "--force")
     assert str(link.readlink()) == "precious"
 
 
-def test_record_that_cannot_be_written_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert "--record" in refused(capsys, "--record", str(tmp_path / "no" / "such" / "folder.csv"))
+def test_record_that_cannot_be_written_is_refused(cli: Cli, tmp_path: Path) -> None:
+    assert "--record" in cli.refused(
+        "emulate", "--record", str(tmp_path / "no" / "such" / "folder.csv")
+    )
 
 
 @pytest.mark.parametrize("options", [["--fault", "nonsense"], ["--link", "/proc/no"]])
 def test_a_bus_that_cannot_start_leaves_the_older_record(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: list[str]
+    cli: Cli, tmp_path: Path, options: list[str]
 ) -> None:
     record = tmp_path / "record.csv"
     record.write_text(f"{COLUMNS}\nof yesterday\n")
     before = record.read_text()
-    refused(capsys, "--record", str(record), *options)
+    cli.refused("emulate", "--record", str(record), *options)
     assert record.read_text() == before
     assert list(tmp_path.iterdir()) == [record]
-
-
-def test_a_refused_start_leaves_no_link(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    refused(capsys, "--link", str(tmp_path / "bus"), "--servo", "XD540-T270")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_truth_is_what_was_set_and_the_models_limits_otherwise() -> None:
@@ -131,26 +101,3 @@ def test_truth_is_what_was_set_and_the_models_limits_otherwise() -> None:
 def test_kick_is_the_distance_from_the_wall() -> None:
     true = truth_of(MODELS["XM430-W350"], {"kick": -0.25, "hand_origin": 2.0})
     assert true.position == 1.75
-
-
-@pytest.mark.realtime
-def test_two_servos_may_share_an_id_and_it_is_said() -> None:
-    servos = ("XM430-W350:3", "XL330-M288:3", "XM430-W350:4")
-    words = [word for servo in servos for word in ("--servo", servo)]
-    program = [sys.executable, "-m", "haptic_wall.controller.cli.main", "emulate", *words]
-    with subprocess.Popen(
-        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        path = not_none(process.stdout).readline().strip()
-        with serial.Serial(path, 4_000_000, timeout=2.0) as port:
-            port.write(encode(3, Instruction.PING))
-            garbled = port.read(14)
-            port.write(encode(4, Instruction.PING))
-            good = port.read(14)
-        process.terminate()
-        note = not_none(process.stderr).read()
-    assert len(garbled) == 14
-    assert Parser().feed(garbled) == []
-    assert Parser().feed(good)[0].id == 4
-    assert "2 servos have the id 3" in note
-    assert process.returncode == 0

@@ -6,31 +6,26 @@ from typing import Any, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.hw.errors import ServoError
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 ROOT = Path(__file__).parents[2]
 
 
-def failed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    """The object on standard output, and what is said on standard error."""
-    try:
-        status = cli.main([*arguments, "--json"])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    found: dict[str, Any] = json.loads(captured.out)
+def failed(cli: Cli, *arguments: str) -> dict[str, Any]:
+    """The object on standard output, of what is said on standard error."""
+    status, out, err = cli(*arguments, "--json")
+    found: dict[str, Any] = json.loads(out)
     assert set(found) == {"error", "field", "advice", "exit_status"}
     assert found["exit_status"] == status
-    assert found["error"].splitlines()[0] in captured.err
+    assert found["error"].splitlines()[0] in err
     return found
 
 
 def test_advice_carries_the_configuration_as_it_was_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     config = tmp_path / "my servo.yaml"
     config.write_text((ROOT / "config" / "simulated.yaml").read_text())
@@ -39,7 +34,7 @@ def test_advice_carries_the_configuration_as_it_was_given(
         raise ServoError("unfit", advice="`haptic-wall doctor CONFIG --fix` mends it")
 
     monkeypatch.setattr("haptic_wall.controller.cli.doctor.examine", unfit)
-    assert failed(capsys, "doctor", str(config))["advice"] == (
+    assert failed(cli, "doctor", str(config))["advice"] == (
         f"`haptic-wall doctor '{config}' --fix` mends it"
     )
 
@@ -69,7 +64,7 @@ def test_advice_carries_the_configuration_as_it_was_given(
     ],
 )
 def test_an_error_is_an_object(
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
@@ -78,35 +73,22 @@ def test_an_error_is_an_object(
     status: int,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found = failed(capsys, *arguments)
+    found = failed(cli, *arguments)
     assert (found["field"], found["exit_status"]) == (field, status)
     assert found["advice"].endswith(advice)
 
 
-def test_an_interruption_is_one_too(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted() -> NoReturn:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("haptic_wall.controller.cli.presets.preset_names", interrupted)
-    assert cli.main(["presets", "--json"]) == 130
-    found = json.loads(capsys.readouterr().out)
-    assert found == {"error": "interrupted", "field": None, "advice": None, "exit_status": 130}
-
-
 def test_a_trip_that_ends_an_experiment_is_one_too(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def tripped(*_: object) -> NoReturn:
         raise ExperimentTrippedError(Trip.OVERSPEED, "too fast")
 
     monkeypatch.setattr("haptic_wall.controller.experiments.delay.measure_delay", tripped)
-    found = failed(capsys, "delay", "simulated", f"--out={tmp_path}")
+    found = failed(cli, "delay", "simulated", f"--out={tmp_path}")
     assert found["error"].startswith("trip:overspeed: ")
     assert found["exit_status"] == 3
 
 
-def test_without_json_nothing_is_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", "--duration=-1"]) == 2
-    assert capsys.readouterr().out == ""
+def test_without_json_nothing_is_on_standard_output(cli: Cli) -> None:
+    cli.refused("run", "--duration=-1")

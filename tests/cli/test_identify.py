@@ -10,13 +10,14 @@ from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.identify import _CONFIG, _moved
+from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.experiments.identify.identification import Identified
 from haptic_wall.controller.experiments.testbed import Played, Testbed
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.system.file_kinds import may_be_replaced
+from tests.cli.caller import Cli
 from tests.typed import status_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -32,7 +33,7 @@ QUICK = [
 
 def call(words: Sequence[str]) -> int:
     try:
-        return cli.main(words)
+        return main(words)
     except SystemExit as ended:
         return status_of(ended)
 
@@ -73,7 +74,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> Done:
 
 
 def test_the_report_the_configuration_and_the_picture(
-    done: Done, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    done: Done, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     report = done.report
     truths = {"inertia": 0.0018142, "damping": 0.0036617, "coulomb": 0.012833, "delay": 0.0012}
@@ -90,12 +91,12 @@ def test_the_report_the_configuration_and_the_picture(
     assert may_be_replaced(Path("mine.yaml"), _CONFIG)
     believed = load_config("mine.yaml").config.belief()
     assert believed.delay.low <= 0.0012 <= believed.delay.high
-    assert call(["run", "mine.yaml", "--duration=0.05", "--no-plot", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["delay_s"]["device"] == believed.delay.high
+    report = cli.json("run", "mine.yaml", "--duration=0.05", "--no-plot")
+    assert report["delay_s"]["device"] == believed.delay.high
 
 
 def test_figures_are_printed_though_a_file_cannot_be_written(
-    done: Done, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    done: Done, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     def full(*_: object) -> NoReturn:
         raise OSError(28, "No space left on device")
@@ -103,23 +104,22 @@ def test_figures_are_printed_though_a_file_cannot_be_written(
     monkeypatch.setattr("haptic_wall.controller.cli.identify._moved", lambda *_: done.found)
     monkeypatch.setattr("haptic_wall.controller.report.identify.plot_identification", full)
     words = ["identify", "simulated", *QUICK, "--out=mine.yaml", "--plot=fit.png", "--json"]
-    assert call(words) == 0
-    said = capsys.readouterr()
+    said = cli(*words)
     report = json.loads(said.out)
     assert report["inertia"]["value"] == pytest.approx(0.0018142, rel=0.05)
     assert (report["plot"], report["config"]) == (None, "mine.yaml")
     assert "--plot fit.png: cannot be written: No space left" in said.err
 
 
-def test_a_trip_ends_it_with_its_status(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_trip_ends_it_with_its_status(cli: Cli) -> None:
     words = ["identify", "simulated", *QUICK, "--set=safety.max_speed=5", "--set=model.inertia=0.2"]
-    assert call(words) == 3
-    assert "trip:overspeed" in capsys.readouterr().err
+    status, _, told = cli(*words)
+    assert status == 3 and "trip:overspeed" in told
 
 
-def test_a_blocked_servo_is_unfit(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(["identify", "simulated", *QUICK, "--set=servo.coulomb=0.6"]) == 4
-    assert "does not move" in capsys.readouterr().err
+def test_a_blocked_servo_is_unfit(cli: Cli) -> None:
+    status, _, told = cli("identify", "simulated", *QUICK, "--set=servo.coulomb=0.6")
+    assert status == 4 and "does not move" in told
 
 
 @pytest.mark.parametrize(
@@ -134,17 +134,14 @@ def test_a_blocked_servo_is_unfit(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_wrong_input_is_told_before_anything_moves(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str], folder: Path
+    words: list[str], said: str, cli: Cli, folder: Path
 ) -> None:
-    assert call(["identify", "simulated", *QUICK, *words]) == 2
-    err = capsys.readouterr().err
+    err = cli.refused("identify", "simulated", *QUICK, *words)
     assert said in err and "pulses" not in err
     assert not (folder / "runs").exists()
 
 
-def test_ctrl_c_ends_it(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_ends_it(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     # In real time the motions take half a minute: the signal comes within them.
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     whole = Testbed.play
@@ -156,6 +153,6 @@ def test_ctrl_c_ends_it(
 
     monkeypatch.setattr(Testbed, "play", play)
     words = ["identify", "simulated", *QUICK[1:], "--set=realtime.profile=off"]
-    assert call(words) == 130
+    status, _, told = cli(*words)
     timer.join()
-    assert "Traceback" not in capsys.readouterr().err
+    assert status == 130 and "Traceback" not in told

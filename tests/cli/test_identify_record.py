@@ -1,6 +1,5 @@
 """``haptic-wall identify --record`` on recorded motions of known and of real servos."""
 
-import json
 import os
 import signal
 import subprocess
@@ -12,24 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.main import main
+from tests.cli.caller import Cli
 from tests.controller.experiments.recorded.made import Truth, rounded, swing, table
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 REAL = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
 PENDULUM = ("--pendulum-mass", "0.49", "--pendulum-length", "0.1")
-
-
-def told(
-    capsys: pytest.CaptureFixture[str], *arguments: str | Path, status: int = 0
-) -> dict[str, Any]:
-    capsys.readouterr()
-    ended = main(["identify", *map(str, arguments), "--json"])
-    out = capsys.readouterr().out
-    assert ended == status, out
-    answer: dict[str, Any] = json.loads(out)
-    return answer
 
 
 def drop(truth: Truth, *, seconds: float = 2.4, begin: float = 0.9) -> dict[str, np.ndarray]:
@@ -46,13 +34,11 @@ def holds(answer: dict[str, Any], **truth: float) -> None:
         assert abs(value - true) < 2.0 * stderr, (name, value, stderr, true)
 
 
-def test_a_drop_tells_inertia_and_friction(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_drop_tells_inertia_and_friction(tmp_path: Path, cli: Cli) -> None:
     truth = Truth()
     path = tmp_path / "drop.csv"
     path.write_text(f"# by hand\n{table(drop(truth))}")
-    answer = told(capsys, "--record", path, *PENDULUM, "--plot", tmp_path / "a.png")
+    answer = cli.json("identify", "--record", path, *PENDULUM, "--plot", tmp_path / "a.png")
     holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
     assert answer["inertia"]["stderr"] < 0.15 * truth.inertia
     assert answer["delay"] is None
@@ -63,21 +49,17 @@ def test_a_drop_tells_inertia_and_friction(
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_a_pendulum_a_drop_has_no_scale(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_pendulum_a_drop_has_no_scale(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "drop.csv"
     truth = Truth()
     path.write_text(table(drop(truth)))
-    answer = told(capsys, "--record", path)
+    answer = cli.json("identify", "--record", path)
     assert answer["inertia"] is answer["damping"] is answer["coulomb"] is None
     assert answer["residual_rms_rad"] < 1.2 * answer["rounding_rad"]
     assert any("there is no scale" in note for note in answer["notes"])
 
 
-def test_a_known_torque_tells_delay_and_gain(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_known_torque_tells_delay_and_gain(tmp_path: Path, cli: Cli) -> None:
     truth = Truth()
     time = np.arange(0.0, 2.4, 0.006)
     torque = 0.25 * np.sin(4.0 * time) + 0.2 * np.sin(11.0 * time)
@@ -88,19 +70,19 @@ def test_a_known_torque_tells_delay_and_gain(
     }
     path = tmp_path / "driven.csv"
     path.write_text(table(columns))
-    answer = told(capsys, "--record", path, *PENDULUM)
+    answer = cli.json("identify", "--record", path, *PENDULUM)
     holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
     holds(answer, delay=truth.delay, torque_gain=truth.gain)
 
     path.write_text(table({**columns, "current_a": torque / 0.5}).replace("torque_nm", "other"))
-    answer = told(capsys, "--record", path, *PENDULUM)
+    answer = cli.json("identify", "--record", path, *PENDULUM)
     assert answer["torque_gain"] is None
     holds(answer, torque_constant_nm_per_a=0.5 * truth.gain, coulomb=truth.coulomb)
 
 
 @pytest.mark.whole
-def test_a_real_drop(capsys: pytest.CaptureFixture[str]) -> None:
-    answer = told(capsys, "--record", REAL / "kp100_lift_and_drop.csv", *PENDULUM)
+def test_a_real_drop(cli: Cli) -> None:
+    answer = cli.json("identify", "--record", REAL / "kp100_lift_and_drop.csv", *PENDULUM)
     # a published fit of this model has 0.0017 to 0.0021 kg·m² and 0.0156 to 0.0206 N·m
     assert 0.0015 < answer["inertia"]["value"] < 0.0026
     assert 0.012 < answer["coulomb"]["value"] < 0.020
@@ -108,15 +90,15 @@ def test_a_real_drop(capsys: pytest.CaptureFixture[str]) -> None:
     assert answer["damping"]["stderr"] > 0.3 * answer["damping"]["value"]
 
 
-def test_position_mode_tells_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    answer = told(capsys, "--record", REAL / "kp100_sin_sin.csv", *PENDULUM)
+def test_position_mode_tells_nothing(cli: Cli) -> None:
+    answer = cli.json("identify", "--record", REAL / "kp100_sin_sin.csv", *PENDULUM)
     names = ("inertia", "damping", "coulomb", "delay", "torque_gain", "friction_model")
     assert all(answer[name] is None for name in names)
     assert answer["residual_rms_rad"] is None
     assert "nothing can be determined" in answer["notes"][-1]
 
 
-def test_gaps_and_disorder_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gaps_and_disorder_are_told(tmp_path: Path, cli: Cli) -> None:
     truth = Truth()
     columns = drop(truth)
     kept = np.ones(columns["time_s"].shape, dtype=bool)
@@ -126,7 +108,7 @@ def test_gaps_and_disorder_are_told(tmp_path: Path, capsys: pytest.CaptureFixtur
     columns["position_rad"][[20, 21]] = np.nan
     path = tmp_path / "gap.csv"
     path.write_text(table(columns).replace("nan", ""))
-    answer = told(capsys, "--record", path, *PENDULUM)
+    answer = cli.json("identify", "--record", path, *PENDULUM)
     holds(answer, inertia=truth.inertia, damping=truth.damping, coulomb=truth.coulomb)
     said = " ".join(answer["notes"])
     assert "nothing is known from" in said
@@ -154,13 +136,11 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_a_hostile_file_is_refused_in_a_sentence(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_hostile_file_is_refused_in_a_sentence(kind: str, tmp_path: Path, cli: Cli) -> None:
     content, wanted = HOSTILE[kind]
     path = tmp_path / "hostile.csv"
     path.write_bytes(content)
-    answer = told(capsys, "--record", path, *PENDULUM, status=2)
+    answer = cli.json("identify", "--record", path, *PENDULUM, status=2)
     assert answer["error"].startswith(f"--record {path}: ")
     assert wanted in answer["error"]
     assert answer["exit_status"] == 2
@@ -188,19 +168,19 @@ def test_options_that_do_not_fit_are_refused(
     wanted: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("time_s,position_rad\n0,0\n")
-    assert wanted in told(capsys, *arguments, status=2)["error"]
+    assert wanted in cli.json("identify", *arguments, status=2)["error"]
 
 
-def test_a_motion_that_no_pendulum_makes_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_motion_that_no_pendulum_makes_is_named(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "drop.csv"
     path.write_text(table(drop(Truth())))
-    answer = told(capsys, "--record", path, "--pendulum-mass", "0.49", "--pendulum-length", "0.3")
+    answer = cli.json(
+        "identify", "--record", path, "--pendulum-mass", "0.49", "--pendulum-length", "0.3"
+    )
     assert answer["inertia"] is None
     assert any("check the pendulum's mass and length" in note for note in answer["notes"])
 

@@ -12,18 +12,13 @@ from typing import Any, NoReturn
 import click
 import pytest
 
-from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.hw.errors import PortBusyError
 from tests.cases import whole_only
+from tests.cli.caller import Cli
 
 PYTHON = shlex.quote(sys.executable)
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = cli.main(arguments)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
 
 
 def shell(*arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[str]:
@@ -43,7 +38,7 @@ def raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def fail() -> NoReturn:
         raise error
 
-    monkeypatch.setitem(cli.COMMANDS, "presets", "")
+    monkeypatch.setitem(program.COMMANDS, "presets", "")
     monkeypatch.setattr(
         "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=fail)
     )
@@ -52,7 +47,7 @@ def raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
 def test_help_lists_the_commands_without_importing_them() -> None:
     done = shell("--help")
     assert done.returncode == 0
-    for name, line in cli.COMMANDS.items():
+    for name, line in program.COMMANDS.items():
         assert f"{name} " in done.stdout
         assert line in " ".join(done.stdout.split())
     loaded = subprocess.run(
@@ -70,33 +65,12 @@ def test_help_lists_the_commands_without_importing_them() -> None:
     assert loaded.stderr.strip() == ""
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
-def test_every_command_has_help(capsys: pytest.CaptureFixture[str], name: str) -> None:
-    status, out, _ = call(capsys, name, "--help")
+@pytest.mark.parametrize("name", program.COMMANDS)
+def test_every_command_has_help(cli: Cli, name: str) -> None:
+    status, out, _ = cli(name, "--help")
     assert status == 0
     assert "Usage: haptic-wall " + name in out
     assert "\\b" not in out, "click's mark for lines to be left alone, shown as text"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["confg"], "did you mean config?"),
-        (["config", "--nonesuch"], "--nonesuch"),
-        (["config", "simulatd"], "did you mean simulated?"),
-        (["config", "simulated", "--set", "wall.stiffness=soft"], "wall.stiffness (from --set)"),
-        (["log", "nowhere.hwlog"], "nowhere.hwlog: cannot be read: No such file"),
-        (["log"], "LOG"),
-    ],
-)
-def test_wrong_input_is_exit_status_2_and_a_message(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    status, out, err = call(capsys, *arguments)
-    assert status == 2
-    assert out == ""
-    assert message in err
-    assert "Traceback" not in err
 
 
 def test_all_this_holds_for_the_process_too() -> None:
@@ -119,50 +93,35 @@ def test_all_this_holds_for_the_process_too() -> None:
     ],
 )
 def test_exit_status_of_foreseen_errors(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    error: BaseException,
-    status: int,
+    monkeypatch: pytest.MonkeyPatch, cli: Cli, error: BaseException, status: int
 ) -> None:
     raising(monkeypatch, error)
-    found, out, err = call(capsys, "presets")
+    found, out, err = cli("presets")
     assert found == status
     assert out == ""
     assert "Traceback" not in err
 
 
 def test_the_exit_status_of_a_command_is_the_programs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     monkeypatch.setattr(
         "haptic_wall.controller.cli.presets.command", click.Command("presets", callback=lambda: 3)
     )
-    assert call(capsys, "presets")[0] == 3
+    assert cli("presets")[0] == 3
 
 
-@pytest.mark.parametrize("name", sorted(cli.NEEDS_LINUX))
+@pytest.mark.parametrize("name", sorted(program.NEEDS_LINUX))
 def test_another_system_is_told_in_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+    monkeypatch: pytest.MonkeyPatch, cli: Cli, name: str
 ) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
-    status, _, err = call(capsys, name)
+    status, _, err = cli(name)
     assert status == 4
     assert err == (
         f"haptic-wall: this machine runs darwin, but {name} needs Linux: use a Linux machine or a "
         "virtual one\n"
     )
-
-
-def test_a_reader_that_leaves_early_causes_no_noise() -> None:
-    done = subprocess.run(
-        f"{PYTHON} -m haptic_wall.controller.cli.main config | head -n 1",
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout == "simulated (simulated servo)\n"
-    assert done.stderr == ""
 
 
 def test_the_exit_status_is_the_commands_own_when_the_reader_has_left() -> None:
@@ -240,25 +199,12 @@ def test_a_full_disk_is_told_in_a_sentence() -> None:
     assert done.stderr == "haptic-wall: the disk is full: make room, or name another place\n"
 
 
-def test_an_error_keeps_its_status_where_its_object_finds_the_disk_full() -> None:
-    done = subprocess.run(
-        f"{PYTHON} -m haptic_wall.controller.cli.main scan --port /dev/none --json > /dev/full",
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 4
-    assert "Port /dev/none does not exist" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 @pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), MemoryError()])
 def test_a_limit_of_the_system_is_told_in_a_sentence(
-    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: Exception, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     raising(monkeypatch, error)
-    status, _, said = call(capsys, "presets")
+    status, _, said = cli("presets")
     assert status == 4
     assert "raise the limits of this shell" in said
 
@@ -290,9 +236,5 @@ def test_closed_standard_streams_do_not_disturb_a_run(
 
 
 @pytest.mark.parametrize("words", [["paper"], ["map", "simulated"], ["delay", "simulated"]])
-def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    status, _, err = call(capsys, *words, "--out", 300 * "x")
-    assert status == 2
-    assert "File name too long; name another place" in err
+def test_a_folder_whose_name_is_too_long_is_told_in_a_sentence(cli: Cli, words: list[str]) -> None:
+    assert "File name too long; name another place" in cli.refused(*words, "--out", 300 * "x")

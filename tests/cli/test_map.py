@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import errno
 import json
-import math
 import os
 import signal
 import subprocess
@@ -17,20 +16,15 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
-import numpy as np
 import pytest
 
-from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.cli.map_files import json_parts, report_of
-from haptic_wall.controller.cli.options import as_json
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.experiments.maps.store import ROWS, MapStore
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.theory import critical_stiffness, flexible_boundary
 from tests.cases import whole_only
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -56,22 +50,11 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     _computed_by(Here(), monkeypatch)
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    try:
-        status = main(["map", *map(str, arguments)])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
-def test_the_files_and_the_report_hold_every_point(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_files_and_the_report_hold_every_point(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "map.csv").write_text("virtual_damping,delay_steps,delay_s,kick_rad,simulated\n")
     (tmp_path / "mine.txt").write_text("kept")
-    status, out, err = run(
-        capsys, "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
+    status, out, err = cli(
+        "map", "paper-table2", "--out", tmp_path, "--virtual-damping=-0.05,0.1,0.4",
         "--delay-steps", "0,2", "--workers", 1, "--json",
     )  # fmt: skip
     assert status == 0
@@ -100,11 +83,9 @@ def test_the_files_and_the_report_hold_every_point(
     ]  # fmt: skip
 
 
-def test_without_json_there_is_a_table_and_the_names_of_the_files(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, out, _ = run(
-        capsys, "simulated", "--out", tmp_path / "new", "--virtual-damping", "0,0.02",
+def test_without_json_there_is_a_table_and_the_names_of_the_files(cli: Cli, tmp_path: Path) -> None:
+    status, out, _ = cli(
+        "map", "simulated", "--out", tmp_path / "new", "--virtual-damping", "0,0.02",
         "--delay-steps", "1", "--kick", "0.02,0.2", "--workers", 1,
     )  # fmt: skip
     assert status == 0
@@ -114,13 +95,13 @@ def test_without_json_there_is_a_table_and_the_names_of_the_files(
     assert "from servo" not in out
 
 
-def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_servo_with_a_load_is_mapped(cli: Cli, tmp_path: Path) -> None:
     load = ["servo.load_inertia=0.003", "servo.transmission_stiffness=200"]
     load += ["servo.transmission_damping=0.03", "wall.side=both"]
     load += ["servo.coulomb=0", "servo.counts_per_rev=0"]
     sets = [part for each in load for part in ("--set", each)]
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.05", "--delay-steps=1", *sets]
-    status, out, _ = run(capsys, *few, "--json")
+    status, out, _ = cli("map", *few, "--json")
     assert status == 0
     report = json.loads(out)
     (point,) = report["points"]
@@ -131,9 +112,9 @@ def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_p
     assert point["simulated"] == pytest.approx(point["exact"], rel=2e-3)
     assert report["servo"]["load_inertia"] == 0.003
     assert (tmp_path / "map.png").read_bytes().startswith(PNG)
-    status, _, err = run(capsys, *few, "--delay-steps=31")
-    assert status == 2
-    assert "--delay-steps: found 31 periods of delay" in err
+    assert "--delay-steps: found 31 periods of delay" in cli.refused(
+        "map", *few, "--delay-steps=31"
+    )
 
 
 @pytest.mark.parametrize(
@@ -147,63 +128,32 @@ def test_a_servo_with_a_load_is_mapped(capsys: pytest.CaptureFixture[str], tmp_p
     ],
 )
 def test_what_cannot_be_mapped_is_refused_before_anything_is_written(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
+    cli: Cli, tmp_path: Path, arguments: list[str], message: str
 ) -> None:
-    status, _, err = run(capsys, *arguments, "--out", tmp_path / "out")
-    assert status == 2
-    assert message in err
-    assert "Traceback" not in err
+    assert message in cli.refused("map", *arguments, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_in_place_of_the_folder_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "out").write_text("")
-    status, _, err = run(capsys, "simulated", "--out", tmp_path / "out")
-    assert status == 2
-    assert "found a file, wanted a folder" in err
-
-
 def test_a_folder_that_cannot_take_the_files_is_refused_before_anything_is_computed(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(maps, "critical_map", None)  # not called
     (tmp_path / "map.csv").mkdir()
-    status, _, err = run(capsys, "simulated", "--out", tmp_path)
-    assert status == 2
-    assert "found a folder map.csv in it" in err
+    assert "found a folder map.csv in it" in cli.refused("map", "simulated", "--out", tmp_path)
     (tmp_path / "map.csv").rmdir()
     # root may write anywhere
     monkeypatch.setattr(os, "access", lambda _, mode, **__: not mode & os.W_OK)
-    status, _, err = run(capsys, "simulated", "--out", tmp_path)
-    assert status == 2
-    assert f"--out {tmp_path}: found a folder without write permission" in err
-
-
-@pytest.mark.parametrize("name", ["map.csv", "map.json", "map.png"])
-def test_a_file_of_somebody_else_is_replaced_only_by_force(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
-    few += ["--delay-steps=1", "--workers=1"]
-    (tmp_path / name).write_text("mine")
-    with monkeypatch.context() as never:
-        never.setattr(maps, "critical_map", None)
-        status, _, err = run(capsys, *few)
-    assert (status, (tmp_path / name).read_text()) == (2, "mine")
-    assert f"--out {tmp_path / name}: found a file that is not" in err
-    assert "--force" in err
-    assert run(capsys, *few, "--force")[0] == 0
-    assert run(capsys, *few)[0] == 0, "now they are of this program"
+    assert f"--out {tmp_path}: found a folder without write permission" in cli.refused(
+        "map", "simulated", "--out", tmp_path
+    )
 
 
 def test_a_full_disk_leaves_the_older_map_and_nothing_else(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = ["simulated", "--out", tmp_path, "--virtual-damping=0.1", "--kick=0.1"]
     few += ["--delay-steps=1", "--workers=1"]
-    assert run(capsys, *few)[0] == 0
+    assert cli("map", *few)[0] == 0
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert len(before) == 3
 
@@ -212,27 +162,17 @@ def test_a_full_disk_leaves_the_older_map_and_nothing_else(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("haptic_wall.controller.cli.map_files.write_csv", full)
-    status, _, err = run(capsys, *few, "--set", "servo.inertia=0.01")
-    assert status == 2
-    assert f"--out {tmp_path}: cannot be written: No space left on device" in err
+    assert f"--out {tmp_path}: cannot be written: No space left on device" in cli.refused(
+        "map", *few, "--set", "servo.inertia=0.01"
+    )
     rows = tmp_path / ROWS  # what was computed is kept
     assert rows.read_bytes().count(b"\n") == 2
     rows.unlink()
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_two_maps_at_once_do_not_write_one_folder(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(maps, "critical_map", None)
-    with claimed(tmp_path):
-        status, _, err = run(capsys, "simulated", "--out", tmp_path)
-    assert status == 2
-    assert f"--out: another run is writing {tmp_path}" in err
-
-
 def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Never(Executor):
         def submit(self, *_: object, **__: object) -> NoReturn:
@@ -240,24 +180,14 @@ def test_one_interrupted_before_anything_was_computed_leaves_the_older_map(
 
     _computed_by(Never(), monkeypatch)
     (tmp_path / "map.json").write_text("of yesterday")
-    status, out, err = run(
-        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json", "--force"
+    status, out, err = cli(
+        "map", "simulated", "--out", tmp_path, "--virtual-damping", "0", "--json", "--force"
     )
     assert status == 130
     assert json.loads(out)["exit_status"] == 130
     assert "interrupted before anything was computed: nothing is written" in err
     assert (tmp_path / "map.json").read_text() == "of yesterday"
     assert not (tmp_path / "map.png").exists()
-
-
-def test_a_kick_given_twice_is_drawn_as_one(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, _, _ = run(
-        capsys, "simulated", "--out", tmp_path, "--virtual-damping", "0.02", "--delay-steps", "1",
-        "--kick", "0.1,0.1", "--set", "wall.side=both", "--workers", 1,
-    )  # fmt: skip
-    assert status == 0  # a warning of Matplotlib's would be an error here
 
 
 @pytest.mark.realtime
@@ -325,19 +255,19 @@ def _unfinished(folder: Path) -> None:
 
 
 def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     folder.mkdir()
     _unfinished(folder)
-    status, _, err = run(capsys, *_FEW, "--out", folder)
-    assert status == 2
-    assert "found an unfinished map there; give --resume to continue it, or --force" in err
+    assert "found an unfinished map there; give --resume to continue it, or --force" in cli.refused(
+        "map", *_FEW, "--out", folder
+    )
     left = _Counting()
     _computed_by(left, monkeypatch)
-    assert run(capsys, *_FEW, "--out", folder, "--resume")[0] == 0
+    assert cli("map", *_FEW, "--out", folder, "--resume")[0] == 0
     assert left.tasks == 1
-    assert run(capsys, *_FEW, "--out", whole)[0] == 0
+    assert cli("map", *_FEW, "--out", whole)[0] == 0
     names = sorted(path.name for path in whole.iterdir())
     assert names == ["map.csv", "map.json", "map.png"]
     assert sorted(path.name for path in folder.iterdir()) == names
@@ -356,55 +286,37 @@ def test_a_killed_map_goes_on_and_ends_with_the_same_bytes(
     ],
 )
 def test_rows_that_this_program_did_not_write_are_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str, message: str
+    cli: Cli, tmp_path: Path, line: str, message: str
 ) -> None:
     _unfinished(tmp_path)
     text = (tmp_path / ROWS).read_text()
     (tmp_path / ROWS).write_text(text[: text.rindex("\n") + 1] + line + "\n")
-    status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
-    assert status == 2
-    assert message in err
+    assert message in cli.refused("map", *_FEW, "--out", tmp_path, "--resume")
 
 
-def test_an_unfinished_map_of_other_settings_is_not_gone_on_with(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_unfinished_map_of_other_settings_is_not_gone_on_with(cli: Cli, tmp_path: Path) -> None:
     _unfinished(tmp_path)
     kept = (tmp_path / ROWS).read_bytes()
-    status, _, err = run(capsys, *_FEW, "--kick=0.2", "--out", tmp_path, "--resume")
-    assert status == 2
-    assert "found an unfinished map with other settings there" in err
+    assert "found an unfinished map with other settings there" in cli.refused(
+        "map", *_FEW, "--kick=0.2", "--out", tmp_path, "--resume"
+    )
     assert (tmp_path / ROWS).read_bytes() == kept
-    assert "--resume: found without --out" in run(capsys, *_FEW, "--resume")[2]
+    assert "--resume: found without --out" in cli("map", *_FEW, "--resume")[2]
 
 
 def test_a_large_map_is_planned_and_refused_where_there_is_no_room(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.cli.map.LARGE", 6)
     full = os.statvfs_result((4096, 4096, 1000, 0, 0, 0, 0, 0, 0, 255))
     with monkeypatch.context() as disk:
         disk.setattr(os, "statvfs", lambda _: full)
-        status, _, err = run(capsys, *_FEW, "--out", tmp_path)
+        status, _, err = cli("map", *_FEW, "--out", tmp_path)
     assert status == 2
     assert "6 points take" in err
     assert "found 0 MB free, wanted" in err
     left = _Counting()
     _computed_by(left, monkeypatch)
-    status, _, err = run(capsys, *_FEW, "--out", tmp_path, "--resume")
+    status, _, err = cli("map", *_FEW, "--out", tmp_path, "--resume")
     assert status == 0
     assert left.tasks == 0, "all tasks of this small map were its sample"
-
-
-def test_parts_of_the_report_are_its_json_whatever_its_texts(tmp_path: Path) -> None:
-    setting = maps.MapSettings.of(load_config("simulated", ()).config)
-    steps, kicks = np.array([0, 2]), np.array([0.01, 0.1])
-    found = maps._theory(setting, np.array([0.0, 0.1]), steps, kicks)
-    found.stiffness[0] = [[12.0, 0.0], [math.inf, math.nan]]
-    report = {**report_of(found, 'x\n  "points": []\x7f'), "files": [tmp_path]}
-    text = "".join(json_parts(found, report))
-    points = json.loads(text)["points"]
-    assert text == as_json({**report, "points": points})
-    assert [point["outcome"] for point in points[:4]] == [
-        "grows above", "always grows", "never grows", "not computed"
-    ]  # fmt: skip

@@ -1,9 +1,6 @@
 """``paper`` writes what it says, and says what is wrong with what it was asked."""
 
 import json
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +11,6 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.theory import critical_stiffness
-from tests.typed import not_none
 
 
 @pytest.fixture
@@ -83,9 +79,7 @@ def test_without_table_ii_the_report_says_null(
     ("item", "message"),
     [
         ("tabel2", "ITEM: found tabel2, wanted one of table2, fig3, "),
-        ("tabel2", "; did you mean table2?"),
         ("Fig3", "; did you mean fig3?"),
-        ("fig7", "found fig7, wanted one of table2, fig3, fig4, fig5, fig6, fig8, fig9, fig10, al"),
     ],
 )
 def test_a_wrong_item_is_named_with_what_there_is(
@@ -116,24 +110,3 @@ def test_a_place_that_is_none_is_one_sentence(
     status, _, err = call("fig8", "--out", tmp_path / "file" / "below")
     assert status == 2
     assert "cannot be written: Not a directory; name another place" in err
-
-
-def test_ctrl_c_ends_it(tmp_path: Path) -> None:
-    running = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "haptic_wall.controller.cli.main",
-            "paper",
-            "table2",
-            "--out",
-            str(tmp_path),
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert not_none(running.stderr).readline() == "table2 ...\n"  # it takes seconds from here
-    running.send_signal(signal.SIGINT)
-    _, err = running.communicate(timeout=30)
-    assert running.returncode == 130
-    assert "Traceback" not in err

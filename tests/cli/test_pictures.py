@@ -4,16 +4,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
 
-from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.logs.reader import SUFFIX
 from tests.cases import sampled
-from tests.typed import status_of
+from tests.cli.caller import Cli
 
 SIMULATED = "simulated", "--set", "loop.clock=simulated"
 LOG = f"run{SUFFIX}"
@@ -33,21 +31,11 @@ DRAWING = {
 WHOLE = "rendered", "identify"
 
 
-def call(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> tuple[int, str, str]:
-    capsys.readouterr()
-    try:
-        status = main([*words, "--json"])
-    except SystemExit as ended:
-        status = status_of(ended)
-    said = capsys.readouterr()
-    return status, said.out, said.err
-
-
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.whole] * (n in WHOLE)) for n in DRAWING]
 )
 def test_no_picture_costs_the_result(
-    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> NoReturn:
         raise RuntimeError("libfreetype is missing")
@@ -55,8 +43,8 @@ def test_no_picture_costs_the_result(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("haptic_wall.controller.report.style.drawing", broken)
     if LOG in DRAWING[name]:
-        call(capsys, [*RUN, "--no-plot"])
-    status, out, err = call(capsys, DRAWING[name])
+        cli(*RUN, "--no-plot", "--json")
+    status, out, err = cli(*DRAWING[name], "--json")
     assert status == 0, err
     assert json.loads(out)
     assert "libfreetype is missing" in out + err and "Traceback" not in err
@@ -76,7 +64,7 @@ def test_no_picture_costs_the_result(
     ids=["notebook", "old backend", "latex"],
 )
 def test_no_setting_of_the_user_changes_a_picture(
-    settings: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    settings: dict[str, str], tmp_path: Path, cli: Cli
 ) -> None:
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\nfont.size: 30\nbackend: TkAgg\n")
     words = ["boundary", "simulated", "--virtual-damping=0.02"]
@@ -90,5 +78,5 @@ def test_no_setting_of_the_user_changes_a_picture(
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    call(capsys, [*words, "--plot", str(tmp_path / "b.png")])
+    cli(*words, "--plot", str(tmp_path / "b.png"), "--json")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -3,13 +3,12 @@
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import pytest
 
-from haptic_wall.controller.cli import main as cli
+from haptic_wall.controller.cli import main as program
 from haptic_wall.controller.cli.places import new_stem, take_folder
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.system import file_kinds
@@ -17,6 +16,7 @@ from haptic_wall.controller.system.claim import claimed
 from haptic_wall.controller.system.file_kinds import PICTURE, RECORD, may_be_replaced
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.emulated import witness
+from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -30,6 +30,7 @@ FOLDERS = [
     (["delay", *SIMULATED], "delay.json"),
     (["rendered", *SIMULATED], "rendered.png"),
     (SWEEP, "sweep.csv"),
+    (SWEEP, "sweep.json"),
     ([*SWEEP, "--fresh"], "sweep.json"),
     (["commission", *SIMULATED], "report.html"),
     (["commission", *SIMULATED, "--fresh"], "identify.json"),
@@ -45,14 +46,6 @@ FILES = [
 ]
 
 
-def refused(capsys: pytest.CaptureFixture[str], arguments: Sequence[str]) -> str:
-    """What is said to a command that must not begin."""
-    assert cli.main([*map(str, arguments)]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    return captured.err
-
-
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -61,33 +54,33 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
 def test_a_folder_with_a_file_of_somebody_else_is_refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], name: str
+    cli: Cli, folder: Path, arguments: list[str], name: str
 ) -> None:
     (folder / "out").mkdir()
     mine = folder / "out" / name
     mine.write_text("mine")
-    assert name in refused(capsys, [*arguments, "--out", "out"])
+    assert name in cli.refused(*arguments, "--out", "out")
     assert [path.name for path in mine.parent.iterdir()] == [name]
     assert mine.read_text() == "mine"
 
 
 @pytest.mark.parametrize(("arguments", "name"), FOLDERS)
 def test_a_folder_that_another_command_writes_to_is_refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], name: str
+    cli: Cli, folder: Path, arguments: list[str], name: str
 ) -> None:
     (folder / "out").mkdir()
     (folder / "link").symlink_to("out")
     with claimed(folder / "out"):
-        assert "another run is writing" in refused(capsys, [*arguments, "--out", "link"])
+        assert "another run is writing" in cli.refused(*arguments, "--out", "link")
     assert not (folder / "out" / name).exists()
 
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
 def test_a_file_of_somebody_else_is_refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], option: str
+    cli: Cli, folder: Path, arguments: list[str], option: str
 ) -> None:
     (folder / "mine").write_text("mine")
-    said = refused(capsys, [*arguments, option, "mine"])
+    said = cli.refused(*arguments, option, "mine")
     assert f"{option} mine: found a file that is not" in said
     assert "--force" in said
     assert (folder / "mine").read_text() == "mine"
@@ -96,11 +89,11 @@ def test_a_file_of_somebody_else_is_refused(
 
 @pytest.mark.parametrize(("arguments", "option"), FILES)
 def test_a_file_that_another_command_writes_is_refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, arguments: list[str], option: str
+    cli: Cli, folder: Path, arguments: list[str], option: str
 ) -> None:
     (folder / "link").symlink_to("file")
     with claimed(folder / "file"):
-        assert "another run is writing" in refused(capsys, [*arguments, option, "link"])
+        assert "another run is writing" in cli.refused(*arguments, option, "link")
 
 
 def test_what_is_ours_is_known_by_its_beginning(folder: Path) -> None:
@@ -118,13 +111,11 @@ def test_what_is_ours_is_known_by_its_beginning(folder: Path) -> None:
     assert not may_be_replaced(path, RECORD), "a device is written to, not replaced"
 
 
-def test_links_in_a_circle_are_told_in_a_sentence(
-    capsys: pytest.CaptureFixture[str], folder: Path
-) -> None:
+def test_links_in_a_circle_are_told_in_a_sentence(cli: Cli, folder: Path) -> None:
     (folder / "one").symlink_to("other")
     (folder / "other").symlink_to("one")
     for arguments, option in FILES:
-        said = refused(capsys, [*arguments, option, "one"])
+        said = cli.refused(*arguments, option, "one")
         assert f"{option} one: its links lead in a circle; name another place" in said
 
 
@@ -139,7 +130,7 @@ def test_what_a_killed_command_left_beside_its_file_is_removed(folder: Path) -> 
     ]
     for path in (stale, *others):
         path.write_text("half")
-    assert cli.main([*BOUNDARY, "--plot", "b.png", "--virtual-damping=0.1"]) == 0
+    assert program.main([*BOUNDARY, "--plot", "b.png", "--virtual-damping=0.1"]) == 0
     assert not stale.exists()
     assert all(path.read_text() == "half" for path in others)
 
@@ -171,18 +162,6 @@ def test_only_the_folders_that_the_command_has_made_are_removed(folder: Path) ->
     ]
 
 
-def test_what_has_taken_the_place_of_a_folder_stays(folder: Path) -> None:
-    (folder / "mine" / "empty").mkdir(parents=True)
-    with command():
-        for name in ("link", "out"):
-            take_folder("--out", Path(name), {}, force=False)
-            (folder / name).rename(folder / f"was {name}")
-        (folder / "link").symlink_to("mine")
-        (folder / "out").mkdir()
-    assert (folder / "mine" / "empty").is_dir()
-    assert (folder / "out").is_dir()
-
-
 @pytest.mark.parametrize("place", ["new_stem", "new_folder"])
 def test_a_folder_in_which_another_command_is_about_to_write_stays(place: str) -> None:
     program = f"""
@@ -210,8 +189,6 @@ with click.Context(click.Command("other")):
     assert other.returncode == 0
 
 
-def test_a_picture_without_a_mark_may_be_an_early_one(
-    capsys: pytest.CaptureFixture[str], folder: Path
-) -> None:
+def test_a_picture_without_a_mark_may_be_an_early_one(cli: Cli, folder: Path) -> None:
     (folder / "b.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    assert "early versions did not mark theirs" in refused(capsys, [*BOUNDARY, "--plot", "b.png"])
+    assert "early versions did not mark theirs" in cli.refused(*BOUNDARY, "--plot", "b.png")

@@ -5,15 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from haptic_wall.controller.cli import main as cli
+from tests.cli.caller import Cli
 from tests.hw.emulated.test_emulated_server import emulate
-
-
-def scan(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = cli.main(["scan", *arguments])
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    return status, captured.out, captured.err
 
 
 @pytest.mark.parametrize(
@@ -31,35 +24,32 @@ def scan(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str,
     ],
 )
 def test_wrong_input_is_named_and_ends_with_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
+    cli: Cli, arguments: list[str], words: list[str]
 ) -> None:
-    status, out, err = scan(capsys, *arguments)
-    assert (status, out) == (2, "")
+    err = cli.refused("scan", *arguments)
     for word in words:
         assert word in err
 
 
 def test_without_an_adapter_the_port_is_asked_for(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("haptic_wall.controller.doctor.adapter.list_ports.comports", list)
-    status, out, err = scan(capsys)
+    status, out, err = cli("scan")
     assert (status, out) == (4, "")
     assert "--port" in err
 
 
-def test_a_port_that_is_not_there_ends_with_4(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, _, err = scan(capsys, "--port", str(tmp_path / "ttyUSB0"))
+def test_a_port_that_is_not_there_ends_with_4(cli: Cli, tmp_path: Path) -> None:
+    status, _, err = cli("scan", "--port", str(tmp_path / "ttyUSB0"))
     assert status == 4
     assert "does not exist" in err
 
 
 @pytest.mark.realtime
-def test_servos_are_found_at_whatever_rate_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_servos_are_found_at_whatever_rate_they_are(cli: Cli) -> None:
     with emulate("--servo", "XM430-W350:3", "--servo", "XL430-W250:7", "--baud=57600") as (_, port):
-        status, out, err = scan(capsys, "--port", port, "--json")
+        status, out, err = cli("scan", "--port", port, "--json")
         found = json.loads(out)
         assert status == 0
         assert [(s["id"], s["baud"], s["model"]) for s in found["servos"]] == [
@@ -69,6 +59,6 @@ def test_servos_are_found_at_whatever_rate_they_are(capsys: pytest.CaptureFixtur
         assert [s["current_mode"] for s in found["servos"]] == [True, False]
         assert len(found["bauds"]) == 8
         assert "4000000 bit/s" in err
-        status, out, _ = scan(capsys, "--port", port, "--baud=1e6,2000000")
+        status, out, _ = cli("scan", "--port", port, "--baud=1e6,2000000")
         assert status == 4
         assert "Nothing answers" in out

@@ -3,7 +3,6 @@
 They run here in a copy of the project with a Python that only writes down what it is asked.
 """
 
-import os
 import shutil
 import subprocess
 import tomllib
@@ -106,13 +105,6 @@ def test_it_installs_again_when_the_project_file_has_changed(project: Path) -> N
         file.write("# another dependency\n")
     call(project, "run")
     assert notes(project) == ["venv", "pip my project", "pip my project"]
-
-
-def test_what_the_tests_need_is_enough_to_run(project: Path) -> None:
-    install_python(project)
-    call(project, "test")
-    call(project, "run")
-    assert notes(project) == ["venv", "pip my project[test]"]
 
 
 def test_a_project_that_was_moved_is_installed_again(project: Path) -> None:
@@ -235,8 +227,3 @@ def test_continuous_integration_runs_the_suite_once_in_a_path_of_its_own(
     else:
         assert place == str(project) and "the tests run where the project is" in done.stderr
     assert not list(folders.iterdir())
-
-
-@pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
-def test_scripts_can_be_executed(script: str) -> None:
-    assert os.access(ROOT / script, os.X_OK)

@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from tests.typed import not_none, status_of
+from tests.cli.caller import Cli
+from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -24,15 +25,6 @@ PNG = b"\x89PNG\r\n\x1a\n"
 PLANT = ("--set", "loop.clock=simulated", "--set", "servo.coulomb=0", "--set",
          "servo.counts_per_rev=0", "--set", "servo.torque_step=0")  # fmt: skip
 POINTS = ("--virtual-damping=0.05,12", "--delay-steps=1,3", "--repeats=1", "--workers=1")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
-    try:
-        status = main(["sweep", *map(str, arguments)])
-    except SystemExit as ended:
-        status = status_of(ended)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
 
 
 @pytest.fixture(scope="module")
@@ -79,16 +71,15 @@ def test_points_and_files(swept: tuple[Path, dict[str, Any], str]) -> None:
 
 
 def test_the_same_settings_go_on_and_others_are_refused(
-    swept: tuple[Path, dict[str, Any], str], capsys: pytest.CaptureFixture[str]
+    swept: tuple[Path, dict[str, Any], str], cli: Cli
 ) -> None:
     folder, report, _ = swept
     before = json.loads((folder / "sweep.json").read_text())
-    status, out, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", folder, "--json")
+    status, out, told = cli("sweep", "simulated", *PLANT, *POINTS, "--out", folder, "--json")
     assert status == 0
     assert json.loads(out)["points"] == report["points"]
     assert "4 of 4 points were measured before" in told
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", folder, "--kick=0.03")
-    assert status == 2
+    told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", folder, "--kick=0.03")
     assert "other settings" in told
     assert "--fresh" in told
     assert json.loads((folder / "sweep.json").read_text()) == before
@@ -126,26 +117,9 @@ def test_an_interrupted_sweep_keeps_what_is_finished(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_input_is_named(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: str
+    cli: Cli, tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
-    status, _, told = run(capsys, "simulated", *PLANT, *arguments, "--out", tmp_path)
-    assert status == 2
-    assert words in told
-
-
-def test_what_is_not_a_sweep_is_not_replaced(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "sweep.json").write_text("{}")
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
-    assert status == 2
-    assert "a sweep.json that haptic-wall did not write" in told
-    assert (tmp_path / "sweep.json").read_text() == "{}"
-    file = tmp_path / "file"
-    file.write_text("")
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", file)
-    assert status == 2
-    assert f"--out {file}" in told
+    assert words in cli.refused("sweep", "simulated", *PLANT, *arguments, "--out", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -159,24 +133,18 @@ def test_what_is_not_a_sweep_is_not_replaced(
     ],
 )
 def test_a_sweep_that_was_edited_is_checked_by_what_wrote_it(
-    swept: tuple[Path, dict[str, Any], str],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    change: Callable[..., object],
+    swept: tuple[Path, dict[str, Any], str], cli: Cli, tmp_path: Path, change: Callable[..., object]
 ) -> None:
     held = json.loads((swept[0] / "sweep.json").read_text())
     change(held)
     (tmp_path / "sweep.json").write_text(json.dumps(held))
-    status, _, told = run(capsys, "simulated", *PLANT, *POINTS, "--out", tmp_path)
-    assert status == 2
+    told = cli.refused("sweep", "simulated", *PLANT, *POINTS, "--out", tmp_path)
     assert "sweep.json" in told and "--fresh" in told
 
 
-def test_before_hardware_moves_it_says_what_will(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    status, _, told = run(
-        capsys, "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",
+def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> None:
+    status, _, told = cli(
+        "sweep", "xm430-w350", "--set", f"servo.port={Path('/dev/nothing-here')}",
         "--virtual-damping=0.01", "--delay-steps=0", "--out", tmp_path,
     )  # fmt: skip
     assert status == 4
@@ -185,15 +153,10 @@ def test_before_hardware_moves_it_says_what_will(
     assert "in real time" in told
 
 
-def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    status, _, told = run(
-        capsys, "simulated", "--over=damping", "--delay-steps=0", "--virtual-damping=0.1"
+def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(cli: Cli) -> None:
+    told = cli.refused(
+        "sweep", "simulated", "--over=damping", "--delay-steps=0", "--virtual-damping=0.1"
     )
-    assert status == 2
     assert "--virtual-damping" in told
     assert "the search chooses them" in told
-    status, _, told = run(capsys, "simulated", "--delay-steps=0")
-    assert status == 2
-    assert "give them, or --over damping" in told
+    assert "give them, or --over damping" in cli.refused("sweep", "simulated", "--delay-steps=0")

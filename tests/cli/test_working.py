@@ -2,7 +2,6 @@
 
 import os
 import pty
-import subprocess
 import sys
 import time
 
@@ -85,21 +84,3 @@ def test_nothing_is_shown_where_there_is_no_terminal(
     with working("drawing", 9.0):
         pass
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_ctrl_c_while_this_module_loads_ends_the_program_quietly() -> None:
-    code = """
-import builtins, os, signal, sys
-from haptic_wall.controller.cli import interrupt
-signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests ignore it
-interrupt.leave_at_once()
-def trip(frame, event, _):
-    if frame.f_globals.get("__name__") == "haptic_wall.controller.cli.working":
-        sys.settrace(None)
-        os.kill(os.getpid(), signal.SIGINT)
-    return trip
-sys.settrace(trip)
-import haptic_wall.controller.cli.working
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

@@ -18,6 +18,7 @@ from haptic_wall.controller.experiments.zwidth import plane
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from tests.cli.caller import Cli
 from tests.typed import status_of
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -34,13 +35,6 @@ def call(*words: str | Path) -> int:
         return main([*map(str, ("zwidth", *words))])
     except SystemExit as ended:
         return status_of(ended)
-
-
-def answered(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, Any]:
-    capsys.readouterr()
-    assert call(*words, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
 
 
 @pytest.fixture(autouse=True)
@@ -125,23 +119,20 @@ def test_the_impedance_is_that_of_the_law_where_a_tap_excites_it(
 
 
 def test_the_same_command_keeps_what_was_measured(
-    frictionless: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    frictionless: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
     folder, report = frictionless
 
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError
 
     monkeypatch.setattr(Testbed, "play", forbidden)
-    again = answered(capsys, *PLAIN, "--velocity-samples=1,3", "--out", folder)
+    again = cli.json("zwidth", *PLAIN, "--velocity-samples=1,3", "--out", folder)
     assert [w["measured"] for w in again["widths"]] == [w["measured"] for w in report["widths"]]
 
 
 @pytest.mark.whole
-def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(tmp_path: Path, cli: Cli) -> None:
     still, moved = tmp_path / "still.hwlog", tmp_path / "moved.hwlog"
     sets = ["--set", "loop.clock=simulated", "--set", "wall.side=both", "--set", "delay.steps=5"]
     for log, hand in ((still, "none"), (moved, "tap")):
@@ -155,10 +146,10 @@ def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
         ]
         with pytest.raises(SystemExit, match="0"):
             main([*words, "--log", str(log)])
-    found = answered(capsys, *COMPUTED, "--log", still, "--out", tmp_path / "a")
+    found = cli.json("zwidth", *COMPUTED, "--log", still, "--out", tmp_path / "a")
     assert found["impedance"]["reason"].startswith("not excited")
     assert {band["stiffness"] for band in found["impedance"]["bands"]} == {None}
-    found = answered(capsys, *COMPUTED, "--log", moved, "--out", tmp_path / "b")
+    found = cli.json("zwidth", *COMPUTED, "--log", moved, "--out", tmp_path / "b")
     ten = next(b for b in found["impedance"]["bands"] if b["frequency_hz"] == pytest.approx(10.0))
     k, b = found["impedance"]["stiffness"], found["impedance"]["virtual_damping"]
     w = math.tau * 10.0
@@ -169,9 +160,9 @@ def test_a_shaft_at_rest_is_not_excited_and_inserted_delay_shows(
 
 
 def test_nothing_moves_without_a_measurement_and_a_real_servo_wants_a_log(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
-    found = answered(capsys, "xm430-w350", "--measure=none", "--out", tmp_path / "real")
+    found = cli.json("zwidth", "xm430-w350", "--measure=none", "--out", tmp_path / "real")
     assert "--log" in found["impedance"]["reason"]
     assert "model.backlash 0" in found["widths"][-1]["reason"]
     assert found["widths"][0]["peak"]["guard"]["stiffness"] > 1.0
@@ -181,7 +172,7 @@ def test_nothing_moves_without_a_measurement_and_a_real_servo_wants_a_log(
 
 
 def test_a_trip_while_it_is_tapped_costs_the_impedance_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def tripped(*_: object) -> None:
         raise ExperimentTrippedError(Trip.OVERSPEED, "too fast")
@@ -190,19 +181,17 @@ def test_a_trip_while_it_is_tapped_costs_the_impedance_only(
     monkeypatch.setattr(
         "haptic_wall.controller.experiments.zwidth.measured.sweep", lambda *_, **__: True
     )
-    found = answered(capsys, *SIMULATED, ONE, "--out", tmp_path / "out")
+    found = cli.json("zwidth", *SIMULATED, ONE, "--out", tmp_path / "out")
     assert found["impedance"]["reason"].endswith("too fast")
     assert found["widths"][0]["peak"]["exact"] is not None
 
 
-def test_a_log_of_a_wall_that_never_acted_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_of_a_wall_that_never_acted_says_so(tmp_path: Path, cli: Cli) -> None:
     log = tmp_path / "away.hwlog"
     words = ["run", "simulated", "--set=loop.clock=simulated", "--set=servo.hand=none"]
     with pytest.raises(SystemExit, match="0"):
         main([*words, "--duration=1", "--no-plot", "--log", str(log)])
-    found = answered(capsys, *COMPUTED, "--log", log, "--out", tmp_path / "a")
+    found = cli.json("zwidth", *COMPUTED, "--log", log, "--out", tmp_path / "a")
     assert found["impedance"]["reason"] == "the log has no row in which the wall acted"
     assert found["impedance"]["stiffness"] == 8.0
 

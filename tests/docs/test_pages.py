@@ -35,16 +35,6 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert broken(page) == []
 
 
-def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
-    (tmp_path / "b.md").write_text("## Two `words`\n")
-    page = tmp_path / "a.md"
-    page.write_text(
-        "# Here\n[a](b.md) [a](b.md#two-words) [a](#here) [a](https://example.org/c.md#d)"
-        " `[a](c.md)` [a](c.md) [a](b.md#three) ![a](c.png)\n"
-    )
-    assert broken(page) == ["c.md", "b.md#three", "c.png"]
-
-
 @pytest.mark.whole
 def test_the_website_builds(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html"]

@@ -34,16 +34,6 @@ def test_an_error_has_parts_and_a_sentence(
     assert (type(sent), str(sent), sent.problem) == (type(error), text, error.problem)
 
 
-def test_more_is_said_at_the_end() -> None:
-    ends = [
-        Problem("it is late"),
-        Problem("it is late", wanted="in time"),
-        Problem("it is late", wanted="in time", advice="wait"),
-    ]
-    for problem in ends:
-        assert str(problem.followed_by(" (really)")) == f"{problem} (really)"
-
-
 def test_the_first_problem_of_a_configuration_stands_for_it() -> None:
     first = Problem("found 3", wanted="2", field="wall.stiffness", given="(from --set)")
     error = ConfigError("a.yaml", [first, Problem("unknown", field="wal")])

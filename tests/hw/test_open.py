@@ -68,11 +68,6 @@ def test_a_bus_in_memory_needs_the_simulated_clock() -> None:
         open_servo(settings(true=TRUE), MonotonicClock())
 
 
-def test_an_unknown_model_in_memory_is_unfit() -> None:
-    with pytest.raises(UnfitServoError, match="XX1-W2 is not known"):
-        open_servo(settings(true=TRUE, model="XX1-W2"), SimulatedClock())
-
-
 @pytest.mark.parametrize("open_it", [open_port, lambda s: open_servo(s, MonotonicClock())])
 def test_no_port_is_an_error_and_never_a_simulated_servo(open_it: Callable[..., object]) -> None:
     with pytest.raises(PortError, match=r"No serial port is configured: set servo\.port"):
@@ -158,15 +153,3 @@ def test_a_servo_on_a_real_terminal_is_driven_and_cut(emulator: str) -> None:
     assert servo.stop() is True
     servo.close()
     os.close(descriptor)
-
-
-@pytest.mark.realtime
-def test_the_wrong_id_and_the_wrong_model_are_told_apart(emulator: str) -> None:
-    servo = open_servo(settings(emulator, servo_id=2), MonotonicClock())
-    with pytest.raises(ServoMissingError, match="as id 2 at 4000000 baud"):
-        servo.start()
-    servo.close()
-    servo = open_servo(settings(emulator, model="XM430-W210"), MonotonicClock())
-    with pytest.raises(UnfitServoError, match="It is an XM430-W350"):
-        servo.start()
-    servo.close()

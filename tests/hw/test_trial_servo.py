@@ -58,10 +58,6 @@ def test_a_rigid_servo_moves_as_the_exact_solution_within_a_hundredth_of_a_count
     assert np.max(np.abs(found - exact)) < 0.01 * COUNT
 
 
-def test_it_sticks_where_friction_holds_it_and_does_not_creep() -> None:
-    assert np.all(run(SERVO, lambda time: 0.0899 * math.cos(40.0 * time), 500) == 0.0)
-
-
 def test_a_lag_is_kept_to_the_nanosecond() -> None:
     """Beside the simulated servo of the product, closed loop, with a fraction of a period."""
     lag = 3.3e-3
@@ -129,79 +125,3 @@ def test_two_masses_with_friction_and_backlash_move_as_a_solver_says(gap: float)
     assert np.ptp(wanted) > 100 * COUNT
     assert np.max(np.abs(run(truth, wave, 400) - wanted)) < 0.5 * COUNT
     assert np.max(np.abs(run(truth, wave, 400, step_s=2.5e-5) - wanted)) < 0.05 * COUNT
-
-
-def test_the_mode_has_its_frequency_and_its_damping() -> None:
-    truth = Truth(0.012, counts_per_rev=0).with_mode(30.0, 0.02, 0.4)
-    found = run(truth, lambda _: 0.0, 700, velocity=0.4, struck=-1.0)  # at rest as a whole
-    tops = np.flatnonzero((found[1:-1] > found[:-2]) & (found[1:-1] > found[2:])) + 1
-    cycles = len(tops) - 1
-    seconds = (tops[-1] - tops[0]) * 1e-3
-    # Tops are told to a millisecond each.
-    assert cycles / seconds == pytest.approx(30.0 * math.sqrt(1 - 0.02**2), rel=1e-3 / seconds)
-    lost = math.log(found[tops[0]] / found[tops[-1]]) / cycles
-    assert lost == pytest.approx(math.tau * 0.02, rel=0.03)
-
-
-def test_a_current_loop_holds_its_torque_until_the_voltage_runs_out() -> None:
-    frictionless = Truth(0.012, counts_per_rev=0)
-    driven = [
-        run(one, lambda _: 1.0, 400)
-        for one in (frictionless, replace(frictionless, back_emf="current"))
-    ]
-    # Below the knee, 1 N·m of 4.1 up to 0.756 of the no-load speed, nothing is lost.
-    assert np.allclose(driven[0][:40], driven[1][:40], atol=1e-12)
-    # At last it turns at its no-load speed and no faster.
-    speed = np.diff(driven[1]) / 1e-3
-    assert speed[-1] == pytest.approx(4.8, rel=1e-3)
-    assert np.max(speed) < 4.8
-
-
-def test_a_held_voltage_loses_torque_with_the_speed_at_once() -> None:
-    truth = Truth(0.012, counts_per_rev=0, back_emf="voltage")
-    rate = truth.braking / truth.inertia
-    time = np.arange(401) * 1e-3
-    wanted = 2.4 * (time - (1.0 - np.exp(-rate * time)) / rate)
-    assert np.max(np.abs(run(truth, lambda _: 2.05, 400) - wanted)) < 0.01 * COUNT
-
-
-def test_the_encoder_follows_the_shaft_past_its_backlash() -> None:
-    clock = SimulatedClock()
-    servo = TrialServo(Truth(0.012, counts_per_rev=0, backlash=0.02), clock, velocity=1.0)
-    measured = []
-    for i in range(100):
-        clock.wait_until(i * 1_000_000)
-        servo.request()
-        measured.append(servo.collect(0).position)
-    assert np.allclose(measured, np.maximum(np.array(servo.outputs) - 0.01, 0.0), atol=1e-12)
-
-
-def test_torques_are_limited_scaled_and_rounded_as_commanded() -> None:
-    truth = Truth(0.012, torque_gain=1.35, torque_limit=4.1, torque_step=0.3)
-    servo = TrialServo(truth, SimulatedClock())
-    assert servo.write(1.0) == pytest.approx(0.9)
-    assert servo.write(-9.0) == pytest.approx(-3.9)
-    with pytest.raises(ValueError, match="finite"):
-        servo.write(math.nan)
-
-
-def test_an_operator_that_lets_go_takes_its_mass_along() -> None:
-    operator = operator_of(0.0, 0.0, np.zeros(100), push=0.5, mass=0.012)
-    speed = np.diff(run(Truth(0.012, counts_per_rev=0), lambda _: 0.5, 200, operator)) / 1e-3
-    assert speed[49] == pytest.approx(1.0 / 0.024 * 0.0495, rel=1e-6)
-    assert (speed[199] - speed[150]) / 0.049 == pytest.approx(0.5 / 0.012, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "name"),
-    [
-        ({"inertia": 0.0}, "inertia"),
-        ({"inertia": 1.0, "delay": -1.0}, "delay"),
-        ({"inertia": 1.0, "load_inertia": 1.0, "transmission_stiffness": 1.0}, "load_inertia"),
-        ({"inertia": 1.0, "load_inertia": 0.5}, "transmission_stiffness"),
-        ({"inertia": 1.0, "load_friction": 1.5}, "load_friction"),
-    ],
-)
-def test_a_truth_says_what_is_wrong_with_it(wrong: dict[str, float], name: str) -> None:
-    with pytest.raises(ValueError, match=name):
-        Truth(**wrong)  # type: ignore[arg-type]

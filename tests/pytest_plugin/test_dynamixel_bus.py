@@ -13,13 +13,10 @@ import dynamixel_sdk as sdk
 import pytest
 
 from haptic_wall.controller.pytest_plugin import BusError, BusRow, DynamixelBus
-from haptic_wall.hw.dynamixel.codec import Instruction, encode
 from tests.typed import not_none
 
 pytestmark = pytest.mark.realtime
 
-PRESENT = ((126, 2), (128, 4), (132, 4))
-"""Present Current, Velocity and Position: address and size"""
 PATIENCE_MS, SHORT_MS = 10_000, 50
 
 
@@ -127,11 +124,6 @@ def test_mistakes_while_it_runs_are_told_and_do_not_end_it(dynamixel_bus: Dynami
         dynamixel_bus.inject("drop")
 
 
-def test_one_that_was_not_started_says_so() -> None:
-    with pytest.raises(BusError, match="does not run"):
-        _ = DynamixelBus().rows
-
-
 @pytest.mark.dynamixel_bus(servos=["XM430-W350:1", "XL330-M288:1"])
 def test_two_servos_may_share_an_id_and_different_answers_collide(
     dynamixel_bus: DynamixelBus,
@@ -178,21 +170,3 @@ def test_tests_that_are_killed_leave_no_bus_and_no_folder(tmp_path: Path) -> Non
     while list(tmp_path.iterdir()):
         assert time.monotonic() < end, list(tmp_path.rglob("*"))
         time.sleep(0.02)
-
-
-@pytest.mark.dynamixel_bus(servos=["XM430-W350:1", "XM430-W350:2"], faults=["stuffing:id=2"])
-def test_a_held_pose_is_a_scenario_that_a_naive_client_fails(dynamixel_bus: DynamixelBus) -> None:
-    """Replies of servo 2 are stuffed: the vendor's SDK reads them, fixed places in them do not."""
-    with Client(dynamixel_bus) as client:
-        reads = sdk.GroupSyncRead(client.port, client.handler, 126, 10)
-        assert reads.addParam(1)
-        assert reads.addParam(2)
-        assert reads.txRxPacket() == sdk.COMM_SUCCESS
-        assert [reads.getData(1, *place) for place in PRESENT] == [0, 0, 2048]
-        assert [reads.getData(2, *place) for place in PRESENT] == [0xFFFF, 0xFFFF_FFFD, 2048]
-        client.port.writePort(encode(2, Instruction.READ, bytes([126, 0, 10, 0])))
-        wire, patience = b"", time.monotonic() + PATIENCE_MS * 1e-3
-        while len(wire) < 22 and time.monotonic() < patience:
-            wire += client.port.readPort(22 - len(wire))
-        assert wire[9:16] == bytes.fromhex("FF FF FD FD FF FF FF")
-        assert int.from_bytes(wire[15:19], "little", signed=True) != 2048

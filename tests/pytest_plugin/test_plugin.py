@@ -5,7 +5,6 @@ import subprocess
 import sys
 import textwrap
 import time
-import venv
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -212,24 +211,6 @@ def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.whole
-def test_the_example_s_tests_find_what_is_wrong_with_a_script(tmp_path: Path) -> None:
-    """A script that does not try again, and lets go of nothing, fails two of them."""
-    script = (EXAMPLES / "move_servo.py").read_text()
-    script = script.replace("ATTEMPTS = 10", "ATTEMPTS = 1")
-    script = script.replace("        servo.write(TORQUE_ENABLE, 1, 0)\n", "        pass\n")
-    (tmp_path / "move_servo.py").write_text(script)
-    (tmp_path / "test_it.py").write_text((EXAMPLES / "test_move_servo.py").read_text())
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "3 failed, 2 passed" in done.stdout, done.stdout
-
-
-@pytest.mark.whole
 def test_the_page_s_programs_run(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "testing-your-code.md").read_text()
     blocks = [part.partition("```")[0] for part in page.split("```python\n")[1:]]
@@ -244,33 +225,3 @@ def test_the_page_s_programs_run(tmp_path: Path) -> None:
         check=False,
     )
     assert f"{len(blocks)} passed" in done.stdout, done.stdout
-
-
-@pytest.mark.parametrize("how", ["wheel", "editable"])
-def test_installed(how: str, tmp_path: Path, thorough: bool) -> None:
-    """As a wheel and editable, in a fresh environment that sees this one's other packages."""
-    if not thorough:
-        pytest.skip("makes a virtual environment and builds: --thorough")
-    place = tmp_path / "venv"
-    venv.create(place, with_pip=True)
-    python = place / "bin" / "python"
-    install: list[str | Path] = [python, "-m", "pip", "install", "--quiet"]
-    subprocess.run(
-        [*install, *(["--editable"] if how == "editable" else []), str(ROOT), "pytest"], check=True
-    )
-    for name in ("move_servo.py", "test_move_servo.py"):
-        (tmp_path / name).write_text((EXAMPLES / name).read_text())
-    where = "from haptic_wall.controller import pytest_plugin; print(pytest_plugin.__file__)"
-    asked: list[str | Path] = [python, "-P", "-c", where]
-    found = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    assert found.startswith(str(ROOT if how == "editable" else place))
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = subprocess.run(
-        [python, "-m", "pytest", "-q", "test_move_servo.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=environment,
-    )
-    assert "5 passed" in done.stdout, done.stdout + done.stderr

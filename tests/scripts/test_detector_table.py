@@ -14,11 +14,11 @@ from scripts.rates import lower_bound, most_per_hour, upper_bound
 from scripts.studies.detector_table import KINDS_TRIED, STUDY, Tried, jobs, tried
 from scripts.study import Kept, usual
 from tests.scripts.computed import stale
-from tests.support.cases_drawn import KINDS, LAGS, LAWS, PRESETS, draw_law, draw_servo
+from tests.support.cases_drawn import LAWS, PRESETS, draw_law
 from tests.support.trial import Case, WallAsked
 from tests.support.truth import Truth
 from tests.support.truths_drawn import bench_of
-from tests.support.verdicts import Answered, Held
+from tests.support.verdicts import Answered
 
 CASE = Case(
     PRESETS[0], Truth(0.012, 0.012, 0.09, delay=0.001), WallAsked(8.0, 0.04), 2.0, operator="tap"
@@ -54,18 +54,6 @@ def test_every_combination_is_drawn_with_a_seed_of_its_own() -> None:
     assert hours == pytest.approx(2 * (5 * 1.0 + 4 * 0.1))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_servo_is_drawn_as_its_kind_says(kind: str) -> None:
-    random, bench = np.random.default_rng(1), bench_of(PRESETS[0])
-    for lags, (low, high) in LAGS.items():
-        drawn = [draw_servo(PRESETS[0], KINDS[kind], lags, random) for _ in range(40)]
-        delays = [truth.delay / bench.belief.delay.high for truth in drawn]
-        assert low <= min(delays) < max(delays) == high
-        assert {truth.flexible for truth in drawn} == {KINDS[kind].flexible}
-        slack = {truth.backlash + truth.transmission_backlash > 0.0 for truth in drawn}
-        assert slack == {KINDS[kind].backlash}
-
-
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_is_drawn_with_numbers_that_a_configuration_takes(law: str) -> None:
     drawn = {draw_law(law, np.random.default_rng(seed)) for seed in range(5)}
@@ -90,16 +78,6 @@ def test_lines_count_what_is_late_and_what_grows_and_examples_run_again() -> Non
     told = dict(part.examples(found))
     assert list(told) == ["late by 0.50 s", "grows 3.00 times"]
     assert eval(repr(told["late by 0.50 s"])) == CASE
-
-
-def test_hands_that_are_softened_without_reason_are_counted_by_the_hour() -> None:
-    part = next(part for part in STUDY.parts if part.name == "hands")
-    job = next(jobs("hands", usual(STUDY)))
-    one = Held(CASE, 1800.0, 5, 1, True, None, False)
-    lines = list(part.lines([(job, Tried(2, [], [one, replace(one, goes_on=True)]))]))
-    assert lines[-1] == "|all|1.00|10|1 (<4.7)|1|0 (<3)|"
-    assert part.examples is not None
-    assert [what for what, _ in part.examples([(job, Tried(2, [], [one]))])] == ["softened 1 times"]
 
 
 @pytest.mark.whole

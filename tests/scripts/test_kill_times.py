@@ -2,12 +2,11 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from scripts.run_faults import FAULTS, Fault
-from scripts.studies.kill_times import Hit, as_wanted, torque_of
+from scripts.studies.kill_times import Hit, as_wanted
 
 NAMED = {fault.name: fault for fault in FAULTS}
 RECORDER, LOOP = NAMED["recorder: SIGKILL"], NAMED["loop: SIGKILL"]
@@ -38,28 +37,3 @@ def test_a_run_goes_on_whole_or_its_torque_ends_in_time(
     fault: Fault, hit: Hit, wanted: bool
 ) -> None:
     assert as_wanted(fault, hit) == wanted
-
-
-def report(reason: str) -> dict[str, Any]:
-    return {"stop_reason": reason}
-
-
-ENDING = (812.0, "Torque Enable 0")
-
-
-@pytest.mark.parametrize(
-    ("fault", "told", "lived", "goes_on"),
-    [
-        (RECORDER, report("interrupted"), True, True),
-        (RECORDER, report("trip:torque_lost"), True, False),  # it still made its picture
-        (RECORDER, report("trip:torque_lost"), False, False),
-        (RECORDER, report("interrupted"), False, False),  # before anybody asked
-        (RECORDER, None, True, False),
-        (NAMED["supervisor: SIGTERM"], report("interrupted"), True, False),
-    ],
-)
-def test_a_run_went_on_only_where_its_report_says_so(
-    fault: Fault, told: dict[str, Any] | None, lived: bool, goes_on: bool
-) -> None:
-    time_ms, by = torque_of(fault, told, ENDING, lived=lived)
-    assert (time_ms, by) == ((None, "nothing, the run goes on") if goes_on else ENDING)

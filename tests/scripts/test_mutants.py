@@ -1,7 +1,6 @@
 """Small defects are put where they should be, have names that last, and are noticed or not."""
 
 import ast
-import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -17,20 +16,13 @@ from scripts.mutant_kinds import (
     modules_of,
     mutants_of,
     mutated,
-    watched,
 )
 from scripts.mutants import (
     ROOT,
     Workers,
     chosen,
-    compared,
-    files_for,
-    imports_of_tests,
-    load,
     reached,
-    sample,
     save,
-    table,
     tried,
 )
 
@@ -84,17 +76,6 @@ def test_a_mutant_changes_one_line(name: str, line: str) -> None:
     assert sum(old != new for old, new in zip(before, text.splitlines(), strict=True)) == 1
 
 
-def test_texts_messages_and_annotations_are_left_alone() -> None:
-    parts = {one.before for one in by_name().values()}
-    assert not {part for part in parts if "at least" in part or "count'" in part or "bool" in part}
-
-
-def test_a_function_may_return_before_its_last_statements() -> None:
-    text, _ = mutated(SOURCE, by_name()["Counter.add:return:1"].number)
-    assert "        return\n        return self.count" not in text
-    assert '"""Add."""\n        return\n' in text
-
-
 @pytest.mark.whole
 def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> None:
     for role in ROLES:
@@ -121,76 +102,10 @@ def test_names_are_unique_and_last_where_a_module_moves(found: list[Mutant]) -> 
     assert {one.role for one in found} == set(ROLES)
 
 
-def test_a_smaller_sample_is_the_beginning_of_a_larger_one(found: list[Mutant]) -> None:
-    few, many = sample(found, 12, 1), sample(found, 60, 1)
-    assert few == many[:12] != sample(found, 12, 2)
-    assert {one.role for one in few} == set(ROLES)
-    assert sample(reversed(found), 12, 1) == few
-
-
-def test_the_tests_of_a_role_are_those_that_import_it() -> None:
-    imports = imports_of_tests(ROOT)
-    found = {role: files_for(role, ROOT, imports) for role in ROLES}
-    assert "tests/controller/runtime/test_tick.py" in found["tick"]
-    assert "tests/hw/dynamixel/test_link.py" in found["link"]
-    assert "tests/hw/dynamixel/test_driver.py" in found["codec"], "through a helper"
-    assert "tests/hw/dynamixel/test_codec.py" not in found["safety"]
-
-
-def test_a_watched_module_tells_which_statements_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    hits: set[str] = set()
-    monkeypatch.setattr("builtins.mutant_hits", hits.add, raising=False)
-    names: dict[str, Any] = {}
-    exec(compile(watched("a.py", SOURCE), "a.py", "exec"), names)
-    assert not hits
-    counter = names["Counter"]()
-    assert counter.add.__doc__ == "Add."
-    assert not counter.add(1.0)
-    places = {name: f"a.py#{one.statement}" for name, one in by_name().items()}
-    assert places["Counter.add:sign:1"] in hits
-    with pytest.raises(ValueError, match="at least"):
-        counter.add(0.1)
-
-
-def test_the_quickest_tests_come_first_and_one_at_least() -> None:
-    one = by_name()["Counter.add:sign:1"]
-    found = {f"a.py#{one.statement}": {"slow": 9.0, "quick": 0.1, "other": 0.2}}
-    assert list(chosen(one, found, 1.0)) == ["quick", "other"]
-    assert list(chosen(one, found, 0.01)) == ["quick"]
-    assert chosen(one, {}, 1.0) == {}
-    outside = by_name()["<module>:one-less:1"]
-    assert list(chosen(outside, {"a.py": {"any": 0.1}}, 1.0)) == ["any"]
-
-
 def results(source: str, outcome: str = "killed", path: str = "a.py") -> list[dict[str, Any]]:
     return [
         {**asdict(one), "becomes": "", "outcome": outcome} for one in by_name(source, path).values()
     ]
-
-
-def test_mutants_are_compared_by_name_and_by_text() -> None:
-    before = results(SOURCE)
-    assert list(compared(before, results(SOURCE, "timeout"))) == []
-    assert list(compared(results(SOURCE, "survived"), [])) == []
-    renamed = SOURCE.replace("Counter", "Tally")
-    assert list(compared(before, results(renamed))) == []
-    lost = list(compared(before, results(renamed, "survived")))
-    assert len(lost) == len(before)
-    assert lost[0].startswith("survived after: guard:")
-    gone = list(compared(before, results(SOURCE.replace("min(", "abs("))))
-    assert any("not tried after: guard:Counter.add:extreme:1" in told for told in gone)
-
-
-def test_results_are_kept_and_counted(tmp_path: Path) -> None:
-    path = tmp_path / "deep" / "found.json"
-    assert load(path) == {}
-    found = {one["id"]: one for one in results(SOURCE)}
-    save(path, found, {"seed": 1})
-    assert load(path) == found
-    assert json.loads(path.read_text())["about"]["seed"] == 1
-    lines = list(table(found.values()))
-    assert lines[2].split(" | ")[:3] == ["| guard", str(len(found)), str(len(found))]
-    assert lines[-1].endswith("100% |")
 
 
 @pytest.fixture

@@ -10,14 +10,12 @@ from scripts.same_rows import (
     DIGESTS,
     Ran,
     change,
-    first_difference,
     keep,
     kept,
     line_of,
     lines_in,
     machine,
     ran,
-    rounded,
     same,
 )
 from scripts.same_rows_cases import CASES
@@ -46,23 +44,6 @@ def test_each_run_has_a_line() -> None:
     assert len({line.exact for line in LINES.values() if line.rows}) >= 60, "no two are the same"
 
 
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        ("12345678.9", "1.23457e+07"),
-        ("-0.1234567", "-1.23457e-01"),
-        ("3e-14", "0.00000e+00"),
-        ("-3e-14", "0.00000e+00"),
-        ("-0.0", "0.00000e+00"),
-        ("nan", "nan"),
-        ("", ""),
-        ("torque_nm", "torque_nm"),
-    ],
-)
-def test_rounding(text: str, wanted: str) -> None:
-    assert rounded(text) == wanted
-
-
 def test_the_last_bit_counts_on_the_same_machine_only() -> None:
     was = Ran(ROWS, "duration", 0, "{}")
     now = replace(was, rows={**ROWS, "torque_nm": ["0.0", "-0.25000000000000006"]})
@@ -70,25 +51,6 @@ def test_the_last_bit_counts_on_the_same_machine_only() -> None:
     assert not same(before, after, exactly=True)
     assert same(before, after, exactly=False)
     assert not same(before, replace(after, status=3), exactly=False)
-
-
-def test_the_order_of_columns_does_not_count() -> None:
-    other = dict(reversed(ROWS.items()))
-    assert line_of("a", Ran(ROWS, "", 0, "{}")) == line_of("a", Ran(other, "", 0, "{}"))
-
-
-@pytest.mark.parametrize(
-    ("now", "words"),
-    [
-        (ROWS, ""),
-        ({**ROWS, "torque_nm": ["0.0", "1.0"]}, "row 1, torque_nm: '-0.25' before, '1.0' now"),
-        ({name: column[:1] for name, column in ROWS.items()}, "2 rows before, 1 now"),
-        ({"time_s": ROWS["time_s"]}, "no column torque_nm any more"),
-        ({**ROWS, "phase": ["0", "0"]}, "new column phase"),
-    ],
-)
-def test_the_first_difference_is_named(now: dict[str, list[str]], words: str) -> None:
-    assert first_difference(ROWS, now) == words
 
 
 def test_a_change_is_told_by_the_rows_that_were_kept(tmp_path: Path) -> None:

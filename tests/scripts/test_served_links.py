@@ -7,7 +7,7 @@ from haptic_wall.controller.guard.bins import decide_bin
 from haptic_wall.controller.guard.guard import GuardSettings, Request, Situation
 from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
 from scripts.guard_links import NAMES, chain_of, drawn, inside
-from tests.support.served_links import PERIOD, PERIOD_NS, by_upper_end, growth
+from scripts.served_links import PERIOD, PERIOD_NS, by_upper_end, growth
 
 TRUTHS = 300
 

@@ -166,17 +166,6 @@ def test_undoing_gives_the_latency_device_back_at_once(
     assert device.stat().st_mode & 0o777 == 0o600
 
 
-def test_the_latency_device_of_another_group_is_not_touched(
-    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("os.chown", lambda *_: pytest.fail("touched"))
-    system.gids[GROUP] = os.getgid() + 1
-    (system.root / LATENCY).parent.mkdir()
-    (system.root / LATENCY).touch()
-    system.call("--yes", f"--user={ME}")
-    system.call("--undo", "--yes")
-
-
 def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:
     """Neither modules beside it, nor what PYTHONPATH or the checkout's environment bring."""
     (tmp_path / "argparse.py").write_text("raise SystemExit('not this one')\n")
@@ -200,31 +189,6 @@ def test_files_of_others_are_not_touched(system: SimpleNamespace) -> None:
         with pytest.raises(SystemExit, match="this script did not write"):
             system.call(*options)
     assert (system.root / RULES).read_text() == "# mine\n" and not system.done
-
-
-def test_a_note_that_lacks_the_group_is_named(system: SimpleNamespace) -> None:
-    system.call("--yes", f"--user={ME}")
-    with (system.root / LIMITS).open("a") as file:
-        file.write("# joined: me\n")
-    with pytest.raises(SystemExit, match="found the line '# joined: me'"):
-        system.call("--undo", "--yes")
-    assert (system.root / LIMITS).exists()
-
-
-def test_a_root_that_is_no_folder_is_wrong_input(
-    system: SimpleNamespace, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        system.call("--dry-run", f"--user={ME}", f"--root={system.root / 'nothing'}")
-    assert ended.value.code == 2 and "wanted a folder" in capsys.readouterr().err
-
-
-def test_who_does_not_exist_is_wrong_input(
-    system: SimpleNamespace, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        system.call("--user=no-such-user")
-    assert ended.value.code == 2 and "wanted a user" in capsys.readouterr().err
 
 
 def test_without_a_terminal_nothing_is_changed(

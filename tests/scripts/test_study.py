@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from scripts.study import ROOT, Kept, Option, Part, Study, begun, listed, main, renewed, run, usual
+from scripts.study import ROOT, Option, Part, Study, listed, main, renewed, run
 from tests.docs.pages import PAGES, commands
 
 STUDIES = [name for name, _ in listed() if (ROOT / "scripts" / "studies" / f"{name}.py").exists()]
@@ -67,12 +67,6 @@ def test_the_part_is_made_anew_and_the_rest_stays(page: Path) -> None:
     assert "old" not in text
 
 
-def test_what_is_the_same_everywhere_names_no_machine(page: Path) -> None:
-    study = Study("squares.md", (PART,), STUDY.options, everywhere=True)
-    run(study, "squares", "Squares.", ["--out", str(page), "--quick"])
-    assert page.read_text() == PAGE.replace("old\n", "0: 0 (0, 0)\n1: 1 (1, 1)\n")
-
-
 def test_a_later_call_goes_on_where_one_ended(page: Path, tmp_path: Path) -> None:
     rows = tmp_path / "rows"
     call(page, "--count", "4", "--rows", str(rows))
@@ -81,21 +75,6 @@ def test_a_later_call_goes_on_where_one_ended(page: Path, tmp_path: Path) -> Non
     _, text = call(page, "--count", "6", "--rows", str(rows))
     assert asked == [4, 5]
     assert "3: inf (3, 3)\n" in text and "5: 25 (5, 5)\n" in text
-
-
-def test_a_row_is_in_the_file_before_the_next_is_made(tmp_path: Path) -> None:
-    rows = tmp_path / "rows"
-
-    def broken(case: int) -> Row:
-        assert len(rows.read_text().splitlines() if case else []) == case
-        if case == 2:
-            raise KeyboardInterrupt
-        return squared(case)
-
-    part = Part("squares", lambda given: range(given.count), broken, lines)
-    with pytest.raises(KeyboardInterrupt):
-        begun(part, usual(STUDY), Kept(rows), None)()
-    assert len(rows.read_text().splitlines()) == 2
 
 
 def test_the_status_says_whether_what_is_wanted_holds(page: Path) -> None:
@@ -111,13 +90,6 @@ def test_the_status_says_whether_what_is_wanted_holds(page: Path) -> None:
     assert status == [0, 1]
 
 
-def test_a_page_without_a_place_is_told_before_anything_is_computed(page: Path) -> None:
-    page.write_text("no place")
-    with pytest.raises(LookupError, match="no place for squares"):
-        call(page)
-    assert asked == []
-
-
 def test_a_missing_place_is_one_sentence_on_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,29 +99,6 @@ def test_a_missing_place_is_one_sentence_on_the_command_line(
     said = capsys.readouterr().err
     assert said.startswith("scripts/study identify_check: the page has no place for ")
     assert len(said.splitlines()) == 1
-
-
-def test_a_study_without_its_page_is_told_so(tmp_path: Path) -> None:
-    study = Study("no-such-page.md", (PART,), STUDY.options)
-    with pytest.raises(LookupError, match=r"docs/no-such-page\.md does not exist"):
-        run(study, "squares", "Squares.", ["--out", str(tmp_path / "new.md")])
-
-
-def test_help_names_defaults_and_no_empty_one(capsys: pytest.CaptureFixture[str]) -> None:
-    options = (Option("count", 5, "number of squares"), Option("only_in", "", "in this folder"))
-    with pytest.raises(SystemExit, match="0"):
-        run(Study("squares.md", (PART,), options), "squares", "Squares.", ["--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "number of squares (default: 5)" in said
-    assert "in this folder --rows" in said
-
-
-def test_what_one_gives_goes_before_what_is_quick(page: Path) -> None:
-    call(page, "--quick", "--count", "4")
-    assert len(asked) == 4
-    asked.clear()
-    call(page, "--quick")
-    assert len(asked) == 2
 
 
 def test_without_a_name_it_lists_them_and_an_unknown_one_is_refused(
@@ -206,34 +155,6 @@ def test_every_script_that_a_page_names_is_there() -> None:
     assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
 
 
-def test_compiled_it_runs_in_a_process_that_has_the_compiled_package(
-    page: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    called: list[tuple[list[str], str]] = []
-    monkeypatch.setattr("scripts.study.compiled", lambda folder, _modules: folder / "package")
-
-    def waited(words: list[str], env: dict[str, str]) -> int:
-        called.append((words, env["PYTHONPATH"]))
-        return 3
-
-    monkeypatch.setattr("scripts.study.waited", waited)
-    study = Study("squares.md", (PART,), STUDY.options, compilable=True)
-    arguments = ["--out", str(page), "--compiled"]
-    assert run(study, "squares", "Squares.", arguments) == 3
-    assert not asked
-    ((words, path),) = called
-    assert words[1:] == ["-P", "-m", "scripts.study", "squares", *arguments]
-    first, root = path.split(os.pathsep)
-    assert first.endswith("/package") and root == str(ROOT)
-    with pytest.raises(SystemExit, match="2"):
-        run(study, "squares", "Squares.", [*arguments, "--dask", "tcp://there:8786"])
-    monkeypatch.setattr("scripts.study.is_compiled", lambda: True)
-    run(study, "squares", "Squares.", arguments)
-    assert "By `scripts/study squares --compiled`" in page.read_text()
-    with pytest.raises(SystemExit, match="2"):
-        run(STUDY, "squares", "Squares.", arguments)
-
-
 def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> None:
     begun = tmp_path / "begun"
     inner = (
@@ -253,12 +174,3 @@ def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> 
     assert abs(stands.returncode) == signal.SIGTERM
     with pytest.raises(ProcessLookupError):
         os.kill(int(begun.read_text()), 0)
-
-
-def test_a_page_is_made_of_the_known_rows_alone(page: Path, tmp_path: Path) -> None:
-    rows = ["--rows", str(tmp_path / "rows")]
-    call(page, "--count", "2", *rows)
-    asked.clear()
-    _, text = call(page, "--count", "4", *rows, "--known")
-    assert not asked
-    assert "\n0: 0 (0, 0)\n1: 1 (1, 1)\n<!-- end -->" in text

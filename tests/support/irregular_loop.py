@@ -1,4 +1,4 @@
-"""Exact stability of a two-sided wall whose ticks come at irregular intervals.
+"""Motion of a two-sided wall from sample to sample, where ticks come at irregular intervals.
 
 A torque u = -(K x + B v) is computed from each sample, acts an age later, and is held until the
 next one acts. v is the difference of the last two samples over the time between them. Between two

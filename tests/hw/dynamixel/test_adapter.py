@@ -100,20 +100,6 @@ def test_a_reply_waits_for_the_timer_whenever_it_was_asked_for(phase_us: int) ->
     assert (handed - (5 * MS - phase_us * US)) % MS == 0
 
 
-def test_a_frame_is_cut_where_the_timer_runs_out() -> None:
-    """The reply's first bytes are there at the expiry, its last ones a period later."""
-    phase = len(READ) * BYTE_NS + 10 * BYTE_NS
-    client = Client(fast=False, adapter=Adapter(MS, 62, 5 * MS + phase - MS))
-    client.servos[1].memory["return_delay_time"] = 0
-    client.line.write(READ)
-    assert client.line.wait(20 * MS)
-    assert client.clock.now_ns() == 5 * MS + phase
-    assert len(client.line.read()) == 10
-    assert client.line.wait(20 * MS)
-    assert client.clock.now_ns() == 5 * MS + phase + MS
-    assert len(client.line.read()) == 17
-
-
 def test_a_full_block_does_not_wait_and_restarts_the_timer() -> None:
     client = Client(fast=False, adapter=Adapter(16 * MS, 62, 5 * MS))
     client.servos[1].memory["return_delay_time"] = 0
@@ -125,22 +111,3 @@ def test_a_full_block_does_not_wait_and_restarts_the_timer() -> None:
     assert client.line.wait(40 * MS)
     assert client.clock.now_ns() == full + 16 * MS
     assert len(client.line.read()) == 29
-
-
-@pytest.mark.parametrize(("timer_ms", "share"), [(1, 0.75), (2, 0.375)])
-def test_the_share_of_phases_in_which_a_pipelined_reply_makes_its_tick(
-    timer_ms: int, share: float
-) -> None:
-    """Asked for at a tick, a reply that is through after 250 µs comes before the next tick if an
-    expiry falls in the other 750 µs: 3/4 of the phases at 1 ms, half as many at 2 ms."""
-    client = Client(fast=False, adapter=Adapter(timer_ms * MS, 510, 5 * MS))
-    client.servos[1].memory["return_delay_time"] = 74  # 148 µs, so that 250.5 µs are through
-    in_time = 0
-    count = 400
-    for n in range(count):
-        begin = 30 * MS * (n + 1) + n * timer_ms * MS // count
-        client.pass_time(begin - client.clock.now_ns())
-        client.line.write(READ)
-        in_time += reply_at(client, begin + MS) is not None
-        client.replies(within_ns=5 * MS)
-    assert in_time / count == pytest.approx(share, abs=0.006)  # of 1/400 and the half microsecond

@@ -122,15 +122,6 @@ def test_the_torque_measured_is_the_one_that_acts() -> None:
     assert reading.torque == pytest.approx(-1.0, abs=STEP / 2)
 
 
-def test_a_latched_hardware_error_is_told_and_the_position_still_used() -> None:
-    bench = started()
-    bench.truth.memory["hardware_error_status"] = 0x20
-    bench.servo.request()
-    reading = bench.servo.collect(bench.clock.now_ns() + 900_000)
-    assert reading.outcome is Outcome.OK
-    assert reading.alert is True
-
-
 def troubled(fate: Fate) -> tuple[Bench, DynamixelServo, TroubledLine]:
     """A started servo whose replies meet ``fate`` from then on."""
     bench = Bench(FREE)

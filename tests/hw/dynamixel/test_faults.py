@@ -15,13 +15,11 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import sampled
-from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
+from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 
 X = "XM430-W350"
 PING = encode(1, Instruction.PING)
 READ_POSITION = bytes([132, 0, 4, 0])
-COUNTS = round(4096 / (2 * math.pi))
-"""Where the servo stands: at 1 rad"""
 
 
 def raw(client: Client, frame: bytes = PING, within_ns: int = 3 * MS) -> bytes:
@@ -239,14 +237,6 @@ def test_faults_can_be_for_one_id_and_one_time_only() -> None:
     assert outcome == [(True, True), (True, False), (True, False), (True, True)]
 
 
-def test_several_faults_may_strike_one_frame() -> None:
-    client = Client()
-    for spec in ("noise:bytes=4,way=reply", "duplicate:way=reply", "late:ms=1,way=reply"):
-        client.inject(spec)
-    assert raw(client)[4:] == CLEAN + CLEAN
-    assert [name for _, _, name in client.fault_rows()] == ["noise", "duplicate", "late"]
-
-
 def test_the_joint_reply_can_be_struck_too() -> None:
     client = Client((X, 1), (X, 2))
     request = encode(BROADCAST, Instruction.FAST_SYNC_READ, READ_POSITION + bytes([1, 2]))
@@ -328,16 +318,6 @@ def test_a_hardware_error_shows_alerts_and_shuts_down_as_configured() -> None:
     assert client.answer(1, Instruction.READ, bytes([70, 0, 1, 0])).error == 0
 
 
-def test_an_error_that_is_not_in_shutdown_only_alerts() -> None:
-    client = Client()
-    client.enable_current_mode()
-    client.write(1, 102, 100, 2)
-    assert not client.servos[1].memory["shutdown"] & 0x08
-    client.inject("hardware-error:bits=encoder")
-    assert client.answer(1, Instruction.PING).error == 0x80
-    assert client.torque() == pytest.approx(100 * TORQUE_UNIT)
-
-
 def test_a_supply_that_sags_and_recovers_leaves_its_error_latched() -> None:
     client = Client(true=replace(FREE, supply=11.5))
     client.inject("supply:volts=9,at=0.1,for=0.05")
@@ -400,34 +380,11 @@ def test_a_servo_off_the_cable_is_limp_and_silent_and_comes_back_as_from_power_u
     assert client.read(1, 64, 1) == 0
 
 
-def test_unplugging_lasts_until_it_is_lifted() -> None:
-    client = Client()
-    client.inject("unplug")
-    client.pass_time(5_000 * MS)
-    assert client.ask(1, Instruction.PING) is None
-    assert client.bus.lift("unplug", client.clock.now_ns())
-    assert not client.bus.lift("unplug", client.clock.now_ns())
-    client.pass_time(200 * MS)
-    assert client.ask(1, Instruction.PING) is not None
-    assert [name for _, _, name in client.fault_rows()] == ["unplug", "unplug over"]
-
-
 def test_a_reply_on_its_way_breaks_off_with_the_power() -> None:
     client = Client()
     client.inject("brown-out:at=0.000045")  # 10 bytes of request, 8 of the reply
     assert raw(client) == CLEAN[:8]
     assert client.rows()[-1][1] != "tx"
-
-
-def test_a_lifted_fault_strikes_no_more() -> None:
-    client = Client()
-    client.inject("drop")
-    client.inject("brown-out:at=0.05")
-    assert raw(client) == b""
-    client.bus.lift("drop", client.clock.now_ns())
-    client.bus.lift("brown-out", client.clock.now_ns())
-    client.pass_time(100 * MS)
-    assert raw(client) == CLEAN
 
 
 def test_a_servo_that_is_not_there_cannot_fail() -> None:
@@ -536,15 +493,3 @@ def test_any_faults_together_break_nothing_and_are_over_when_lifted(
     times = [float(row[0]) for row in client.rows()]
     assert times == sorted(times)
     assert {float(row[4]) for row in client.rows()} == {1.0}
-
-
-def test_the_same_faults_from_the_start_give_the_same_run_with_an_adapter_too() -> None:
-    def run() -> tuple[list[bytes], str]:
-        client = Client(
-            fast=False, adapter=Adapter(MS, 62, 5 * MS), faults=Faults([*STEADY[:9]], seed=11)
-        )
-        heard = [raw(client, within_ns=2 * MS) for _ in range(150)]
-        client.witness.flush()
-        return heard, client.record.getvalue()
-
-    assert run() == run()

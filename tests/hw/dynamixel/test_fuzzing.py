@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import pytest
 
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from tests.hw.dynamixel import fuzzing
 
 
@@ -42,25 +41,3 @@ def test_whatever_comes_nothing_breaks_and_all_is_back_in_step(which: int, thoro
         except Exception as error:
             error.add_note(f"fuzzing.run(bytes.fromhex('{data.hex()}'))")
             raise
-
-
-def test_the_seeds_hold_every_instruction() -> None:
-    told = {bytes.fromhex(text)[1] for text in fuzzing._CONVERSATION}
-    assert told >= {*Instruction} - {Instruction.STATUS}
-    whole = max((seed for seed in fuzzing.seeds()), key=len)
-    reader = fuzzing.Reader(whole)
-    reader.take(2)
-    sent = fuzzing.steps(reader)
-    assert len(sent) == len(fuzzing._CONVERSATION)
-    assert all(piece.startswith(b"\xff\xff\xfd\x00") for piece, _ in sent)
-
-
-def test_a_parser_that_waits_for_the_rest_of_a_frame_cut_short_does_not_pass(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    cut_short = bytes.fromhex("fffffd00 01 4000 02")
-    data = bytes((1, 0, 0, len(cut_short))) + cut_short
-    fuzzing.run(data)
-    monkeypatch.setattr(Parser, "_cut_short", lambda *_: False)
-    with pytest.raises(AssertionError, match="back in step"):
-        fuzzing.run(data)

@@ -360,16 +360,6 @@ def test_a_joint_reply_with_a_broken_head_is_broken_and_not_lost(at: int) -> Non
     assert counted == [(0, 0, 1)] * 3
 
 
-def test_lengths_alternate_between_two_as_long_as_nothing_is_lost() -> None:
-    """A longer one costs its bytes on the wire of every servo."""
-    bench = started(48, 48, 48)
-    frames = len(bench.line.frames)
-    for _ in range(20):
-        bench.cycle()
-    asked = {data[10] for data in bench.line.frames[frames:] if data[7] == Way.FAST.value}
-    assert asked == {16, 17}
-
-
 def test_a_restarted_clock_is_proved_by_several_replies_and_not_by_one() -> None:
     bench = started(48, 48, 48)
     together = Together(bench.line, [1, 2, 3], Way.FAST)

@@ -93,13 +93,6 @@ def test_the_reply_may_travel_while_the_loop_sleeps() -> None:
     assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
 
 
-def test_a_collect_returns_as_soon_as_the_reply_is_there() -> None:
-    bench = Bench()
-    bench.link.request()
-    bench.link.collect(bench.clock.now_ns() + 100 * MS)
-    assert bench.clock.now_ns() == 1_000_000_000 + bench.servo.reply_ns
-
-
 @pytest.mark.parametrize("cycles", [1, 2, 3, 7, 30])
 def test_lost_replies_cost_their_own_periods_and_are_no_positions(cycles: int) -> None:
     gone = set(range(5, 5 + cycles))
@@ -172,18 +165,6 @@ def test_a_backlog_that_arrives_at_once_yields_only_the_newest() -> None:
     assert bench.link.counts.late == 5
 
 
-def test_the_rate_does_not_matter_to_the_matching() -> None:
-    """At 4 kHz the servo's millisecond tick cannot tell one sample from the next."""
-    bench = Bench(
-        only({20, 21, 30}, lambda _, reply: [(500 * US, reply)]), period_ns=PERIOD_NS // 4
-    )
-    bench.servo.reply_ns = 50 * US
-    for number in range(60):
-        sample = bench.cycle()
-        assert sample.outcome is (Outcome.LOST if number in {20, 21, 30} else Outcome.OK)
-        assert sample.outcome is Outcome.LOST or is_its_own(sample)
-
-
 @pytest.mark.parametrize("periods", range(1, 10))
 def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(periods: int) -> None:
     """At 4 kHz all of them lie within what the tick must tolerate."""
@@ -198,12 +179,6 @@ def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(periods: int) -> No
         assert sample.outcome is (Outcome.LOST if number in late else Outcome.OK)
         assert sample.outcome is Outcome.LOST or is_its_own(sample)
     assert bench.link.counts.late == len(late)
-
-
-def test_doubled_replies_are_used_once() -> None:
-    bench = Bench(doubled)
-    samples = [bench.cycle() for _ in range(30)]
-    assert all(sample.outcome is Outcome.OK and is_its_own(sample) for sample in samples)
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 3])

@@ -146,12 +146,3 @@ def test_an_adapter_left_at_its_slow_timer_is_got_over() -> None:
     assert bench.table.ping() == 1020
     assert bench.table.read("torque_enable") == 1
     assert bench.table.read("led") == 0
-
-
-def test_a_reply_at_the_factory_rate_has_its_time() -> None:
-    """A read at 57600 baud takes 9 ms on the wire, both ways."""
-    bench = Bench(baud=57_600)
-    bench.servo.reply_ns = 10 * MS
-    begun = bench.clock.now_ns()
-    assert bench.table.read("led") == 0
-    assert bench.clock.now_ns() - begun == 10 * MS

@@ -136,12 +136,6 @@ def test_a_model_that_senses_its_supply_is_sent_the_square_and_says_so() -> None
 # What is refused
 
 
-def test_a_slave_of_a_dual_joint_is_refused() -> None:
-    bench = Bench()
-    bench.truth.memory["drive_mode"] = 2
-    refused(bench, match=r"slave of a dual joint.*bit 1 of Drive Mode")
-
-
 @pytest.mark.parametrize(
     ("register", "value", "message"),
     [
@@ -195,16 +189,10 @@ def test_torque_goes_off_too_where_a_known_model_is_not_the_configured_one() -> 
     refused(bench, match="XM430-W350")
 
 
-def test_a_model_without_current_mode_is_refused_with_that_reason() -> None:
-    bench = Bench()
-    with pytest.raises(UnfitServoError, match="XL430-W250 has no current mode"):
-        type(bench.servo)(replace(bench.settings, model="XL430-W250"), bench.line)
+def test_a_model_without_current_mode_is_refused_and_those_with_it_are_advised() -> None:
     refused(Bench(model="XL430-W250"), match="XL430-W250 .*no current mode")
-
-
-def test_whichever_model_has_current_mode_is_advised() -> None:
     bench = Bench()
-    with pytest.raises(UnfitServoError) as refusal:
+    with pytest.raises(UnfitServoError, match="XL430-W250 has no current mode") as refusal:
         type(bench.servo)(replace(bench.settings, model="XL430-W250"), bench.line)
     advised = set(str(refusal.value).removesuffix(".").partition("use one of ")[2].split(", "))
     assert advised == {name.partition("-")[0] for name, m in MODELS.items() if m.current_mode}
@@ -233,8 +221,9 @@ def test_a_firmware_without_watchdog_is_refused() -> None:
     [
         ("hardware_error_status", 0x20, r"hardware error \(overload\).*reboot"),
         ("hardware_error_status", 0x05, r"hardware error \(input voltage, overheating\)"),
-        ("drive_mode", 0x01, r"reverse.*clears bit 0 of Drive Mode \(10\)"),
-        ("drive_mode", 0x08, r"torque back on.*clears bit 3 of Drive Mode \(10\)"),
+        ("drive_mode", 0x01, r"reverse.*doctor CONFIG --fix` clears bit 0 of Drive Mode \(10\)"),
+        ("drive_mode", 0x02, r"slave of a dual joint.*--fix` clears bit 1 of Drive Mode"),
+        ("drive_mode", 0x08, r"torque back on.*--fix` clears bit 3 of Drive Mode \(10\)"),
         ("startup_configuration", 1, r"torque on at power-up.*Startup Configuration \(60\)"),
         ("startup_configuration", 2, r"old goals restored.*Startup Configuration \(60\)"),
         ("current_limit", 0, r"raise Current Limit \(38\)"),
@@ -324,22 +313,6 @@ def test_an_adapter_that_returns_what_is_sent_is_named(
         assert "the adapter returns what is sent" in found
         return
     with pytest.raises(ServoError, match="the adapter returns what is sent"):
-        bench.servo.start()
-
-
-@pytest.mark.parametrize(
-    ("register", "value"),
-    [("drive_mode", 1), ("drive_mode", 2), ("drive_mode", 8), ("startup_configuration", 3)],
-)
-def test_what_doctor_mends_names_doctor(register: str, value: int) -> None:
-    bench = Bench()
-    bench.truth.memory[register] = value
-    refused(bench, match="`haptic-wall doctor CONFIG --fix` clears")
-
-
-def test_nobody_at_this_rate_is_a_missing_servo() -> None:
-    bench = Bench(baud=57_600)
-    with pytest.raises(ServoMissingError, match="No servo answers"):
         bench.servo.start()
 
 

@@ -1,7 +1,6 @@
 """The tables against the vendor's own, which come with dynamixel-sdk, and against the manual."""
 
 import itertools
-import math
 from pathlib import Path
 
 import dynamixel_easy_sdk
@@ -9,15 +8,11 @@ import pytest
 
 from haptic_wall.hw.dynamixel.tables import (
     MODELS,
-    POSITION_UNIT,
     REGISTERS,
-    VELOCITY_UNIT,
-    Register,
     model_by_number,
 )
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
-CURRENT_MODELS = [name for name, model in MODELS.items() if model.current_mode]
 
 
 def vendor_numbers() -> dict[str, int]:
@@ -92,24 +87,6 @@ def test_table_is_consistent(name: str, firmware: int) -> None:
         assert register.encode(register.maximum)
         assert register.encode(register.minimum)
         assert register.eeprom == (register.address < 64)
-
-
-def test_xm430_w350_as_in_its_manual() -> None:
-    table = MODELS["XM430-W350"].registers
-    assert table["current_limit"] == Register("current_limit", 38, 2, True, 1193, 0, 1193)
-    assert table["return_delay_time"].default == 250
-    assert table["goal_current"].signed
-    assert not table["present_position"].writable
-    assert table["shutdown"].default == 0x34
-    assert table["indirect_address_29"][:2] == ("indirect_address_29", 578)
-    assert table["indirect_data_56"].address == 661
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_every_model_may_run_at_its_own_voltage(name: str) -> None:
-    table = MODELS[name].registers
-    volts = 10 * MODELS[name].voltage
-    assert table["min_voltage_limit"].default < volts < table["max_voltage_limit"].default
 
 
 # From the manual's pages: current limit, velocity limit, voltages [0.1 V], temperature, shutdown,
@@ -196,44 +173,6 @@ def test_what_came_with_a_later_firmware() -> None:
     assert small(46)["drive_mode"].maximum == 13
 
 
-def test_fast_reads_by_model_and_firmware() -> None:
-    assert MODELS["XM430-W350"].knows_fast_reads(45)
-    assert not MODELS["XM430-W350"].knows_fast_reads(44)
-    assert MODELS["XL330-M288"].knows_fast_reads(46)
-    assert not MODELS["XL330-M288"].knows_fast_reads(45)
-    assert not MODELS["2XL430-W250"].knows_fast_reads(99)
-
-
-def test_the_x330_moves_its_indirect_data_with_firmware_53() -> None:
-    old, new = (MODELS["XL330-M288"].registers_at(firmware) for firmware in (52, 53))
-    assert old["indirect_data_20"].address == 227
-    assert "indirect_data_21" not in old
-    assert old["indirect_address_1"][4:] == (208, 64, 227)
-    assert new["indirect_data_28"].address == 251
-    assert new["indirect_address_1"][4:] == (224, 64, 251)
-
-
-def test_block_from_the_tick_to_the_temperature_has_no_gaps() -> None:
-    """One read of it serves the loop, so it must not run into an undefined address."""
-    for name in CURRENT_MODELS:
-        covered = {
-            byte
-            for r in MODELS[name].registers.values()
-            for byte in range(r.address, r.address + r.size)
-        }
-        assert set(range(120, 147)) <= covered
-
-
-@pytest.mark.parametrize("name", ["XL430-W250", "XC430-W150", "XC430-W240", "2XC430-W250"])
-def test_without_current_control(name: str) -> None:
-    model = MODELS[name]
-    assert not model.current_mode
-    assert 0 not in model.modes
-    assert "goal_current" not in model.registers
-    assert "current_limit" not in model.registers
-    assert model.registers["present_load"].address == 126
-
-
 @pytest.mark.parametrize(
     ("name", "torque_per_ampere"),
     [("XM430-W350", 1.783), ("XM540-W270", 2.409), ("XL330-M288", 0.354), ("XH430-V350", 4.71)],
@@ -245,15 +184,6 @@ def test_torque_constant_is_the_stall_ratio(name: str, torque_per_ampere: float)
 @pytest.mark.parametrize("name", ["XD540-T270", "XD540-T150", "XW430-T333"])
 def test_no_torque_constant_where_none_is_published(name: str) -> None:
     assert MODELS[name].torque_constant is None
-
-
-def test_units() -> None:
-    assert math.isclose(POSITION_UNIT * 4096, 2 * math.pi, rel_tol=1e-15)
-    assert math.isclose(VELOCITY_UNIT, 0.0239808, rel_tol=1e-5)
-
-
-def test_unknown_number_has_no_model() -> None:
-    assert model_by_number(350) is None
 
 
 @pytest.mark.parametrize(

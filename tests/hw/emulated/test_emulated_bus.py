@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
     ErrorCode,
-    Frame,
     Instruction,
     Parser,
     crc16,
@@ -26,11 +25,6 @@ READ_POSITION = bytes([132, 0, 4, 0])
 
 def times_of(client: Client, event: str) -> list[float]:
     return [float(row[0]) for row in client.rows() if row[1] == event]
-
-
-def test_ping_answers_model_and_firmware() -> None:
-    reply = Client(firmware=45).ask(1, Instruction.PING)
-    assert reply == Frame(1, Instruction.STATUS, 0, (1020).to_bytes(2, "little") + b"\x2d")
 
 
 def test_reply_comes_after_the_wire_time_of_both_frames() -> None:
@@ -109,24 +103,14 @@ def test_sync_read_answers_in_the_order_asked_and_passes_over_the_missing() -> N
     assert all(len(r.params) == 4 for r in replies)
 
 
-def test_sync_write_reaches_each_with_its_own_value_and_is_not_answered() -> None:
+def test_a_sync_write_reaches_each_with_its_own_value_and_a_refused_one_fails_alone() -> None:
     client = Client((X, 1), (X, 2))
     for i in (1, 2):
         client.enable_current_mode(i)
-    client.sync_write(102, 2, {1: 50, 2: -60})
-    assert client.replies() == []
-    assert client.torque(1) == pytest.approx(50 * TORQUE_UNIT)
-    assert client.torque(2) == pytest.approx(-60 * TORQUE_UNIT)
-
-
-def test_a_refused_sync_write_fails_silently_and_alone() -> None:
-    client = Client((X, 1), (X, 2))
-    for i in (1, 2):
-        client.enable_current_mode(i)
-    client.sync_write(102, 2, {1: 2000, 2: 60})
+    client.sync_write(102, 2, {1: 2000, 2: -60})
     assert client.replies() == []
     assert client.torque(1) == 0.0
-    assert client.torque(2) > 0
+    assert client.torque(2) == pytest.approx(-60 * TORQUE_UNIT)
 
 
 def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share() -> None:
@@ -172,10 +156,6 @@ def test_a_wrong_crc_is_answered_with_its_error() -> None:
     assert client.read(1, 65, 1) == 0
 
 
-def test_an_unknown_instruction_is_answered_with_its_error() -> None:
-    assert Client().answer(1, 0x77).error == ErrorCode.INSTRUCTION
-
-
 def test_a_changed_id_answers_once_as_the_old_one() -> None:
     client = Client()
     assert client.answer(1, Instruction.WRITE, bytes([7, 0, 9])).id == 1
@@ -213,27 +193,6 @@ def test_a_gap_in_a_frame_makes_servos_look_for_a_new_header() -> None:
         client.pass_time(5 * BYTE_NS + int(gap))
         client.line.write(PING[5:])
         assert bool(client.replies()) == answered
-
-
-@settings(max_examples=60)
-@given(st.lists(st.binary(max_size=60), max_size=8))
-def test_no_bytes_break_the_bus(chunks: list[bytes]) -> None:
-    """Whatever arrives, framed or not, the next ping after a pause is answered."""
-    client = Client(fast=False)
-    for chunk in chunks:
-        client.line.write(chunk)
-        client.line.write(b"\xff\xff\xfd\x00" + chunk)
-        if chunk:
-            client.send(min(chunk[0], 252), chunk[-1], chunk[1:])
-            client.send(BROADCAST, chunk[-1], chunk[1:])
-            client.pass_time(chunk[0] * 1_000)
-    while client.bus.busy:  # a ping for all may take 0.8 s
-        client.pass_time(100 * MS)
-    client.pass_time(500 * MS)
-    client.line.read()
-    client.bus.host_baud = client.servos[1].baud
-    client.send(client.servos[1].id, Instruction.PING)
-    assert any(reply.params for reply in client.replies())
 
 
 @settings(max_examples=30)

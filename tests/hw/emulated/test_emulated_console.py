@@ -6,7 +6,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.emulated.console import Console
 from tests.hw.dynamixel.emulated_client import MS, Client
 
@@ -22,26 +21,6 @@ def console(client: Client) -> Iterator[tuple[Console, int, list[str], list[str]
     finally:
         os.close(there)
         os.close(here)
-
-
-def test_faults_come_and_go_by_lines() -> None:
-    client = Client()
-    with console(client) as (lines, here, said, complained):
-        assert len(lines.listens(0)) == 1
-        os.write(here, b"drop:way=reply\nli")
-        lines.read(client.clock.now_ns())
-        assert client.ask(1, Instruction.PING) is None
-        os.write(here, b"st\n\n  off drop \nlist\noff drop\n")
-        lines.read(client.clock.now_ns())
-        assert client.ask(1, Instruction.PING) is not None
-    assert said == [
-        "on drop:way=reply",
-        "drop:way=reply (happened: 1)",
-        "off drop",
-        "no faults",
-        "off drop (there was none)",
-    ]
-    assert complained == []
 
 
 @pytest.mark.parametrize(

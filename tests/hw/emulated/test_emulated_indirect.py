@@ -32,13 +32,6 @@ def test_the_manuals_first_example() -> None:
     assert client.read(1, DATA_1, 1) == 0
 
 
-def test_the_manuals_second_example() -> None:
-    client = Client()
-    show(client, *range(GOAL_POSITION, GOAL_POSITION + 4), first=ADDRESS_1 + 2)
-    assert client.write(1, DATA_1 + 1, 1024, 4) == 0
-    assert client.read(1, GOAL_POSITION, 4) == 1024
-
-
 def test_factory_addresses_are_plain_memory() -> None:
     client = Client()
     data = bytes(range(1, 29))

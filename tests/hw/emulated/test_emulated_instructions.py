@@ -96,13 +96,41 @@ def test_factory_reset_but_ids_may_be_broadcast() -> None:
 
 
 @pytest.mark.parametrize(
-    ("params", "error"),
-    [(b"", ErrorCode.DATA_LENGTH), (b"\x03", ErrorCode.DATA_RANGE), (b"\x01\x01", 5)],
+    ("instruction", "params", "error"),
+    [
+        (Instruction.FACTORY_RESET, b"", ErrorCode.DATA_LENGTH),
+        (Instruction.FACTORY_RESET, b"\x03", ErrorCode.DATA_RANGE),
+        (Instruction.CLEAR, b"\x01", ErrorCode.DATA_LENGTH),
+        (Instruction.CLEAR, b"\x02" + CLEAR_KEY, ErrorCode.DATA_RANGE),
+        (Instruction.CLEAR, b"\x01" + BACKUP_KEY, ErrorCode.DATA_RANGE),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x01", ErrorCode.DATA_LENGTH),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x03" + BACKUP_KEY, ErrorCode.DATA_RANGE),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + CLEAR_KEY, ErrorCode.DATA_RANGE),
+    ],
 )
-def test_factory_reset_refuses_what_is_no_option(params: bytes, error: int) -> None:
-    client = Client()
-    assert client.answer(1, Instruction.FACTORY_RESET, params).error == error
-    assert client.ask(1, Instruction.PING) is not None
+def test_without_its_option_and_its_key_nothing_is_done(
+    instruction: Instruction, params: bytes, error: ErrorCode
+) -> None:
+    client = Client(true=at(3.25))
+    assert client.answer(1, instruction, params).error == error
+    assert client.read(1, POSITION, 4) > 3 * 4096
+    assert client.read(1, BACKUP_READY, 1) == 0
+
+
+@pytest.mark.parametrize(
+    ("instruction", "params", "model", "first"),
+    [
+        (Instruction.CLEAR, b"\x01" + CLEAR_KEY, X, 42),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY, X, 45),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY, "XL330-M288", 46),
+    ],
+)
+def test_what_came_with_a_firmware(
+    instruction: Instruction, params: bytes, model: str, first: int
+) -> None:
+    for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
+        client = Client((model, 1), firmware=firmware)
+        assert client.answer(1, instruction, params).error == error
 
 
 # Clear
@@ -143,25 +171,6 @@ def test_clear_is_refused_while_it_moves() -> None:
     client.pass_time(50 * MS)
     assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
     assert client.read(1, POSITION, 4) > 3 * 4096
-
-
-@pytest.mark.parametrize(
-    ("params", "error"),
-    [
-        (b"\x01", ErrorCode.DATA_LENGTH),
-        (b"\x02" + CLEAR_KEY, ErrorCode.DATA_RANGE),
-        (b"\x01" + BACKUP_KEY, ErrorCode.DATA_RANGE),
-    ],
-)
-def test_clear_wants_its_option_and_its_key(params: bytes, error: ErrorCode) -> None:
-    client = Client(true=at(3.25))
-    assert client.answer(1, Instruction.CLEAR, params).error == error
-    assert client.read(1, POSITION, 4) > 3 * 4096
-
-
-def test_clear_came_with_firmware_42() -> None:
-    reply = Client(firmware=41).answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY)
-    assert reply.error == ErrorCode.INSTRUCTION
 
 
 # Control table backup
@@ -216,24 +225,6 @@ def test_backups_are_refused_while_torque_is_on_or_without_one() -> None:
     assert (
         client.answer(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
     )
-
-
-@pytest.mark.parametrize(("model", "first"), [(X, 45), ("XL330-M288", 46)])
-def test_backup_needs_its_firmware(model: str, first: int) -> None:
-    for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
-        client = Client((model, 1), firmware=firmware)
-        reply = client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY)
-        assert reply.error == error
-
-
-@pytest.mark.parametrize(
-    ("params", "error"),
-    [(b"\x01", 5), (b"\x03" + BACKUP_KEY, 4), (b"\x01" + CLEAR_KEY, ErrorCode.DATA_RANGE)],
-)
-def test_backup_wants_its_option_and_its_key(params: bytes, error: int) -> None:
-    client = Client()
-    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, params).error == error
-    assert client.read(1, BACKUP_READY, 1) == 0
 
 
 # Bulk
@@ -334,6 +325,10 @@ def test_a_secondary_id_reaches_ram_alone_and_is_never_answered() -> None:
     assert client.replies() == []
     assert client.read(1, HOMING, 4) == 0
     assert client.read(1, SECONDARY_ID, 1) == 100
+    assert client.write(1, SECONDARY_ID, 253, 1) == 0  # off
+    client.send(100, Instruction.WRITE, words(LED) + b"\x01")
+    client.replies()
+    assert client.read(1, LED, 1) == 0
 
 
 def test_reg_write_and_action_to_a_secondary_id() -> None:
@@ -360,15 +355,6 @@ def test_a_secondary_id_that_is_its_own_changes_nothing() -> None:
     assert client.answer(1, Instruction.REG_WRITE, register).error == 0
     assert client.answer(1, Instruction.ACTION).error == 0  # carried out once
     assert client.answer(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
-
-
-@pytest.mark.parametrize("value", [253, 254, 255])
-def test_high_secondary_ids_switch_it_off(value: int) -> None:
-    client = Client()
-    assert client.write(1, SECONDARY_ID, value, 1) == 0
-    client.send(100, Instruction.WRITE, words(LED) + b"\x01")
-    client.replies()
-    assert client.read(1, LED, 1) == 0
 
 
 # Two servos with one id
@@ -453,17 +439,6 @@ def test_a_good_frame_right_behind_one_that_is_cut_short_is_carried_out() -> Non
 
 
 # Others
-
-
-def test_reg_write_as_published() -> None:
-    client = Client()
-    client.line.write(bytes.fromhex("FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E"))
-    assert [r.error for r in client.replies()] == [0]
-    assert client.read(1, 104, 4) == 0
-    assert client.read(1, REGISTERED, 1) == 1
-    client.line.write(bytes.fromhex("FF FF FD 00 01 03 00 05 02 CE"))
-    assert [r.error for r in client.replies()] == [0]
-    assert client.read(1, 104, 4) == 200
 
 
 def test_a_registered_write_is_checked_again_when_it_is_carried_out() -> None:

@@ -25,8 +25,6 @@ CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 MX64 = TrueServo(0.011951, 0.011692, 0.09039, position=math.pi, torque_limit=20.0)
 COUNTS = 4096 / (2 * math.pi)
 RPM = 2 * math.pi / 60
-VELOCITY_UNIT = 0.229 * RPM
-REGISTERS = MODELS[X].registers
 
 
 class Sdk:
@@ -269,12 +267,6 @@ def test_current_based_position_gives_way_where_goal_current_says() -> None:
     assert firm.client.position() - math.pi < 0.15
 
 
-def test_current_based_position_reaches_its_goal() -> None:
-    servo = Sdk(mode=CURRENT_POSITION).on(goal_position=9000)
-    servo.pass_time(4)
-    assert servo["present_position"] == pytest.approx(9000, abs=5)
-
-
 @pytest.mark.parametrize("true", [FREE, MX64])
 def test_a_trapezoid_takes_the_manuals_time(true: TrueServo) -> None:
     """t1 = 64 ms x 100 / 40; 3000 counts at 100 x 0.229 rev/min, and t1 once more."""
@@ -418,16 +410,6 @@ def test_backlash_lies_between_the_encoder_and_the_shaft() -> None:
     shaft = servo.client.position() * COUNTS
     assert servo["present_position"] == pytest.approx(2300, abs=2)
     assert abs(shaft - servo["present_position"]) <= play * COUNTS / 2 + 1
-
-
-def test_the_example_of_the_page_takes_the_time_it_says() -> None:
-    servo = Sdk(mode=EXTENDED, profile_velocity=60, profile_acceleration=20).on(
-        goal_position=10_000
-    )
-    servo.pass_time(8.6)
-    assert servo["moving"] == 1
-    servo.pass_time(0.2)
-    assert servo["present_position"] == pytest.approx(10_000, abs=20)
 
 
 def test_two_masses_are_kept_up_on_an_idle_bus() -> None:

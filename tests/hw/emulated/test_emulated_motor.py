@@ -38,13 +38,6 @@ def test_stall_and_no_load_are_the_published_ones(model: Model) -> None:
     )
 
 
-@pytest.mark.parametrize("model", published, ids=lambda model: model.name)
-def test_the_gear_takes_something_and_gives_nothing(model: Model) -> None:
-    """k_t over k_e is what the gear lets through; published figures are rounded."""
-    motor = motor_of(model, not_none(model.torque_constant))
-    assert 0.5 < motor.torque_constant / motor.back_emf < 1.2
-
-
 def test_an_xl330_agrees_with_a_published_identification() -> None:
     """Rhoban "bam", xl330 m1: k_t 0.370 N·m/A, R 3.50 ohm, identified from duty and motion."""
     model = MODELS[SMALL]
@@ -143,14 +136,6 @@ def test_goal_pwm_limits_the_torque_of_current_mode_too() -> None:
     assert client.torque() == 0.0
 
 
-def test_goal_pwm_limits_the_speed_of_current_mode_too() -> None:
-    client = held("XM430-W350", 300, replace(HELD, coulomb=0.0))
-    client.write(1, GOAL_PWM, 200, 2)
-    client.pass_time(3000 * MS)
-    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
-    assert velocity == pytest.approx(46 / 0.229 * 200 / 885, abs=2)
-
-
 def test_a_supply_sensed_servo_runs_no_faster_than_its_no_load_speed() -> None:
     client = held(SMALL, 1750, replace(HELD, coulomb=0.0))
     client.pass_time(3000 * MS)
@@ -169,14 +154,6 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
         speeds.append(client.servos[1].state(client.clock.now_ns()).velocity)
     assert speeds[0] == pytest.approx(500 * TORQUE_UNIT / FREE.inertia * 0.1, rel=1e-3)
     assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
-
-
-def test_back_emf_changes_nothing_at_a_standstill() -> None:
-    client = Client(true=replace(HELD, back_emf=True))
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 500, 2)
-    client.pass_time(10 * MS)
-    assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
 
 
 def test_it_warms_as_a_first_order_system_does() -> None:
@@ -256,24 +233,6 @@ def test_it_is_powered_up_with_the_supply_it_is_given(volts: float, error: int) 
     client.pass_time(500 * MS)
     assert client.read(1, VOLTAGE, 2) == round(volts * 10)
     assert client.read(1, HARDWARE_ERROR, 1) == error
-
-
-def test_a_warmer_place_adds_to_what_the_motor_heats() -> None:
-    client = held("XM430-W350", 400)
-    client.pass_time(1_000_000 * MS)
-    before = client.read(1, TEMPERATURE, 1)
-    client.servos[1].set_ambient(42.0, client.clock.now_ns())
-    assert before > 32
-    assert client.read(1, TEMPERATURE, 1) == before + 10
-
-
-def test_a_reboot_does_not_cool_it() -> None:
-    client = Client()
-    client.servos[1].set_ambient(90.0, client.clock.now_ns())
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, TEMPERATURE, 1) == 90
-    assert client.read(1, HARDWARE_ERROR, 1) == 0x04
 
 
 @pytest.mark.parametrize("volts", [9.0, 16.5])

@@ -412,12 +412,6 @@ def test_firmware_before_38_has_no_watchdog_and_no_drive_mode() -> None:
     assert client.torque() == pytest.approx(20 * TORQUE_UNIT)
 
 
-def test_torque_on_by_goal_update_of_the_x330_needs_firmware_46() -> None:
-    for firmware, error in ((45, ErrorCode.DATA_RANGE), (46, 0)):
-        client = Client(("XL330-M288", 1), firmware=firmware)
-        assert client.write(1, DRIVE_MODE, 8, 1) == error
-
-
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_can_be_emulated_at_every_firmware(name: str) -> None:
     constant = replace(FREE, torque_constant=1.0)

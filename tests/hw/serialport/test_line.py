@@ -106,12 +106,6 @@ def test_nothing_received_is_no_bytes_and_no_waiting(line: FdLine) -> None:
     assert line.wait(time.monotonic_ns() - 1) is False
 
 
-def test_a_wait_ends_at_its_deadline(line: FdLine) -> None:
-    deadline = time.monotonic_ns() + 3_000_000
-    assert line.wait(deadline) is False
-    assert time.monotonic_ns() >= deadline
-
-
 def test_a_wait_ends_when_bytes_come(ends: Ends, line: FdLine) -> None:
     sender = threading.Timer(0.02, os.write, (ends.far, b"x"))
     sender.start()
@@ -157,21 +151,6 @@ def test_a_port_that_stops_sending_is_a_lost_servo(line: FdLine) -> None:
         line.write(bytes(1_000_000))  # nobody reads at the far end
 
 
-def test_the_descriptor_works_in_another_process(ends: Ends) -> None:
-    descriptor = open_port(ends.path, 1_000_000)
-    program = (
-        "import sys\n"
-        "from haptic_wall.hw.clock import MonotonicClock\n"
-        "from haptic_wall.hw.serialport.line import FdLine\n"
-        "FdLine(int(sys.argv[1]), MonotonicClock()).write(b'from the child')\n"
-    )
-    subprocess.run(
-        [sys.executable, "-c", program, str(descriptor)], pass_fds=(descriptor,), check=True
-    )
-    os.close(descriptor)
-    assert ends.receive(14) == b"from the child"
-
-
 def test_the_descriptor_is_not_inherited_by_chance(ends: Ends) -> None:
     descriptor = open_port(ends.path, 1_000_000)
     assert not os.get_inheritable(descriptor)
@@ -182,10 +161,6 @@ def test_the_rate_is_set(ends: Ends) -> None:
     descriptor = open_port(ends.path, 4_000_000)
     assert termios.tcgetattr(descriptor)[4] == termios.B4000000
     os.close(descriptor)
-
-
-def test_a_rate_without_a_constant_of_its_own_is_set(ends: Ends) -> None:
-    os.close(open_port(ends.path, 4_500_000))
 
 
 def test_an_adapter_that_makes_another_rate_is_refused(
@@ -282,17 +257,6 @@ def test_what_is_no_serial_port_is_refused(kind: str, tmp_path: Path) -> None:
         open_port(str(path), 1_000_000)
 
 
-def test_a_port_of_a_group_names_the_group(tmp_path: Path) -> None:
-    device = tmp_path / "tty"
-    device.touch(mode=0o660)
-    os.chown(device, -1, os.getgid())
-    name = grp.getgrgid(os.getgid()).gr_name
-    device.chmod(0o660)
-    advice = port.access_remedy(str(device))
-    wanted = "sudo chmod a+rw" if name == "root" else f"usermod -aG {name}"
-    assert wanted in advice
-
-
 def test_a_refused_permission_names_what_grants_it(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -367,23 +331,3 @@ def test_the_process_on_the_far_side_does_not_make_the_port_busy() -> None:
         assert emulator.stdin is not None
         os.close(open_port(emulator.stdout.readline().strip(), 1_000_000))
         emulator.stdin.close()
-
-
-def test_a_killed_owner_locks_nobody_out(ends: Ends) -> None:
-    program = (
-        "import sys, time\n"
-        "from haptic_wall.hw.serialport.port import open_port\n"
-        "held = open_port(sys.argv[1], 1000000)\n"
-        "print('held', flush=True)\n"
-        "time.sleep(60)\n"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", program, ends.path], stdout=subprocess.PIPE
-    ) as owner:
-        assert owner.stdout is not None
-        assert owner.stdout.readline() == b"held\n"
-        with pytest.raises(PortBusyError):
-            open_port(ends.path, 1_000_000)
-        owner.kill()
-        owner.wait()
-    os.close(open_port(ends.path, 1_000_000))
