@@ -36,7 +36,7 @@ class Trip(StrEnum):
     TORQUE_LOST = "trip:torque_lost"
     """The servo's torque is gone: its Bus Watchdog, a restart, or another program."""
     SERVO_HEALTH = "trip:servo_health"
-    """The servo's supply or temperature is out of its limits."""
+    """The servo's supply or temperature is out of its limits, or a second servo has its id."""
     SERVO_LOST = "trip:servo_lost"
     """The port vanished."""
     PORT_SHARED = "trip:port_shared"
@@ -133,7 +133,7 @@ EXPLANATIONS: Final[Mapping[Trip, Problem]] = {
         "a restart, or another program on the bus",
     ),
     Trip.SERVO_HEALTH: Problem(
-        "the servo's supply or its temperature is out of the servo's own limits",
+        "the servo's supply or temperature is out of its own limits, or a second one has its id",
     ),
     Trip.SERVO_LOST: Problem(
         "the port is gone, or the servo no longer answers",
