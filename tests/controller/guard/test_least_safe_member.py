@@ -94,27 +94,31 @@ def limits(case: Case, some: FloatArray, damping: float) -> FloatArray:
     """Return the commanded stiffness up to which each servo is stable from 0 on."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
     wall = (gain * damping, period, delay, case.samples)
-    if not load.any():
-        return critical_stiffness(whole, b, *wall) / gain
-    servo = two_masses(whole, b, load, hz, ratio)
-    found: FloatArray = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
-    return found / gain
+    if load.any():
+        servo = two_masses(whole, b, load, hz, ratio)
+        limit = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
+    else:
+        limit = critical_stiffness(whole, b, *wall)
+    found: FloatArray = limit / gain
+    return found
 
 
 def ceilings(case: Case, some: FloatArray) -> FloatArray:
     """Return the commanded damping up to which each servo is stable without stiffness."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
     loop = (period, delay, case.samples)
-    if not load.any():
-        return max_virtual_damping(whole, b, *loop) / gain
-    servo = two_masses(whole, b, load, hz, ratio)
-    found: FloatArray = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
-    return found / gain
+    if load.any():
+        servo = two_masses(whole, b, load, hz, ratio)
+        ceiling = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
+    else:
+        ceiling = max_virtual_damping(whole, b, *loop)
+    found: FloatArray = ceiling / gain
+    return found
 
 
 def two_masses(
     whole: FloatArray, b: FloatArray, load: FloatArray, hz: FloatArray, ratio: FloatArray
-) -> tuple[FloatArray, ...]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     load = np.minimum(load, 0.99 * whole)
     motor, rate = whole - load, math.tau * hz
     moving = motor * load / whole
@@ -127,7 +131,8 @@ def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> 
     k, big_b, n = gain * stiffness, gain * damping, case.samples
     if not load:
         return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
-    servo = (float(x) for x in two_masses(*member[[0, 1, 3, 4, 5]]))
+    motor, friction, mass, k_t, c_t = (float(x) for x in two_masses(*member[[0, 1, 3, 4, 5]]))
+    servo = (motor, friction, mass, k_t, c_t)
     loop = test_flexible.Loop(*servo, period, delay / period, n, case.belief.encoder)
     return test_flexible.radius(loop, k, big_b)
 
