@@ -377,9 +377,11 @@ def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
     inertia, most = belief.inertia, belief.load_inertia.high
     found = []
     for load in {max(belief.load_inertia.low, LIGHTEST * most), most}:
-        ends = [whole - min(load, HEAVIEST * whole) for whole in (inertia.low, inertia.high)]
-        steps = math.ceil(math.log(ends[1] / ends[0]) / math.log(_MOTORS))
-        motor = np.geomspace(ends[0], ends[1], steps + 1)
+        light, heavy = (
+            whole - min(load, HEAVIEST * whole) for whole in (inertia.low, inertia.high)
+        )
+        steps = math.ceil(math.log(heavy / light) / math.log(_MOTORS))
+        motor = np.geomspace(light, heavy, steps + 1)
         whole = np.minimum(motor + load, motor / (1.0 - HEAVIEST))
         found.append((whole, whole - motor))
     whole, load = np.concatenate(found, axis=1)
