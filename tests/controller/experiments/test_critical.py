@@ -12,12 +12,16 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments import testbed
 from haptic_wall.controller.experiments.sweep import critical
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
+from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
+from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
+from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import (
     excursion,
     experiment_config,
+    sweep,
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.laws.program import Phase
@@ -174,6 +178,33 @@ def test_few_losses_that_spoil_every_second_half_cycle_spoil_a_trial(
     assert search(tmp_path, 0.02, 2, *LINEAR, kick=0.1).disturbed == 1
 
 
+@pytest.mark.parametrize(
+    ("grew", "value", "error", "told"),
+    [
+        ((False, True), 10.49, 0.5, "between 10, where motion died, and 11, where it grew"),
+        ((False, True, False), 10.95, 1.0, "between 10 and 12 some motions grew and some died"),
+    ],
+)
+def test_outcomes_that_contradict_each_other_are_less_certain(
+    grew: tuple[bool, ...],
+    value: float,
+    error: float,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    none = Growth(np.empty(0), np.empty(0), np.empty(0, np.int64))
+
+    def watched(search: PointSearch) -> None:
+        search._trials += [Trial(10.0 + n, none, 0.1, each) for n, each in enumerate(grew)]
+
+    monkeypatch.setattr(PointSearch, "_search", watched)
+    found = search(tmp_path, 0.02, 2, kick=0.1)
+    assert found.measured == pytest.approx(value, abs=0.01)
+    assert found.uncertainty == pytest.approx(error)
+    assert not_none(found.reason).startswith(told)
+
+
 def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -183,6 +214,31 @@ def test_a_loop_that_hung_and_may_have_left_torque_on_is_not_run_again(
     monkeypatch.setattr(Testbed, "play", play)
     with pytest.raises(ExperimentTrippedError, match="stalled"):
         search(tmp_path, 0.02, 2, *LINEAR, kick=0.1)
+
+
+@pytest.mark.parametrize("in_a_row", [1, 2])
+def test_a_disturbed_point_is_measured_again_at_the_end(
+    in_a_row: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = tuple(PlanePoint(damping, 2) for damping in (0.0, 0.01, 0.02))
+    losses = iter([ExperimentTrippedError(Trip.LOSS_RATE, "late")] * in_a_row)
+    order: list[float] = []
+
+    def run_point(search: PointSearch) -> PointResult:
+        order.append(search.result.virtual_damping)
+        for loss in losses:
+            raise loss
+        return search.result
+
+    monkeypatch.setattr(PointSearch, "run", run_point)
+    store = SweepStore(tmp_path, SweepSettings(config(), asked, Options()), fresh=False)
+    if in_a_row == 2:
+        with pytest.raises(ExperimentTrippedError):
+            sweep(config(), store, asked, Options(), workers=1)
+        return
+    assert sweep(config(), store, asked, Options(), workers=1)
+    assert order == [0.0, 0.01, 0.02, 0.0]
+    assert store.points()[0].trips == ["trip:loss_rate ended an earlier search"]
 
 
 def test_three_trips_give_a_point_up(tmp_path: Path) -> None:

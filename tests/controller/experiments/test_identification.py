@@ -11,11 +11,16 @@ import yaml
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import (
+    bench,
     identification,
+    one_way,
 )
-from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
+from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
+from haptic_wall.controller.experiments.identify.effects import NONE
 from haptic_wall.controller.experiments.identify.fitting import (
+    Fit,
     Friction,
+    NoFitError,
     fit_motion,
 )
 from haptic_wall.controller.experiments.identify.identification import (
@@ -28,12 +33,14 @@ from haptic_wall.controller.experiments.identify.identified_config import (
     identified_model,
 )
 from haptic_wall.controller.experiments.identify.motion_model import motion_of
+from haptic_wall.controller.experiments.identify.one_way import fit_one_way
 from haptic_wall.controller.experiments.identify.vibration import Vibration
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Played, Testbed
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
+from tests.cases import sampled
 from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
 
@@ -215,6 +222,27 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
         assert width <= 2.0 * ideal * getattr(config.servo, name)
 
 
+def test_a_second_try_that_fails_loses_nothing_of_the_first(
+    usual: tuple[Config, Identified], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, found = usual
+    first = replace(found.fit, residual=1.0, effects=replace(NONE, fitted=("gear_rest",)))
+
+    tried: list[bool] = []
+
+    def fit_one_way(*_: Any, gear_fades: bool = True, **__: Any) -> Fit:
+        tried.append(gear_fades)
+        if not gear_fades:
+            raise NoFitError("it does not converge")
+        return first
+
+    monkeypatch.setattr(bench, "fit_one_way", fit_one_way)
+    monkeypatch.setattr(bench, "fit_loaded", lambda *_: first)
+    moved = Bench(Testbed(config, tmp_path, print), bounds_of(config, 0.6), print)
+    assert moved._explained(motion_of(found.played.rows), rough=False) is first
+    assert tried == [True, False]
+
+
 def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_damping(
     usual: tuple[Config, Identified],
 ) -> None:
@@ -313,6 +341,20 @@ def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None
     fading = Effects(stiction=1.8, stribeck=1.5)
     known = identify(fading.on(config_of("model.damping=0.003")), tmp_path)
     assert any("the damping is the believed one" in warning for warning in known.warnings)
+
+
+@pytest.mark.parametrize("start", sampled([1e200, 1e12], 2), ids=["overflows", "too large"])
+def test_a_fit_that_diverges_is_left_out(
+    usual: tuple[Config, Identified], start: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with all effects at once: of the starts for friction that fades one ran away."""
+    config, found = usual
+    motion, step = motion_of(found.played.rows), config.servo.position_step
+    wanted = fit_one_way(motion, step)
+    away = {"fading": 1e-9, "coulomb": start, "inertia": 1.0 / start, "damping": -start}
+    monkeypatch.setattr(one_way, "_ROUNDED", 0.0)  # so that effects are tried at all
+    monkeypatch.setattr(one_way, "_fadings", lambda best: [{**best.values, **away}])
+    assert fit_one_way(motion, step).inertia == pytest.approx(wanted.inertia, rel=1e-3)
 
 
 @pytest.mark.parametrize("reach", [0.01, 4.0, float("nan")])
