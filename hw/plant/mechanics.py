@@ -251,7 +251,7 @@ def _check_load_and_links(true: TrueServo) -> None:
                 advice=f"give a fraction from 0 to {MOST_LOAD_FRICTION}, with the addition at"
                 " rest: with 1 no torque would ever move the servo",
             )
-    names = "load_inertia", "transmission_stiffness", "transmission_damping"
+    names: tuple[str, ...] = "load_inertia", "transmission_stiffness", "transmission_damping"
     for link in true.links if true.flexible else ():
         for name, value in zip(names[:2], link[:2], strict=True):
             if not 0.0 < value < math.inf:

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.bench import (
@@ -24,7 +23,6 @@ from haptic_wall.controller.bench import (
     bus_clients,
     bus_cycle,
     plant_alone,
-    two_cores,
 )
 from haptic_wall.controller.bench.machine import ProcessorTime
 from haptic_wall.controller.bench.rows import (
@@ -38,8 +36,6 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.theory.checks import FloatArray
 from tests.typed import status_of
 
 FOUND = Section(
@@ -65,12 +61,9 @@ def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(boundary, "_COMPARED", 3)
     monkeypatch.setattr(boundary, "_LOADED", 16)
     monkeypatch.setattr(array_simulation, "_ROUNDS", 1)
-    monkeypatch.setattr(array_simulation, "BLOCK", 4)
+    monkeypatch.setattr(array_simulation, "_WALLS", 8)
     monkeypatch.setattr(array_simulation, "_PERIODS", 200)
     monkeypatch.setattr(array_simulation, "_PERIODS_ALONE", 200)
-    monkeypatch.setattr(array_simulation, "_ARITHMETIC_TIMES", 1)
-    monkeypatch.setattr(two_cores, "ROUNDS", 2)
-    monkeypatch.setattr(two_cores, "RUNS", 2)
     for name, value in (
         ("_ROUNDS", 1),
         ("_PERIODS", 200),
@@ -255,38 +248,14 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
     assert "This run was interrupted" in page.read_text(encoding="utf-8")
 
 
-def test_arrays_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_walls_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
     rows = {row.name: row.value for row in array_simulation.measure().rows}
     apart = [value for name, value in rows.items() if name.startswith("largest difference")]
-    assert apart == [0.0] * (4 if compiled() else 2)
-    rates = [name for name in rows if name.startswith("compiled on two cores")]
-    assert len(rates) == (2 if compiled() else 0)
-    gains = [name for name in rows if "two cores over one" in name]
-    assert len(gains) == (4 if compiled() else 0)  # of two kinds of walls and two of arithmetic
-    assert all(rows[name] > 0.0 for name in gains)
-
-
-def test_each_core_simulates_its_half_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    walls = array_simulation.random_walls(rough=True, count=5)
-    many, start, order = array_simulation._as_arrays(walls)
-    seen: list[FloatArray] = []
-    run = Loops.run
-
-    def watched(self: Loops, periods: int) -> None:
-        run(self, periods)
-        seen.append(self.measured)
-
-    monkeypatch.setattr(Loops, "run", watched)
-    made = two_cores.simulation(many, start, 200)
-    for _ in range(2):  # made anew, not continued
-        seen.clear()
-        for part in made():
-            part()
-        assert len(seen) == 2 * two_cores.RUNS
-        found = np.empty(5)
-        found[order] = np.concatenate([seen[0], seen[-1]])
-        np.testing.assert_array_equal(found, array_simulation.together(walls, 200))
+    assert len(apart) == 2
+    assert max(apart) < 1e-9
+    how = "compiled" if compiled() else "not compiled"
+    assert sum(name.startswith(f"{how}, 8 random walls") for name in rows) == 3
 
 
 def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:

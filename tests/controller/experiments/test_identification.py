@@ -46,7 +46,8 @@ from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.plant import mechanism
-from haptic_wall.hw.plant.body import Pull, step
+from haptic_wall.hw.plant.mechanics import Mechanics
+from haptic_wall.hw.plant.step import Hand, Kept, move
 from tests.cases import sampled
 from tests.controller.experiments.ordinary_servos import Effects
 from tests.typed import not_none
@@ -224,19 +225,10 @@ def test_a_reversed_torque_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_strong_spring_on_the_shaft_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def on_a_spring(
-        state: Any,
-        parameters: Any,
-        torque: float,
-        duration: float,
-        pull: object = None,
-        *,
-        turns: Any = None,
-    ) -> Any:
-        assert pull is None
-        return step(state, parameters, torque, duration, Pull(2.0, 0.0, 0.0, 0.0), turns=turns)
+    def on_a_spring(p: Mechanics, kept: Kept, _hand: Hand, *rest: float) -> Any:
+        return move(p, kept, Hand(2.0), *rest)
 
-    monkeypatch.setattr(mechanism, "step", on_a_spring)
+    monkeypatch.setattr(mechanism, "move", on_a_spring)
     try:
         found = identify(config_of(), tmp_path)
     except UnidentifiableError as error:
