@@ -33,7 +33,8 @@ from haptic_wall.hw.plant.motion import response, time_to_rest
 ONE_TURN = 9.0
 """Square of a phase below pi: two zeros of an oscillator's acceleration are at least pi apart"""
 MOST_RESTS = 16
-"""Times at rest in one substep after which it stays: rounding makes events coincide"""
+"""Times at rest in one substep, beside those of a swing in the hand's spring, after which it stays:
+rounding makes events coincide"""
 
 
 class Hand(NamedTuple):
@@ -108,6 +109,16 @@ def move(  # noqa: PLR0912, PLR0915 - in one piece for speed: every period takes
     stiffness, grip, reference, slope = hand
     kept_decay, kept_spring, kept_length, h1_kept, h_kept, s_kept, r_kept = kept
     inertia, uneven, half = p.inertia, p.uneven, p.half
+    if not uneven and v != 0.0 and stiffness == kept_spring == grip == 0.0:
+        # Nearly every period of a servo without an operator takes this way: one slide.
+        direction = 1.0 if v > 0.0 else -1.0
+        viscous = (p.forth if v > 0.0 else p.back) + braking
+        if duration == kept_length and viscous / inertia == kept_decay:
+            push = (torque - direction * p.coulomb) / inertia
+            end = v * h1_kept + push * h_kept
+            if end * direction > 0.0 or p.smooth:
+                x = x + v * h_kept + push * s_kept
+                return x, end, min(max(followed, x - half), x + half) if half > 0.0 else x
     spring = stiffness / inertia
     ramp = spring * slope
     left = grain = duration
@@ -130,7 +141,7 @@ def move(  # noqa: PLR0912, PLR0915 - in one piece for speed: every period takes
             direction = -1.0
         else:
             direction, wait = _leaves(p, x, torque, outside, stiffness * slope, left, grain)
-            if rests > MOST_RESTS:
+            if rests > MOST_RESTS + 4.0 * grain * math.sqrt(spring):
                 direction, wait, rests = 0.0, min(grain, left), 0
             if wait > 0.0:
                 left -= wait

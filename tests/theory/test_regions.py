@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.regions import Place, Region, place, servo_places
-from haptic_wall.hw.plant.body import PlantParameters, State, step
+from tests.support.exact_servo import PlantParameters, State, step
 
 PERIOD, COUNT = 1e-3, 1e-3
 INERTIA, DAMPING = 5e-3, 0.02

@@ -64,6 +64,8 @@ def returned(wall: Wall, s: Buffer, z: Buffer, stiffness: float, kick: float) ->
             found = math.log(leaving / speed) if leaving > 0.0 else -1.0
             if found > worst:
                 worst, best = found, phase
+            if worst > 0.0:
+                break
         if worst > 0.0 or worst < _HOPELESS:
             break
         middle = best

@@ -207,6 +207,12 @@ def act(
     drive = wall.drive
     torque = s[RINGS + wall.samples + 1 + (k - ago) % (wall.whole + 2)]
     if not drive.acts:
+        if wall.body.masses == 0:  # as ``pass_time``, for speed
+            s[POSITION], s[VELOCITY], s[FOLLOWED] = move(
+                *(wall.body, kept, NOBODY, s[POSITION], s[VELOCITY], s[FOLLOWED]),
+                *(torque + push, 0.0, duration),
+            )
+            return
         pass_time(wall, s, z, kept, torque + push, 0.0, duration)
         return
     goal, left = goal_for(drive, torque), duration

@@ -21,7 +21,7 @@ _FIRST: Final = (0.55, 2.1, 10)
 _REACH: Final = 4.0
 """Factor between searched ranges while no limit is found"""
 _SPREAD: Final = 5
-"""Number of stiffnesses tried in such a range"""
+"""Number of stiffnesses tried in such a range, and between the first two known ones"""
 _SOFTEST: Final = 1e-4
 """Ends of the search in units of m/T²: an oscillation of 600 samples, and more than any wall
 without friction can have"""
@@ -101,8 +101,8 @@ def onset(  # noqa: PLR0912 - one search
         return high if low > 0.0 else 0.0
     if wall.counts > 0.0 or not wall.body.smooth:  # then the growth may rise and fall with K
         begin, end = low, high
-        for i in range(1, _SPREAD):
-            k = begin * math.pow(end / begin, i / _SPREAD)
+        for i in range(_SPREAD):
+            k = begin * math.pow(end / begin, (i + 1.0) / (_SPREAD + 1.0))
             now = grown(wall, s, z, k, kick, _CYCLES)
             if now > 0.0:
                 high, at_high = k, now
