@@ -203,23 +203,24 @@ def _series(
     for i in range(size):
         z[size + i] = z[i]
     joint, loss = (links[1], links[2]) if side != 0.0 else (0.0, 0.0)
+    inertia, behind = p.inertia, 3 * count - 3
     greatest = SMALL
     for k in range(1, TERMS):
         old, new = k * size, (k + 1) * size
         factor = length / k
         v, w = z[old], z[old + 2]
         passed = joint * z[old + 1] + loss * (v - w)
-        change = 0.0 if stuck else factor * (on_motor - passed - viscous * v) / p.inertia
+        change = 0.0 if stuck else factor * (on_motor - passed - viscous * v) / inertia
         z[new] = change
         largest = abs(change)
         base = 0
-        while base + 3 < 3 * count:  # joints between two further masses
+        while base < behind:  # joints between two further masses
             i = old + 2 * (base // 3) + 1
             next_passed = links[base + 4] * z[i + 2] + links[base + 5] * (w - z[i + 3])
             z[i + size] = factor * (v - w)
             change = factor * (passed - next_passed + on_output) / links[base]
             z[i + size + 1] = change
-            largest = max(largest, abs(change))
+            largest += abs(change)
             on_output = 0.0
             passed, v, w = next_passed, w, z[i + 3]
             base += 3
@@ -229,10 +230,11 @@ def _series(
         change = factor * (passed + pulled) / links[base]
         z[i + 1] = change
         z[i + 2] = factor * (slope - w)
-        largest = max(largest, abs(change), abs(z[i]), abs(z[i + 2]))
+        largest += abs(change) + abs(z[i]) + abs(z[i + 2])
         on_motor = on_output = on_end = slope = 0.0
-        greatest = max(greatest, largest)
-        if largest <= SMALL * greatest:
+        if largest > greatest:
+            greatest = largest
+        elif largest <= SMALL * greatest:
             return k + 1
     return TERMS
 
