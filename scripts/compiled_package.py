@@ -61,13 +61,13 @@ DETECTOR = tuple(
 MODULES = (*DRIVER, *TICK, *DETECTOR)
 """Modules with code that a tick on the emulated bus executes"""
 PLANT = (
+    "hw.plant.chain",
     "hw.plant.current_loop",
     "hw.plant.encoder",
-    "hw.plant.gear_load",
-    "hw.plant.masses",
+    "hw.plant.mechanics",
     "hw.plant.mechanism",
-    "hw.plant.response",
-    "hw.plant.substeps",
+    "hw.plant.motion",
+    "hw.plant.step",
 )
 SIMULATED = (*MODULES, *PLANT)
 """These, and those that move a simulated servo"""

@@ -12,23 +12,21 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.experiments.maps.walls import Walls, blocks, split_delay
+from haptic_wall.controller.experiments.maps.loop import Wall
+from haptic_wall.controller.experiments.maps.walls import Loop, noise_of, wall_of
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import decide
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.one_sided import restitution
-from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
-from haptic_wall.hw.plant.encoders import ManyEncoderErrors
-from haptic_wall.hw.plant.many_substeps import ManyEffects
+from haptic_wall.hw.settings import TrueServo
 from scripts.rates import upper_bound
 from scripts.study import Found, Given, Part, table
 from tests.support.real_servos import DEAD_BAND, KINDS, STATIC, STRIBECK
@@ -167,15 +165,26 @@ def asked(shares: FloatArray, side: Side) -> Asked:
     return Asked(base, situation, decision, age)
 
 
-def loops_of(walls: Walls, position: FloatArray, velocity: FloatArray, seed: int) -> Loops:
-    """Return the loops at their start; the seed decides the noise of their encoders."""
-    encoder = walls.encoder
-    assert encoder is not None
-    seeds = np.random.default_rng(seed).integers(0, 2**32, walls.size, dtype=np.uint64)
-    return Loops(replace(walls, encoder=replace(encoder, seed=seeds)), position, velocity)
+class Truth(NamedTuple):
+    """A wall on a servo inside a belief."""
+
+    servo: TrueServo
+    wall: Wall
+    stiffness: float
+    """[N·m/rad]"""
+    lag: float
+    """Time constant of the current loop [s]"""
 
 
-def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None) -> Walls:
+def loop_of(truth: Truth, position: float, velocity: float, seed: int, periods: int) -> Loop:
+    """Return the loop at its start; the seed decides the noise of its encoder."""
+    noise = noise_of(replace(truth.servo, noise_seed=seed), PERIOD, periods)
+    return Loop(truth.wall, truth.stiffness, position, velocity, noise=noise)
+
+
+def truths(
+    walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None = None
+) -> list[Truth]:
     """The walls on truths.
 
     Args:
@@ -201,85 +210,66 @@ def truths(walls: list[Asked], shares: FloatArray, stiffness: FloatArray | None 
         bandwidth = np.where(by_loop > 1e-5, 1.0 / (math.tau * np.maximum(by_loop, 1e-5)), 0.0)
     by_loop = np.where(bandwidth > 0.0, by_loop, 0.0)
     age = np.array([each.age for each in walls])
-    whole, lag, rest = split_delay(age + device - by_loop, np.full(age.size, PERIOD))
-    coulomb = between("coulomb", u["coulomb"])
+    delay = age + device - by_loop
+    coulomb, b = between("coulomb", u["coulomb"]), between("damping", u["damping"])
     commanded = np.array([each.decision.stiffness for each in walls])
-    back_emf = np.where(u["back_emf"] > 0.5, gain * stall / of_base("no_load_speed"), 0.0)
-    size = len(walls)
-    eccentricity, phase = MOST["eccentricity"] * u["eccentricity"], math.tau * u["encoder_phase"]
-    return Walls(
-        inertia=between("inertia", u["inertia"]),
-        damping=between("damping", u["damping"]),
-        coulomb=coulomb,
-        counts_per_radian=np.full(size, 1.0 / COUNT),
-        backlash=np.maximum(between("backlash", u["backlash"]), 1e-9),
-        torque_limit=gain * stall,
-        torque_step=gain * of_base("torque_step"),
-        stiffness=gain * (commanded if stiffness is None else stiffness),
-        virtual_damping=gain * np.array([each.decision.damping for each in walls]),
-        period=np.full(size, PERIOD),
-        whole=whole,
-        lag=lag,
-        rest=rest,
-        velocity_samples=np.ones(size, dtype=np.int64),
-        one_sided=np.array([each.decision.request.side != "both" for each in walls]),
-        current_loop=CurrentLoopParameters(
-            bandwidth=bandwidth,
-            dead_band=MOST["dead_band"] * u["dead_band"] * stall,
-            back_emf=back_emf,
-            stall_torque=gain * stall,
-            droop=MOST["droop"] * u["droop"],
-        ),
-        effects=ManyEffects.none(
-            between("damping", u["damping"]),
-            coulomb,
-            static_friction=coulomb * MOST["static"] ** u["static"],
-            stribeck_speed=0.05 + MOST["stribeck"] * u["stribeck"],
-            damping_back=between("damping", u["damping_back"]),
-            load_friction=MOST["load_friction"] * u["load_friction"],
-            gravity=MOST["gravity"] * u["gravity"] * stall,
-            gravity_angle=math.tau * u["gravity_angle"],
-            cogging=MOST["cogging"] * u["cogging"] * stall,
-            cogging_periods=np.full(size, 24.0),
-            cogging_phase=math.tau * u["cogging_phase"],
-        ),
-        encoder=ManyEncoderErrors(
-            eccentricity=eccentricity,
-            phase=phase,
-            noise=MOST["noise"] * u["noise"],
-            seed=np.zeros(size, dtype=np.uint64),
+    fastest = of_base("no_load_speed")
+    values = {
+        "inertia": between("inertia", u["inertia"]),
+        "damping": b,
+        "coulomb": coulomb,
+        "backlash": np.maximum(between("backlash", u["backlash"]), 1e-9),
+        "torque_limit": gain * stall,
+        "torque_step": gain * of_base("torque_step"),
+        "current_bandwidth": bandwidth,
+        "dead_band": MOST["dead_band"] * u["dead_band"] * stall,
+        "current_droop": MOST["droop"] * u["droop"],
+        "no_load_speed": fastest,
+        "static_friction": coulomb * MOST["static"] ** u["static"],
+        "stribeck_speed": 0.05 + MOST["stribeck"] * u["stribeck"],
+        "damping_back": between("damping", u["damping_back"]),
+        "load_friction": MOST["load_friction"] * u["load_friction"],
+        "gravity": MOST["gravity"] * u["gravity"] * stall,
+        "gravity_angle": math.tau * u["gravity_angle"],
+        "cogging": MOST["cogging"] * u["cogging"] * stall,
+        "cogging_phase": math.tau * u["cogging_phase"],
+        "encoder_eccentricity": MOST["eccentricity"] * u["eccentricity"],
+        "encoder_phase": math.tau * u["encoder_phase"],
+        "encoder_noise": MOST["noise"] * u["noise"],
+    }
+    virtual = gain * np.array([each.decision.damping for each in walls])
+    stiff = gain * (commanded if stiffness is None else stiffness)
+    found = []
+    for i, each in enumerate(walls):
+        given: dict[str, Any] = {name: float(value[i]) for name, value in values.items()}
+        servo = TrueServo(
+            counts_per_rev=round(math.tau / COUNT), back_emf=bool(u["back_emf"][i] > 0.5), **given
+        )
+        wall = wall_of(
+            servo,
+            period=PERIOD,
+            delay=float(delay[i]),
+            virtual_damping=float(virtual[i]),
+            one_sided=each.decision.request.side != "both",
             # It errs by nothing at the wall: where the wall stands does not matter.
-            offset=-eccentricity * np.sin(phase),
-        ),
-    )
+            offset=-servo.encoder_eccentricity * math.sin(servo.encoder_phase),
+        )
+        found.append(Truth(servo, wall, float(stiff[i]), float(by_loop[i])))
+    return found
 
 
-def amplitudes(walls: Walls, kick: FloatArray, seed: int) -> FloatArray:
-    """Half the range of the true motion in each window, from kicks, shape (windows, n)."""
-    loops = loops_of(walls, kick, np.zeros(kick.size), seed)
-    rows = []
-    for _ in range(round(SECONDS / PERIOD) // WINDOW):
-        low, high = np.full(kick.size, np.inf), np.full(kick.size, -np.inf)
-
-        def watch(low: FloatArray = low, high: FloatArray = high) -> None:
-            at = loops.bodies.position
-            np.minimum(low, at, out=low)
-            np.maximum(high, at, out=high)
-
-        loops.run(WINDOW, watch)
-        rows.append(0.5 * (high - low))
-    return np.array(rows)
+def amplitudes(truth: Truth, kick: float, seed: int) -> FloatArray:
+    """Half the range of the true motion in each window, from a kick."""
+    periods = round(SECONDS / PERIOD)
+    at = loop_of(truth, kick, 0.0, seed, periods).run(periods)[:, 0]
+    found: FloatArray = 0.5 * np.ptp(at.reshape(-1, WINDOW), axis=1)
+    return found
 
 
-def kicked(walls: Walls, seed: int) -> FloatArray:
+def kicked(walls: list[Truth], seed: int) -> FloatArray:
     """``amplitudes`` from every kick, shape (windows, kicks, n)."""
-    size = walls.size
-    index = np.tile(np.arange(size), len(KICKS))
-    kick, each = np.repeat(KICKS, size), walls.take(index)
-    found = np.empty((round(SECONDS / PERIOD) // WINDOW, index.size))
-    for part in blocks(each):
-        found[:, part] = amplitudes(each.take(part), kick[part], seed)
-    return found.reshape(-1, len(KICKS), size)
+    found = [[amplitudes(one, kick, seed + i) for i, one in enumerate(walls)] for kick in KICKS]
+    return np.moveaxis(np.array(found), 2, 0)
 
 
 def goes_on(found: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -292,60 +282,44 @@ def goes_on(found: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return grows.any(axis=0), swings.any(axis=0)
 
 
-def energy(walls: Walls, position: FloatArray, velocity: FloatArray) -> FloatArray:
+def energy(servo: TrueServo, position: FloatArray, velocity: FloatArray) -> FloatArray:
     """Kinetic energy and that of weight and cogging [J]."""
-    e = walls.effects
-    assert e is not None
-    n = e.cogging_periods
-    weight = -e.gravity * np.cos(position - e.gravity_angle)
-    teeth = -e.cogging / n * np.cos(n * position + e.cogging_phase)
-    found: FloatArray = 0.5 * walls.inertia * velocity * velocity + weight + teeth
+    n = servo.cogging_periods
+    weight = -servo.gravity * np.cos(position - servo.gravity_angle)
+    teeth = -servo.cogging / n * np.cos(n * position + servo.cogging_phase)
+    found: FloatArray = 0.5 * servo.inertia * velocity * velocity + weight + teeth
     return found
 
 
-def gained(walls: Walls, speed: FloatArray, phase: FloatArray, seed: int) -> FloatArray:
+def gained(walls: list[Truth], speed: FloatArray, phase: FloatArray, seed: int) -> FloatArray:
     """Log of kinetic energy after over before a contact; -inf: it does not come out."""
-    loops = loops_of(walls, -speed * PERIOD * (1.0 + phase), speed, seed)
-    x, e = loops.bodies.position.copy(), energy(walls, loops.bodies.position, speed)
-    at_wall = energy(walls, np.zeros_like(x), np.zeros_like(x))
-    came, went = np.full(x.size, np.nan), np.full(x.size, -np.inf)
-    outside = np.zeros(x.size, dtype=np.int64)
-    inside = np.zeros(x.size, dtype=np.bool_)
-    done = np.zeros(x.size, dtype=np.bool_)
-    still = np.zeros(x.size, dtype=np.int64)
-    after = walls.whole + 3 + np.ceil(8.0 * walls_lag(walls) / PERIOD).astype(np.int64)
-    for _ in range(LONGEST):
-        loops.run(1)
-        at = loops.bodies.position
-        now = energy(walls, at, loops.bodies.velocity)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = e + (now - e) * x / (x - at)
-        enters = ~inside & (at > 0.0)
-        came = np.where(enters & np.isnan(came), crossing, came)
-        leaves = inside & (at <= 0.0) & ~done
-        went = np.where(leaves, np.maximum(crossing, now), went)
-        out = ~np.isnan(came) & (at <= 0.0)
-        went = np.where(out & ~done, np.maximum(went, now), went)
-        outside = np.where(out & (loops.measured <= 0.0), outside + 1, 0)
-        done |= outside > after
-        went[(at > 0.0) & ~done] = -np.inf
+    each = enumerate(zip(walls, speed.tolist(), phase.tolist(), strict=True))
+    return np.array([_gained(one, v, at, seed + i) for i, (one, v, at) in each])
+
+
+def _gained(truth: Truth, speed: float, phase: float, seed: int) -> float:
+    start = -speed * PERIOD * (1.0 + phase)
+    course = loop_of(truth, start, speed, seed, LONGEST).run(LONGEST)
+    x = np.concatenate([[start], course[:, 0]])
+    e = energy(truth.servo, x, np.concatenate([[speed], course[:, 1]]))
+    at_wall = float(energy(truth.servo, np.zeros(1), np.zeros(1))[0])
+    after = truth.wall.whole + 3 + math.ceil(8.0 * truth.lag / PERIOD)
+    came, went, outside, inside = math.nan, -math.inf, 0, False
+    for k, measured in enumerate(course[:, 2].tolist()):
+        before, at, now = float(x[k]), float(x[k + 1]), float(e[k + 1])
+        if inside != (at > 0.0):
+            crossing = float(e[k]) + (now - float(e[k])) * before / (before - at)
+            came = crossing if math.isnan(came) else came
+            went = max(crossing, now)
         inside = at > 0.0
-        x, e = at.copy(), now
-        still = np.where(loops.bodies.velocity == 0.0, still + 1, 0)
-        if (done | (still > STILL)).all():
-            break
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.log(np.maximum(went - at_wall, 0.0) / np.maximum(came - at_wall, 1e-12))
-    return np.where(done, ratio, -np.inf)
-
-
-def walls_lag(walls: Walls) -> FloatArray:
-    """Time constant of the current loops [s]."""
-    loop = walls.current_loop
-    assert loop is not None
-    with np.errstate(divide="ignore"):
-        lag: FloatArray = np.where(loop.bandwidth > 0.0, 1.0 / (math.tau * loop.bandwidth), 0.0)
-    return lag
+        if inside:
+            went = -math.inf
+        elif not math.isnan(came):
+            went = max(went, now)
+        outside = outside + 1 if not inside and not math.isnan(came) and measured <= 0.0 else 0
+        if outside > after:
+            return math.log(max(went - at_wall, 1e-300) / max(came - at_wall, 1e-12))
+    return -math.inf
 
 
 def speeds_of(wall: Asked) -> tuple[float, float]:
@@ -473,19 +447,16 @@ def stiffer_lines(found: Found[tuple[int, int, Side, float], Beyond]) -> list[st
     return list(table(head, *cells))
 
 
-def thrown(walls: Walls, stated: FloatArray, seed: int) -> FloatArray:
+def thrown(walls: list[Truth], stated: FloatArray, seed: int) -> FloatArray:
     """Greatest ``gained`` of each wall, over speeds between the stated ends and phases."""
-    size = walls.size
+    size = len(walls)
     low, high = stated.T
     grid = [(s, p) for s in SPEEDS for p in PHASES]
     index = np.repeat(np.arange(size), len(grid))
     share, phase = np.tile(np.array(grid).T, size)
     ratio = np.maximum(high, low) / low
     speed = low[index] * ratio[index] ** share
-    each = walls.take(index)
-    found = np.empty(index.size)
-    for part in blocks(each):
-        found[part] = gained(each.take(part), speed[part], phase[part], seed)
+    found = gained([walls[i] for i in index], speed, phase, seed)
     worst: FloatArray = found.reshape(size, -1).max(axis=1)
     return np.where(high > low, worst, -np.inf)
 
@@ -516,8 +487,7 @@ def corner_shares(walls: list[Asked], side: Side, seed: int) -> list[Share]:
     if side == "both":
         bad = goes_on(kicked(at, seed))[1]
     else:
-        large, fine = np.full(len(many), 1e3), np.full(len(many), 1e6)
-        exact = replace(at, torque_limit=large, counts_per_radian=fine)
+        exact = [one._replace(wall=one.wall._replace(limit=1e3, counts=1e6)) for one in at]
         stated = np.broadcast_to((0.5, 3.0), (len(many), 2))
         bad = thrown(exact, stated, seed) > 0.0
     bad = bad.reshape(len(some), -1)

@@ -1,8 +1,8 @@
 """Measures how fast servos are simulated without a wall, beside mujoco.rollout and scipy.signal.
 
 These peers take every torque before the first step, whereas a wall's torque depends on the motion.
-So they can compute only the linear servo without a wall. The program's array simulation runs its
-whole loop here too, with a wall of zero stiffness; the given torques are those of an operator.
+So they can compute only the linear servo without a wall. The program runs its whole loop here
+too, with a wall of zero stiffness; the given torques are those of an operator.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import numpy as np
 
 from haptic_wall.controller.bench.rows import Measurement, interleaved, over_rounds, ratio
 from haptic_wall.controller.experiments.maps.compiled import compiled
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.experiments.maps.walls import BLOCK, Walls
+from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import HandName, TrueServo
@@ -29,7 +28,7 @@ from haptic_wall.hw.settings import HandName, TrueServo
 PERIOD_S: Final = 1e-3
 LINEAR: Final = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)
 _ROUNDS, _PERIODS = 5, 1000
-_MANY, _SOME, _FEW = BLOCK, 128, 8
+_MANY, _SOME, _FEW = 512, 128, 8
 _TORQUE: Final = 0.1
 _PERIOD_NS: Final = 1_000_000
 _SWING: Final = 0.5
@@ -71,42 +70,14 @@ class Client:
     """Whether its answer is exact for torques that are held over each period"""
 
 
-def alike(servo: TrueServo, count: int, stiffness: float, virtual_damping: float) -> Walls:
-    """Return equal two-sided walls without delay.
-
-    Args:
-        servo: The servo; its encoder, friction and torque limit count.
-        count: Number of walls.
-        stiffness: K [N·m/rad].
-        virtual_damping: B [N·m·s/rad].
-    """
-    one = np.ones(count)
-    return Walls(
-        inertia=servo.inertia * one,
-        damping=servo.damping * one,
-        coulomb=servo.coulomb * one,
-        counts_per_radian=servo.counts_per_rev / math.tau * one,
-        backlash=0.0 * one,
-        torque_limit=servo.torque_limit * one,
-        torque_step=0.0 * one,
-        stiffness=stiffness * one,
-        virtual_damping=virtual_damping * one,
-        period=PERIOD_S * one,
-        whole=np.zeros(count, dtype=np.int64),
-        lag=0.0 * one,
-        rest=PERIOD_S * one,
-        velocity_samples=np.ones(count, dtype=np.int64),
-        one_sided=np.zeros(count, dtype=np.bool_),
-    )
-
-
 def beside_peers() -> tuple[list[Measurement], list[str]]:
     """Measure all simulators; return rates, differences of their answers, and notes."""
     notes = list(_NOTES)
     peers = {**_scipy(), **_mujoco(notes)}
-    ours = {"haptic-wall": Client(_arrays, _MANY)}
-    if compiled() is not None:
-        ours["haptic-wall, compiled"] = Client(partial(_arrays, compile_=True), _MANY)
+    name, many = "haptic-wall, compiled", _MANY
+    if compiled() is None:
+        name, many = "haptic-wall", _FEW
+    ours = {name: Client(_pushed, many)}
     clients = {**ours, **peers}
     torques = np.random.default_rng(1).uniform(-_TORQUE, _TORQUE, (_MANY, _PERIODS))
     work = {
@@ -118,7 +89,7 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
         name: [one / (client.servos * _PERIODS) for one in times[name]]
         for name, client in clients.items()
     }
-    expected = _arrays(torques)
+    expected = _pushed(torques[:_SOME])
     rows = one_tick()
     for name, client in clients.items():
         what = f"{name}, servo alone, {client.servos} at once"
@@ -126,8 +97,8 @@ def beside_peers() -> tuple[list[Measurement], list[str]]:
             over_rounds(what, [1 / one for one in each[name]], "servo-periods/s", _NOT_CLOSED)
         )
     for name, client in peers.items():
-        theirs = client.positions(torques[: client.servos])
-        apart = float(np.max(np.abs(theirs - expected[: client.servos])))
+        some = min(client.servos, _SOME)
+        apart = float(np.max(np.abs(client.positions(torques[:some]) - expected[:some])))
         rows += [
             ratio(
                 f"{own} over {name}, servo alone",
@@ -175,10 +146,9 @@ def one_tick() -> list[Measurement]:
     ]
 
 
-def _arrays(torques: FloatArray, *, compile_: bool = False) -> FloatArray:
-    walls = alike(LINEAR, len(torques), 0.0, 0.0)
-    loops = Loops(walls, np.zeros(len(torques)), compile_=compile_)
-    return loops.driven(np.ascontiguousarray(torques.T)).T
+def _pushed(torques: FloatArray) -> FloatArray:
+    wall = wall_of(LINEAR, period=PERIOD_S, delay=0.0, virtual_damping=0.0)
+    return np.array([Loop(wall, 0.0, 0.0).run(row.size, row)[:, 0] for row in torques])
 
 
 def _scipy() -> dict[str, Client]:

@@ -40,6 +40,7 @@ from haptic_wall.hw.settings import TrueServo
 
 STEP_NS: Final = 200_000
 """Longest time over which the voltage is held at its mean [ns]"""
+STEP_S: Final = 1e-9 * STEP_NS
 _SETTLED: Final = 1e-12
 """Fraction of the goal at which a lag is over"""
 
@@ -53,6 +54,99 @@ class Winding(NamedTuple):
     """Speed at which the back-EMF equals the supply [rad/s]"""
 
 
+class Drive(NamedTuple):
+    """Numbers of a current loop."""
+
+    rate: float
+    """Of the loop [1/s]; 0: at once"""
+    dead_band: float
+    """[N·m]"""
+    back_emf: float
+    """b [N·m·s/rad]"""
+    droop: float
+    """s b / w0 [N·m·s²/rad²]"""
+    stall: float
+    """Stall torque [N·m]"""
+    acts: bool
+    """Whether something lies between a commanded torque and the one that acts"""
+
+
+def drive_of(true: TrueServo, winding: Winding) -> Drive:
+    """Return the current loop of a servo.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+    for name, unit in (
+        ("current_bandwidth", "Hz"),
+        ("current_period", "s"),
+        ("current_droop", "(a fraction)"),
+        ("dead_band", "N·m"),
+        ("current_filter", "Hz"),
+    ):
+        value = getattr(true, name)
+        if not 0.0 <= value < math.inf:
+            raise SpecError(f"{name} is {value} {unit}", advice="give a finite value from 0 up")
+    stall, fastest = winding
+    if true.back_emf and not fastest > 0.0:
+        raise SpecError(f"no_load_speed is {fastest} rad/s", advice="give a value above 0")
+    back_emf = stall / fastest if true.back_emf else 0.0
+    droop = true.current_droop * back_emf / fastest if true.back_emf else 0.0
+    acts = any((true.current_bandwidth, true.current_period, true.dead_band, true.current_filter))
+    return Drive(
+        math.tau * true.current_bandwidth,
+        true.dead_band,
+        back_emf,
+        droop,
+        stall,
+        acts or true.back_emf,
+    )
+
+
+def goal_for(drive: Drive, torque: float) -> float:
+    """Return the torque that the loop leads to for a commanded one [N·m]."""
+    return math.copysign(max(abs(torque) - drive.dead_band, 0.0), torque)
+
+
+def target_of(
+    drive: Drive, goal: float, u: float, velocity: float, acceleration: float
+) -> tuple[float, float, float]:
+    """Begin a step of the loop: return target and start of u [N·m], and the braking [N·m·s/rad].
+
+    Args:
+        drive: The loop.
+        goal: [N·m].
+        u: At the end of the last step [N·m].
+        velocity: Of the motor [rad/s].
+        acceleration: Over the last step [rad/s²]; predicts the speed in the middle of this one.
+    """
+    target, braking = goal, 0.0
+    if drive.back_emf > 0.0:
+        speed = velocity + acceleration * (0.5 * STEP_S)
+        lost = drive.droop * abs(speed)
+        wanted = goal + (drive.back_emf - lost) * speed
+        target, braking = min(max(wanted, -drive.stall), drive.stall), drive.back_emf
+        if drive.rate == 0.0 and target == wanted:
+            # As u = u* at each instant, only the droop is left of the back-EMF.
+            target, braking = goal - lost * speed, 0.0
+    if drive.rate == 0.0 or abs(u - target) <= _SETTLED * abs(target):
+        u = target
+    return target, u, braking
+
+
+def mean_of(drive: Drive, target: float, u: float, duration: float) -> float:
+    """Return the mean of u over a step [N·m]."""
+    if u == target:
+        return u
+    y = drive.rate * duration
+    return target + (u - target) * (-math.expm1(-y) / y)
+
+
+def end_of(drive: Drive, target: float, u: float, duration: float) -> float:
+    """Return u at the end of a step [N·m]."""
+    return u if u == target else target + (u - target) * math.exp(-drive.rate * duration)
+
+
 class CurrentLoop:
     """Current control of one motor; the caller moves the body that it drives.
 
@@ -61,62 +155,24 @@ class CurrentLoop:
 
     Args:
         true: The servo's true parameters.
-        winding: The motor.
+        drive: The numbers of its loop.
         start_ns: The time of the first period [ns].
 
-    Raises:
-        ValueError: A value is out of range.
+    Attributes:
+        begin_ns: Start of the present step [ns].
     """
 
     __slots__ = (
-        "_acceleration",
-        "_back_emf",
-        "_braking",
-        "_dead_band",
-        "_droop",
-        "_duration",
-        "_filter_rate",
-        "_goal",
-        "_mean",
-        "_period_ns",
-        "_rate",
-        "_regulated",
-        "_sensed",
-        "_sensed_now",
-        "_speed",
-        "_start_ns",
-        "_target",
-        "_u",
-        "_winding",
-        "begin_ns",
+        *("_acceleration", "_braking", "_drive", "_duration", "_filter_rate", "_goal", "_mean"),
+        *("_period_ns", "_regulated", "_sensed", "_sensed_now", "_speed", "_start_ns", "_target"),
+        *("_u", "begin_ns"),
     )
 
-    def __init__(self, true: TrueServo, winding: Winding, start_ns: int) -> None:
-        for name, value, unit in (
-            ("current_bandwidth", true.current_bandwidth, "Hz"),
-            ("current_period", true.current_period, "s"),
-            ("current_droop", true.current_droop, "(a fraction)"),
-            ("dead_band", true.dead_band, "N·m"),
-            ("current_filter", true.current_filter, "Hz"),
-        ):
-            if not 0.0 <= value < math.inf:
-                raise SpecError(f"{name} is {value} {unit}", advice="give a finite value from 0 up")
-        if true.back_emf and not winding.no_load_speed > 0.0:
-            raise SpecError(
-                f"no_load_speed is {winding.no_load_speed} rad/s", advice="give a value above 0"
-            )
-        self._rate = math.tau * true.current_bandwidth
+    def __init__(self, true: TrueServo, drive: Drive, start_ns: int) -> None:
+        self._drive = drive
         self._period_ns = round(true.current_period * 1e9)
-        self._start_ns = start_ns
-        self._dead_band = true.dead_band
+        self.begin_ns = self._start_ns = start_ns
         self._filter_rate = math.tau * true.current_filter
-        self._back_emf = self._droop = 0.0
-        self._winding = winding
-        if true.back_emf:
-            self._back_emf = winding.stall_torque / winding.no_load_speed
-            self._droop = true.current_droop * self._back_emf / winding.no_load_speed
-        self.begin_ns = start_ns
-        """Start of the present step [ns]"""
         self._goal = 0.0
         self._regulated = False
         """Whether a current is controlled; otherwise a voltage is held, or the motor is limp"""
@@ -133,7 +189,8 @@ class CurrentLoop:
     @property
     def steady(self) -> bool:
         """Whether the torque stays as it is until something is commanded."""
-        return self._braking == 0.0 and self._u == self._target and not self._follows_speed
+        follows_speed = self._regulated and self._drive.back_emf > 0.0
+        return self._braking == 0.0 and self._u == self._target and not follows_speed
 
     @property
     def sensed(self) -> float:
@@ -142,7 +199,7 @@ class CurrentLoop:
 
     def feed(self, stall_torque: float) -> None:
         """Change the supply, by what it makes at a standstill [N·m]; acts from the next step on."""
-        self._winding = self._winding._replace(stall_torque=stall_torque)
+        self._drive = self._drive._replace(stall=stall_torque)
 
     def taken_over_ns(self, now_ns: int) -> int:
         """Return when a command that arrives at ``now_ns`` is taken over: at a tick of the loop."""
@@ -169,20 +226,16 @@ class CurrentLoop:
             self._goal = self._u = self._target = goal
             self._braking = braking
         else:
-            self._goal = math.copysign(max(abs(goal) - self._dead_band, 0.0), goal)
+            self._goal = goal_for(self._drive, goal)
             # The current does not jump; where there is no lag it need not be known.
-            self._u = torque + self._back_emf * velocity
+            self._u = torque + self._drive.back_emf * velocity
         self._begin(velocity, now_ns)
 
     def hold(self, until_ns: int) -> tuple[float, float]:
         """Return torque [N·m] and braking [N·m·s/rad] to hold from ``begin_ns`` to ``until_ns``."""
         duration = (until_ns - self.begin_ns) * 1e-9
         self._duration = duration
-        if self._u == self._target:
-            self._mean = self._u
-        else:
-            y = self._rate * duration
-            self._mean = self._target + (self._u - self._target) * (-math.expm1(-y) / y)
+        self._mean = mean_of(self._drive, self._target, self._u, duration)
         return self._mean, self._braking
 
     def moved(self, distance: float, velocity: float, until_ns: int, *, ended: bool) -> None:
@@ -214,47 +267,16 @@ class CurrentLoop:
         """
         return self._value() - self._braking * velocity
 
-    @property
-    def _follows_speed(self) -> bool:
-        return self._regulated and self._back_emf > 0.0
-
     def _value(self) -> float:
         """Return u where the last ``hold`` ended."""
-        if self._u == self._target:
-            return self._u
-        return self._target + (self._u - self._target) * math.exp(-self._rate * self._duration)
+        return end_of(self._drive, self._target, self._u, self._duration)
 
     def _begin(self, velocity: float, now_ns: int) -> None:
         """Begin a step: compute the target of u for the speed expected in its middle."""
         self.begin_ns = now_ns
         self._duration = 0.0
         self._speed = velocity
-        if not self._regulated:
-            return
-        goal, back_emf = self._goal, self._back_emf
-        self._braking = back_emf
-        if back_emf > 0.0:
-            speed = velocity + self._acceleration * (0.5e-9 * STEP_NS)
-            stall = self._winding.stall_torque
-            lost = self._droop * abs(speed)
-            wanted = goal + (back_emf - lost) * speed
-            self._target = min(max(wanted, -stall), stall)
-            if self._rate == 0.0 and self._target == wanted:
-                # As u = u* at each instant, only the droop is left of the back-EMF.
-                self._target, self._braking = goal - lost * speed, 0.0
-        else:
-            self._target = goal
-        if self._rate == 0.0 or abs(self._u - self._target) <= _SETTLED * abs(self._target):
-            self._u = self._target
-
-
-def current_loop(true: TrueServo, winding: Winding, start_ns: int) -> CurrentLoop | None:
-    """Return the current loop of a servo; None: its torque is the commanded one, at once."""
-    effects = (
-        true.current_bandwidth,
-        true.current_period,
-        true.dead_band,
-        true.current_filter,
-        float(true.back_emf),
-    )
-    return CurrentLoop(true, winding, start_ns) if any(effects) else None
+        if self._regulated:
+            self._target, self._u, self._braking = target_of(
+                self._drive, self._goal, self._u, velocity, self._acceleration
+            )

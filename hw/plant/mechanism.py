@@ -1,7 +1,6 @@
 """Simulates the moving servo in time: delayed torques, operator model, encoder with backlash.
 
-It moves ``haptic_wall.hw.plant.body``, or ``haptic_wall.hw.plant.substeps`` for a servo with
-effects that the ideal body lacks, or ``haptic_wall.hw.plant.masses`` with a load behind a
+It moves by ``haptic_wall.hw.plant.step``, or ``haptic_wall.hw.plant.chain`` with a load behind a
 transmission, from event to event: a torque begins to act, or the operator's reference changes its
 slope. Times are integer nanoseconds of the caller's clock.
 """
@@ -13,17 +12,18 @@ from collections import deque
 from dataclasses import replace
 
 from haptic_wall.hw.hand import Grasp
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
-from haptic_wall.hw.plant.current_loop import Winding, current_loop
-from haptic_wall.hw.plant.effects import Effects
+from haptic_wall.hw.plant.chain import room, swing
+from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.masses import Masses
+from haptic_wall.hw.plant.mechanics import links_of, mechanics_of, ripple_at
 from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
-from haptic_wall.hw.plant.substeps import Substeps
+from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
 from haptic_wall.hw.settings import TrueServo
 
 OPERATOR_WAIT_S = 1.0
 """Delay between the operator's release and its first action [s]"""
+_MOST_KEPT = 256
+"""Responses that are at hand"""
 
 
 class Mechanism:
@@ -36,31 +36,19 @@ class Mechanism:
     """
 
     __slots__ = (
-        "_backlash",
-        "_braking",
-        "_counts_per_radian",
-        "_delay_ns",
-        "_effects",
-        "_errors",
-        "_followed",
-        "_grasped",
-        "_kept",
-        "_loop",
-        "_masses",
-        "_on_motor",
-        "_operator",
-        "_operator_ns",
-        "_origin_ns",
-        "_parameters",
-        "_pending",
-        "_start_ns",
-        "_states",
-        "_step",
-        "_torque",
-        "_torque_limit",
-        "_torque_step",
-        "_true",
-        "time_ns",
+        *("_braking", "_counts_per_radian", "_delay_ns", "_end", "_errors", "_followed"),
+        *(
+            "_grasped",
+            "_kept",
+            "_links",
+            "_loop",
+            "_mechanics",
+            "_on_motor",
+            "_operator",
+            "_operator_ns",
+        ),
+        *("_origin_ns", "_pending", "_start_ns", "_stepped", "_torque", "_torque_limit"),
+        *("_torque_step", "_true", "_v", "_x", "_z", "time_ns"),
     )
 
     def __init__(
@@ -87,15 +75,16 @@ class Mechanism:
         Raises:
             ValueError: A value is out of range.
         """
-        self._parameters = PlantParameters(true.inertia, true.damping, true.coulomb)
-        self._effects = effects = Effects.of(true)
-        ideal = effects.none(true.damping, true.coulomb)
-        self._step = step if ideal else Substeps(self._parameters, effects).step
+        self._mechanics = p = mechanics_of(true)
         self._braking = 0.0
-        self._masses = Masses(true) if true.flexible else None
-        state = State(true.position, velocity)
-        self._states: tuple[State, ...] = (state, state, *(state for _ in true.chain))
-        """States of motor, output and further masses: all the same where the servo is rigid"""
+        self._kept: dict[tuple[float, float, float, float], Kept] = {}
+        self._x, self._v = true.position, velocity
+        """State of the servo where it is rigid"""
+        self._links = links_of(true)
+        self._end = true.position
+        """Position of the last mass; with ``_z`` the state with a transmission"""
+        self._z = [0.0] * room(p.masses)
+        self._z[: 2 * p.masses + 1 : 2] = [velocity] * (p.masses + 1)
         self._on_motor = true.encoder == "motor"
         self._true = true
         scripted = None if operator_waits else operator_of(true)
@@ -113,12 +102,11 @@ class Mechanism:
         self._torque = 0.0
         self._pending: deque[tuple[int, float, float | None]] = deque()
         self._counts_per_radian = true.counts_per_rev / (2.0 * math.pi)
-        self._backlash = 0.0 if true.flexible else true.backlash
         self._followed = true.position
-        winding = winding or Winding(true.torque_limit, true.no_load_speed)
-        self._loop = current_loop(true, winding, start_ns)
-        self._kept = (self._states, self._followed)
-        """Shaft and encoder where the present step of the current loop began"""
+        drive = drive_of(true, winding or Winding(true.torque_limit, true.no_load_speed))
+        self._loop = CurrentLoop(true, drive, start_ns) if drive.acts else None
+        self._stepped = self._state()
+        """The state where the present step of the current loop began"""
         errors = EncoderErrors(
             true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
         )
@@ -134,30 +122,39 @@ class Mechanism:
     @property
     def position(self) -> float:
         """Return the true position of the output shaft [rad], at the present time."""
-        return self._states[1].position
+        if not self._mechanics.masses:
+            return self._x
+        return self._end + sum(self._z[3 : 2 * self._mechanics.masses : 2])
 
     @property
     def velocity(self) -> float:
         """Return the true velocity of the output shaft [rad/s], at the present time."""
-        return self._states[1].velocity
+        return self._z[2] if self._mechanics.masses else self._v
 
     @property
     def motor_velocity(self) -> float:
         """Return the true velocity of the motor's side [rad/s]; the shaft's where that is rigid."""
-        return self._states[0].velocity
+        return self._z[0] if self._mechanics.masses else self._v
+
+    @property
+    def motor_position(self) -> float:
+        """Return the true position of the motor's side [rad]; the shaft's where that is rigid."""
+        if not self._mechanics.masses:
+            return self._x
+        return self._end + sum(self._z[1 : 2 * self._mechanics.masses : 2])
 
     @property
     def torque(self) -> float:
         """Return the motor's acting torque [N·m], from the present time on."""
         torque = self.current_torque
-        return torque + torque * self._effects.ripple_at(self._states[0].position)
+        return torque + torque * ripple_at(self._mechanics, self.motor_position)
 
     @property
     def current_torque(self) -> float:
         """Return the torque of the motor's current without ripple [N·m]."""
         if self._loop is not None:
-            return self._loop.torque(self._states[0].velocity)
-        return self._torque - self._braking * self._states[0].velocity
+            return self._loop.torque(self.motor_velocity)
+        return self._torque - self._braking * self.motor_velocity
 
     @property
     def sensed_torque(self) -> float:
@@ -189,7 +186,7 @@ class Mechanism:
     @property
     def flexible(self) -> bool:
         """Whether a load lies behind a transmission: its motion is computed in substeps."""
-        return self._masses is not None
+        return self._mechanics.masses > 0
 
     def advance(self, now_ns: int) -> None:
         """Advance to ``now_ns`` [ns].
@@ -238,8 +235,7 @@ class Mechanism:
         """Do the same with a torque that ``limited`` has returned [N·m]."""
         if self._loop is None and self._delay_ns == 0:  # as ``_command``, for speed
             self.advance(now_ns)
-            self._torque = acting
-            self._brake(braking)
+            self._torque, self._braking = acting, braking
         else:
             self._command(acting, braking, now_ns)
 
@@ -313,11 +309,10 @@ class Mechanism:
     def _act(self, torque: float, braking: float | None) -> None:
         """Let a commanded torque begin to act; braking None: the motor is limp."""
         if self._loop is not None:
-            self._loop.take(torque, braking, self._states[0].velocity, self.time_ns)
-            self._kept = (self._states, self._followed)
+            self._loop.take(torque, braking, self.motor_velocity, self.time_ns)
+            self._stepped = self._state()
             return
-        self._torque = torque
-        self._brake(braking or 0.0)
+        self._torque, self._braking = torque, braking or 0.0
 
     def _pass(self, until_ns: int) -> None:
         """Move to ``until_ns`` [ns], with the torque that the current loop makes meanwhile."""
@@ -327,27 +322,23 @@ class Mechanism:
             return
         while self.time_ns < until_ns:
             if self.time_ns > loop.begin_ns:  # somebody looked within this step: take it as a whole
-                self._states, self._followed = self._kept
+                self._x, self._v, self._followed, self._end, self._z = self._stepped
+                self._z = self._z[:]
                 self.time_ns = loop.begin_ns
             end_ns = until_ns if loop.steady else loop.end_ns
             if self._operator_ns is not None:
                 end_ns = min(end_ns, max(self._operator_ns, self.time_ns + 1))
             stop_ns = min(end_ns, until_ns)
-            self._torque, braking = loop.hold(stop_ns)
-            self._brake(braking)
-            begin = self._states[0].position
+            self._torque, self._braking = loop.hold(stop_ns)
+            begin = self.motor_position
             self._move(stop_ns)
-            state = self._states[0]
             ended = stop_ns == end_ns
-            loop.moved(state.position - begin, state.velocity, stop_ns, ended=ended)
+            loop.moved(self.motor_position - begin, self.motor_velocity, stop_ns, ended=ended)
             if ended:
-                self._kept = (self._states, self._followed)
+                self._stepped = self._state()
 
-    def _brake(self, braking: float) -> None:
-        if braking != self._braking:
-            self._braking = braking
-            true = self._true
-            self._parameters = PlantParameters(true.inertia, true.damping + braking, true.coulomb)
+    def _state(self) -> tuple[float, float, float, float, list[float]]:
+        return self._x, self._v, self._followed, self._end, self._z[:]
 
     def _move(self, until_ns: int) -> None:
         """Move under the acting torque, divided where the operator starts or changes its slope."""
@@ -355,57 +346,42 @@ class Mechanism:
             begin_ns, self._operator_ns = self._operator_ns, None
             if begin_ns > self.time_ns:
                 self._move(begin_ns)
-            self._operator = operator_of(replace(self._true, position=self._states[-1].position))
+            self._operator = operator_of(replace(self._true, position=self._last))
             self._start_ns = begin_ns
             if until_ns == begin_ns:
                 return
-        if self._masses is not None:
-            self._move_masses(self._masses, until_ns)
-            return
-        turns: list[float] | None = [] if self._backlash > 0.0 else None
-        state, parameters, torque, operator = (
-            self._states[0],
-            self._parameters,
-            self._torque,
-            self._operator,
-        )
-        now_ns, start_ns = self.time_ns, self._start_ns
+        operator, now_ns, start_ns = self._operator, self.time_ns, self._start_ns
         if self._grasped is not None:
             operator, start_ns = self._grasped, 0
         if operator is None:
-            state = self._step(state, parameters, torque, (until_ns - now_ns) * 1e-9, turns=turns)
+            self._step(NOBODY, until_ns - now_ns)
         else:
             while now_ns < until_ns:
                 reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
                 cut_ns = min(until_ns, start_ns + turn_ns)
-                pull = Pull(grip, damping, reference, slope)
-                duration = (cut_ns - now_ns) * 1e-9
-                state = self._step(state, parameters, torque, duration, pull, turns=turns)
+                self._step(Hand(grip, damping, reference, slope), cut_ns - now_ns)
                 now_ns = cut_ns
-        self._states = state, state
         self.time_ns = until_ns
-        if turns is None:
-            self._followed = state.position
-        else:
-            half = 0.5 * self._backlash
-            for position in (*turns, state.position):
-                self._followed = min(max(self._followed, position - half), position + half)
 
-    def _move_masses(self, masses: Masses, until_ns: int) -> None:
-        """Move motor, output and further masses, divided where the operator changes its slope."""
-        states, operator = self._states, self._operator
-        now_ns, start_ns = self.time_ns, self._start_ns
-        if self._grasped is not None:
-            operator, start_ns = self._grasped, 0
-        while now_ns < until_ns:
-            pull, cut_ns = None, until_ns
-            if operator is not None:
-                reference, slope, turn_ns, grip, damping = operator.pull(now_ns - start_ns)
-                cut_ns = min(until_ns, start_ns + turn_ns)
-                pull = Pull(grip, damping, reference, slope)
-            length_ns = cut_ns - now_ns
-            states = masses.step(states, self._parameters, self._torque, length_ns, pull)
-            now_ns = cut_ns
-        self._states = states
-        self.time_ns = until_ns
-        self._followed = states[0 if self._on_motor else 1].position
+    @property
+    def _last(self) -> float:
+        """Return the position of the mass on which the operator acts [rad]."""
+        return self._end if self._mechanics.masses else self._x
+
+    def _step(self, hand: Hand, length_ns: int) -> None:
+        """Move for a time under the acting torque."""
+        p, torque, braking = self._mechanics, self._torque, self._braking
+        duration = length_ns * 1e-9
+        if p.masses:
+            self._end = swing(p, self._links, hand, self._z, self._end, torque, braking, duration)
+            self._followed = self.motor_position if self._on_motor else self.position
+            return
+        key = hand.stiffness, hand.damping, braking, duration
+        kept = self._kept.get(key)
+        if kept is None:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            kept = self._kept[key] = kept_for(p, hand, braking, duration)
+        self._x, self._v, self._followed = move(
+            p, kept, hand, self._x, self._v, self._followed, torque, braking, duration
+        )

@@ -6,7 +6,7 @@ Coulomb friction sticks exactly: a step in which the speed reaches zero is divid
 
 Error of the output after 0.4 s and 1 rad of a wild motion, in counts of 4096: rigid 0.002; two
 masses at 30 Hz 0.02, with a backlash of 0.5 degrees inside the transmission 0.3. The tests compare
-it with the exact solution of ``haptic_wall.hw.plant.body`` and with a general solver.
+it with the exact solution of ``haptic_wall.hw.plant.step`` and with a general solver.
 """
 
 from __future__ import annotations

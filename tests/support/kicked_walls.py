@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.detector.acting import ActingTorque
 from haptic_wall.controller.detector.oscillation import Detector, DetectorSettings
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.experiments.maps.walls import Walls, blocks
+from haptic_wall.controller.experiments.maps.loop import Wall
+from haptic_wall.controller.experiments.maps.walls import Loop
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from tests.support.operators import draw_grips, wanted_motion
 from tests.support.truth import COUNT
@@ -20,6 +20,14 @@ PERIOD = 1e-3
 _LOOK = 400
 _FAR = 1e12
 """Counts beyond which a diverging motion is no longer followed."""
+
+
+class Stiff(NamedTuple):
+    """A wall with its stiffness."""
+
+    wall: Wall
+    stiffness: float
+    """[N·m/rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +42,9 @@ class Trace:
     """True position of the shaft a period later [rad]"""
 
 
-Drive = Callable[[int, IntArray, FloatArray, FloatArray], FloatArray]
-"""Torque of operators [N·m], from the period, who they are, position [rad] and velocity [rad/s]"""
-
-
-def kicked(walls: Walls, kick: FloatArray, cycles: float, until: float = np.inf) -> list[Trace]:
+def kicked(
+    walls: Sequence[Stiff], kick: FloatArray, cycles: float, until: float = np.inf
+) -> list[Trace]:
     """Release servos at rest, ``kick`` from the wall, and record them.
 
     Args:
@@ -47,53 +53,40 @@ def kicked(walls: Walls, kick: FloatArray, cycles: float, until: float = np.inf)
         cycles: Oscillations of the slowest undamped spring to record.
         until: Amplitude in kicks (but at least 20 counts) at which the recording may end.
     """
-    slowest = 2.0 * np.pi * np.sqrt(np.max(walls.inertia / walls.stiffness)) / PERIOD
-    enough = np.maximum(until * kick, 20.0 / walls.counts_per_radian)
-    return _recorded(walls, int(cycles * slowest + 500), kick, enough)
+    slowest = max(2.0 * np.pi * np.sqrt(one.wall.moved / one.stiffness) for one in walls) / PERIOD
+    periods, traces = int(cycles * slowest + 500), []
+    for one, start in zip(walls, kick.tolist(), strict=True):
+        loop = Loop(one.wall, one.stiffness, start)
+        parts: list[FloatArray] = []
+        enough = max(until * start, 20.0 / one.wall.counts)
+        while loop.k < periods and not (parts and np.abs(parts[-1][:, 0]).max() > enough):
+            parts.append(loop.run(min(_LOOK, periods - loop.k)))
+        traces.append(trace_of(np.concatenate(parts)))
+    return traces
 
 
-def handled(walls: Walls, hand: str, periods: int, random: np.random.Generator) -> list[Trace]:
-    """Record walls that operators of a kind (``operators.HANDS``) move, from rest."""
-    spring, damper = draw_grips(walls.inertia, random)
-    wanted = wanted_motion(hand, walls.size, periods, random)
-    speed = np.diff(wanted, axis=0, append=wanted[-1:]) / PERIOD
-
-    def drive(k: int, who: IntArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-        drag: FloatArray = damper[who] * (speed[k, who] - velocity)
-        drag += spring[who] * (wanted[k, who] - position)
-        return drag
-
-    return _recorded(walls, periods, np.zeros(walls.size), np.full(walls.size, np.inf), drive)
-
-
-def _recorded(
-    walls: Walls, periods: int, kick: FloatArray, enough: FloatArray, drive: Drive | None = None
+def handled(
+    walls: Sequence[Stiff], hand: str, periods: int, random: np.random.Generator
 ) -> list[Trace]:
-    """Record each wall until its amplitude is enough [rad]."""
-    traces: dict[int, Trace] = {}
-    for who in blocks(walls):
-        loops = Loops(walls.take(who), kick[who].copy())
-        rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    """Record walls that operators of a kind (``operators.HANDS``) move, from rest."""
+    spring, damper = draw_grips(np.array([one.wall.moved for one in walls]), random)
+    wanted = wanted_motion(hand, len(walls), periods, random)
+    speed = np.diff(wanted, axis=0, append=wanted[-1:]) / PERIOD
+    traces = []
+    for i, one in enumerate(walls):
+        loop, rows = Loop(one.wall, one.stiffness, 0.0), []
+        firm, drag = float(spring[i]), float(damper[i])
+        for at, pace in zip(wanted[:, i].tolist(), speed[:, i].tolist(), strict=True):
+            push = drag * (pace - loop.velocity) + firm * (at - loop.position)
+            rows.append(loop.run(1, push)[0])
+        traces.append(trace_of(np.array(rows)))
+    return traces
 
-        def watch(loops: Loops = loops, rows: list[Any] = rows) -> None:
-            place = loops.bodies.position.copy()
-            rows.append((loops.measured / COUNT, loops.torque.copy(), place))
 
-        ends = np.full(who.size, periods)
-        with np.errstate(over="ignore", invalid="ignore"):  # what has grown out of all bounds
-            while loops.k < periods and (ends == periods).any():
-                if drive is not None:
-                    bodies = loops.bodies
-                    loops.hand = drive(loops.k, who, bodies.position, bodies.velocity)
-                begin = loops.k
-                loops.run(min(_LOOK if drive is None else 1, periods - begin), watch)
-                reached = np.max(np.abs([row[2] for row in rows[begin:]]), axis=0) > enough[who]
-                ends[(ends == periods) & reached] = loops.k
-        counts, torques, positions = np.array(rows).transpose(1, 2, 0)
-        whole = np.rint(np.clip(np.nan_to_num(counts), -_FAR, _FAR)).astype(np.int64)
-        for i, end in enumerate(ends.tolist()):
-            traces[int(who[i])] = Trace(whole[i, :end], torques[i, :end], positions[i, :end])
-    return [traces[i] for i in range(walls.size)]
+def trace_of(course: FloatArray) -> Trace:
+    """The record of what ``Loop.run`` returns."""
+    counts = np.clip(np.nan_to_num(course[:, 2] / COUNT), -_FAR, _FAR)
+    return Trace(np.rint(counts).astype(np.int64), course[:, 3], course[:, 0])
 
 
 def steady_oscillation(position: FloatArray, period: float) -> tuple[float, float] | None:
@@ -128,8 +121,7 @@ class Heard:
 
 
 def listen(
-    walls: Walls,
-    i: int,
+    one: Stiff,
     trace: Trace,
     belief: FloatArray,
     *,
@@ -138,8 +130,7 @@ def listen(
     """Run the detector over a trace, with wrong beliefs.
 
     Args:
-        walls: The simulated walls.
-        i: Index of the wall.
+        one: The simulated wall.
         trace: Its record.
         belief: Factors on inertia, damping, Coulomb friction and delay.
         once: Stop at the first alarm.
@@ -147,18 +138,18 @@ def listen(
     m, b, c, delay = belief.tolist()
     settings = DetectorSettings(
         PERIOD,
-        float(walls.inertia[i]) * m,
-        float(walls.damping[i]) * b,
-        float(walls.coulomb[i]) * c,
+        one.wall.body.inertia * m,
+        one.wall.body.forth * b,
+        one.wall.body.coulomb * c,
         COUNT,
-        float(walls.torque_limit[i]),
+        one.wall.limit,
     )
-    lag = float(walls.whole[i] * PERIOD + walls.lag[i]) * delay
+    lag = (one.wall.whole * PERIOD + one.wall.lag) * delay
     detector = Detector(settings)
-    detector.stiffness = float(walls.stiffness[i])
+    detector.stiffness = one.stiffness
     balance = detector.balance
-    balance.virtual_damping = float(walls.virtual_damping[i])
-    balance.surface, balance.side, balance.lag = 0.0, int(walls.one_sided[i]), lag
+    balance.virtual_damping = one.wall.virtual_damping
+    balance.surface, balance.side, balance.lag = 0.0, int(one.wall.one_sided), lag
     acting = ActingTorque(lag / PERIOD)
     alarms: list[int] = []
     alarmed = False

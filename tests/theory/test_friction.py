@@ -9,7 +9,7 @@ import pytest
 
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.friction import friction_limit, onset_amplitude
-from haptic_wall.hw.plant.body import PlantParameters, State, step
+from tests.support.exact_servo import PlantParameters, State, step
 
 PERIOD = 1e-3
 COUNT = 2 * math.pi / 4096

@@ -2,32 +2,38 @@
 
 ``theory.contact`` does the same for servos without friction, encoder, backlash and torque limit.
 That module is separate because it is exact and dimensionless. Tests compare each of the two with
-the other.
+the other. The functions are plain: see ``loop``.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from typing import Final
 
-from haptic_wall.controller.experiments.maps import lane_rows
-from haptic_wall.controller.experiments.maps.kicks import unsaturated
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.experiments.maps.walls import Walls, blocks
-from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.response import held_response
-from haptic_wall.hw.plant.many_two_masses import ManyTwoMasses
+from haptic_wall.controller.experiments.maps.loop import (
+    POSITION,
+    VELOCITY,
+    Wall,
+    act,
+    begin,
+    command,
+    keep,
+)
+from haptic_wall.hw.plant.chain import Buffer
+from haptic_wall.hw.plant.motion import response
 
-_PHASES = (17, 9, 9)
+_PHASES: Final = (17, 9, 9)
 """Numbers of tried instants of entry: over the whole period, then twice around the worst one"""
-_JUST = 1e-9
+_JUST: Final = 1e-9
 """Distance between the last tried entry and the end of the period [periods]"""
-_CONTACTS = 6.0
+_HOPELESS: Final = -0.1
+"""A wall that returns less at all of the first instants does not return more at one between them"""
+_CONTACTS: Final = 6.0
 """Longest simulated contact, in half oscillations of the undamped spring; a servo that then still
 creeps out has exit speed 0"""
-_LOOK = 32
 
 
-def returned(walls: Walls, kick: FloatArray) -> FloatArray:
+def returned(wall: Wall, s: Buffer, z: Buffer, stiffness: float, kick: float) -> float:
     """Return log(exit speed / entry speed) at the worst phase; above 0 the servo returns faster.
 
     The servo moves freely and enters with the speed that the spring alone would stop within
@@ -36,119 +42,107 @@ def returned(walls: Walls, kick: FloatArray) -> FloatArray:
     vibration: it is that of a rigid servo of the same energy.
 
     Args:
-        walls: One-sided walls with stiffness > 0.
-        kick: Penetration at which the undamped spring would stop the servo, > 0 [rad]; where it
-            would saturate, ``kicks.unsaturated`` replaces it.
+        wall: A one-sided wall.
+        s: The simulation's buffer.
+        z: The state of ``chain``.
+        stiffness: K > 0 [N·m/rad].
+        kick: Penetration at which the undamped spring would stop the servo, > 0 [rad]; it must not
+            saturate the torque.
 
     Returns:
-        The greatest value over the instants of entry between two samples; -1 if every exit speed is
-        0.
+        The greatest value over the instants of entry between two samples; among the first instants
+        where that says enough. -1 if every exit speed is 0.
     """
-    middle, reach = np.full((walls.size, 1), 0.5), 0.5
-    worst = np.full(walls.size, -np.inf)
-    speed = unsaturated(walls, kick) * np.sqrt(walls.stiffness / walls.moved)
+    speed = kick * math.sqrt(stiffness / wall.moved)
+    middle, reach, worst = 0.5, 0.5, -math.inf
     for points in _PHASES:
-        phase = np.clip(middle + reach * np.linspace(-1.0, 1.0, points), _JUST, 1.0 - _JUST)
-        each = walls.take(np.repeat(np.arange(walls.size), points))
-        speeds = np.repeat(speed, points)
-        result = np.empty(each.size)
-        for index in blocks(each):
-            result[index] = _returned(each.take(index), speeds[index], phase.ravel()[index])
-        tried = result.reshape(phase.shape)
-        best = np.argmax(tried, axis=1)[:, None]
-        worst = np.maximum(worst, np.take_along_axis(tried, best, axis=1)[:, 0])
-        middle = np.take_along_axis(phase, best, axis=1)
+        best = middle
+        for i in range(points):
+            phase = middle + reach * (2.0 * i / (points - 1) - 1.0)
+            phase = min(max(phase, _JUST), 1.0 - _JUST)
+            leaving = contact(wall, s, z, stiffness, speed, phase)
+            found = math.log(leaving / speed) if leaving > 0.0 else -1.0
+            if found > worst:
+                worst, best = found, phase
+            if worst > 0.0:
+                break
+        if worst > 0.0 or worst < _HOPELESS:
+            break
+        middle = best
         reach *= 2.0 / (points - 1)
     return worst
 
 
-def _returned(walls: Walls, speed: FloatArray, phase: FloatArray) -> FloatArray:
-    lead = walls.velocity_samples + 1.0 + phase
-    m, period = walls.moved, walls.period
-    free = held_response(walls.damping * period / m, -lead)
-    braked = walls.coulomb * period / m
-    position = free.position_per_speed * speed - free.position_per_torque * braked
-    before = free.speed_per_speed * speed - free.position_per_speed * braked
-    loops = Loops(walls, position * period, before)
-    contact = _Contact(loops, walls)
-    half = np.pi * np.sqrt(walls.moved / walls.stiffness) / walls.period
-    length = float(np.max(_CONTACTS * (half + walls.whole) + lead))
-    while loops.k < length:
-        contact.run(_LOOK)
-        if contact.over():
-            break
-    back = contact.leaving > 0.0
-    return np.where(back, np.log(np.where(back, contact.leaving, 1.0) / speed), -1.0)
+def contact(
+    wall: Wall, s: Buffer, z: Buffer, stiffness: float, speed: float, phase: float
+) -> float:
+    """Return the exit speed after an entry with this speed [rad/s], at this phase of a period."""
+    lead = wall.samples + 1.0 + phase
+    period, lag, m = wall.period, wall.lag, wall.moved
+    decay, braked = wall.body.forth / m, wall.body.coulomb / m
+    h1, h, back, _ = response(decay, 0.0, -lead * period)
+    begin(wall, s, z, stiffness, h * speed - back * braked, h1 * speed - h * braked)
+    late, held = keep(wall, lag), keep(wall, period - lag)
+    half = math.pi * math.sqrt(m / stiffness) / period
+    length = _CONTACTS * (half + wall.whole) + lead
+    entered, leaving, outside, k = False, 0.0, 0, 0
+    while k < length and outside <= wall.whole + 2:
+        command(wall, s, k)
+        if lag > 0.0:
+            before, came = s[POSITION], s[VELOCITY]
+            act(wall, s, z, late, k, wall.whole + 1, 0.0, lag)
+            entered = entered or s[POSITION] > 0.0
+            if entered:
+                leaving = _look(wall, s, z, leaving, before, came, lag)
+        before, came = s[POSITION], s[VELOCITY]
+        act(wall, s, z, held, k, wall.whole, 0.0, period - lag)
+        entered = entered or s[POSITION] > 0.0
+        k += 1
+        if entered:
+            leaving = _look(wall, s, z, leaving, before, came, period - lag)
+            outside = outside + 1 if s[POSITION] <= 0.0 else 0
+    return leaving
 
 
-class _Contact:
-    """Records the speeds outside the wall.
+def _look(
+    wall: Wall,
+    s: Buffer,
+    z: Buffer,
+    leaving: float,
+    before: float,
+    came: float,
+    since: float,
+) -> float:
+    """Return the greatest outward speed since the wall was left, once it was entered; 0 inside.
 
-    Attributes:
-        entered: Whether each servo has been inside.
-        leaving: Greatest outward speed since the wall was left; 0 inside.
+    Args:
+        wall: The wall.
+        s: The simulation's buffer.
+        z: The state of ``chain``.
+        leaving: The greatest speed at the last look [rad/s].
+        before: Position at the last look [rad].
+        came: Velocity at the last look [rad/s].
+        since: Time since then, under one held torque [s].
     """
-
-    def __init__(self, loops: Loops, walls: Walls) -> None:
-        self._loops = loops
-        self._walls = walls
-        self._decay = walls.damping / walls.inertia
-        self._position = loops.bodies.position.copy()
-        self._velocity = loops.bodies.velocity.copy()
-        self._outside_for = np.zeros(walls.size, dtype=np.int64)
-        self.entered = np.zeros(walls.size, dtype=np.bool_)
-        self.leaving = np.zeros(walls.size)
-        self._memory: FloatArray | None = None
-        if loops.lanes is not None:
-            self._memory = loops.lanes.seen(self._velocity, self._position)
-
-    def run(self, periods: int) -> None:
-        """Simulate some periods, and record them."""
-        memory = self._memory
-        if memory is None:
-            self._loops.run(periods, self.at_sample, self.at_switch)
-            return
-        self._loops.run_watched(periods, lane_rows.CONTACTS, memory)
-        self.leaving = memory[lane_rows.LEAVING]
-        np.not_equal(memory[lane_rows.ENTERED], 0.0, self.entered)
-        np.copyto(self._outside_for, memory[lane_rows.OUTSIDE], casting="unsafe")
-
-    def at_sample(self) -> None:
-        """Record the state at the end of a period."""
-        self._look(self._walls.rest)
-        self._outside_for += 1
-        self._outside_for[~self.entered | (self._position > 0.0)] = 0
-
-    def at_switch(self) -> None:
-        """Record the state at a change of the torque; the speed is monotone between two changes."""
-        self._look(self._walls.lag)
-
-    def _look(self, since: FloatArray) -> None:
-        """Update ``leaving`` and ``entered`` for the time ``since`` the last record [s]."""
-        x, v = self._loops.bodies.position, self._loops.bodies.velocity
-        before, came = self._position, self._velocity
-        inside = x > 0.0
-        self.entered |= inside
-        out = ~inside & self.entered
-        if isinstance(self._loops.bodies, ManyTwoMasses):
-            speed = np.maximum(self.leaving, self._loops.bodies.rigid_speed)
-            self.leaving = np.where(out, speed, 0.0)
-        elif out.any():
-            speed = np.maximum(self.leaving, -v)
-            # In the step in which it left it may have been faster than at the end. The push
-            # outwards follows from momentum, the speed at the wall from energy, with friction at
-            # the mean of the speeds at both ends.
-            crossed = out & (before > 0.0)
-            push = (came - v + self._decay * (before - x)) / since
-            lost = np.where(crossed, -self._decay * x, 0.0)
-            square = lost * lost + 4.0 * (v * v + 2.0 * push * x - lost * v)
-            at_wall = 0.5 * (lost + np.sqrt(np.maximum(square, 0.0)))
-            speed = np.where(crossed, np.maximum(speed, at_wall), speed)
-            self.leaving = np.where(out, speed, 0.0)
-        self.leaving[inside] = 0.0
-        np.copyto(before, x)
-        np.copyto(came, v)
-
-    def over(self) -> bool:
-        """Whether every servo has left the wall, and every delayed torque has ended."""
-        return bool(np.all(self._outside_for > self._walls.whole + 2))
+    x, v = s[POSITION], s[VELOCITY]
+    if x > 0.0:
+        return 0.0
+    body = wall.body
+    if body.masses > 0:
+        links = wall.links
+        energy = body.inertia * z[0] * z[0]
+        for i in range(body.masses):
+            energy += links[3 * i] * z[2 * i + 2] * z[2 * i + 2]
+            energy += links[3 * i + 1] * z[2 * i + 1] * z[2 * i + 1]
+        return max(leaving, math.sqrt(energy / wall.moved))
+    leaving = max(leaving, -v)
+    if before > 0.0:
+        # In the step in which it left it may have been faster than at the end. The push outwards
+        # follows from momentum, the speed at the wall from energy, with friction at the mean of the
+        # speeds at both ends.
+        decay = body.forth / body.inertia
+        push = (came - v + decay * (before - x)) / since
+        lost = -decay * x
+        square = lost * lost + 4.0 * (v * v + 2.0 * push * x - lost * v)
+        leaving = max(leaving, 0.5 * (lost + math.sqrt(max(square, 0.0))))
+    return leaving

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from haptic_wall.controller.experiments.maps.walls import Walls
+from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.theory import (
     critical_stiffness,
     flexible_boundary,
@@ -82,23 +84,33 @@ def ceiling(servo: TrueServo, period: float, delay: float, samples: int) -> floa
     return float(flexible_ceiling(*_flexible(servo), *loop, encoder=servo.encoder))
 
 
-def first_guess(walls: Walls) -> FloatArray:
+def first_guess(walls: Sequence[Wall]) -> FloatArray:
     """Return where to look first for the critical stiffnesses [N·m/rad].
 
     It is the exact limit; with a load and delays for which that is not known, of a rigid servo.
     """
-    delay = walls.whole * walls.period + walls.lag
-    loop = (walls.virtual_damping, walls.period, delay, walls.velocity_samples)
-    found = critical_stiffness(walls.moved, walls.damping, *loop)
-    loads = walls.transmission
-    if loads is None:
-        return found
-    known = np.maximum(delay / walls.period, walls.velocity_samples) <= MOST_PERIODS
+    columns = zip(
+        *(
+            (w.moved, w.body.forth, w.virtual_damping, w.period, w.whole * w.period + w.lag)
+            for w in walls
+        ),
+        strict=True,
+    )
+    moved, damping, *loop = (np.array(column) for column in columns)
+    loop.append(np.array([w.samples for w in walls]))
+    found = critical_stiffness(moved, damping, *loop)
+    _, period, delay, count = loop
+    known = np.maximum(delay / period, count) <= MOST_PERIODS
     for side in ("motor", "output"):
-        some = np.flatnonzero(known & (loads.on_motor == (side == "motor")))
-        if some.size:
-            servo = (walls.inertia, walls.damping, loads.load_inertia, loads.stiffness)
-            arrays = (one[some] for one in (*servo, loads.damping, *loop))
+        some = [i for i, w in enumerate(walls) if w.body.masses and w.on_motor == (side == "motor")]
+        some = [i for i in some if known[i]]
+        if some:
+            servo = zip(
+                *((walls[i].body.inertia, walls[i].body.forth, *walls[i].links[:3]) for i in some),
+                strict=True,
+            )
+            each = (one[some] for one in loop)
+            arrays = (*(np.array(column) for column in servo), *each)
             found[some] = flexible_boundary(*arrays, encoder=side).stiffness
     return found
 

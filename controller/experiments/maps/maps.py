@@ -18,24 +18,21 @@ import numpy as np
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.maps.limits import exact_limit, one_sided_limit_of
+from haptic_wall.controller.experiments.maps.loop import Wall
 from haptic_wall.controller.experiments.maps.onset import onset
-from haptic_wall.controller.experiments.maps.walls import Walls
+from haptic_wall.controller.experiments.maps.walls import wall_of
 from haptic_wall.controller.experiments.processes import cores, processes, results
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
-from haptic_wall.hw.plant.effects import Effects
-from haptic_wall.hw.plant.encoders import ManyEncoderErrors
-from haptic_wall.hw.plant.many_substeps import ManyEffects
-from haptic_wall.hw.plant.many_two_masses import Transmissions
+from haptic_wall.hw.plant.mechanics import mechanics_of
 from haptic_wall.hw.settings import TrueServo
 
 TOLERANCE = 1e-3
 """Default relative accuracy of a map."""
 _TASK = 64
-"""Largest number of points in a task: fewer take nearly as long, more would leave cores idle."""
+"""Largest number of points in a task: more would leave cores idle."""
 
 _LIMITS = 1000
 """Settings whose theoretical limits are computed together: they take some 80 kB each meanwhile"""
@@ -121,7 +118,7 @@ class MapSettings:
             or servo.counts_per_rev > 0
             or servo.backlash > 0.0
             or servo.encoder_eccentricity > 0.0
-            or not Effects.of(servo).none(servo.damping, servo.coulomb)
+            or not mechanics_of(servo).smooth
         )
 
     def delay(self, steps: IntArray) -> FloatArray:
@@ -129,36 +126,19 @@ class MapSettings:
         total_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
         return total_ns.astype(np.float64) * 1e-9
 
-    def walls(self, virtual_damping: FloatArray, steps: int) -> Walls:
+    def walls(self, virtual_damping: Sequence[float], steps: int) -> list[Wall]:
         """Return walls with these virtual dampings and this many inserted periods."""
-        servo, one = self.servo, np.ones_like(virtual_damping)
-        delay_ns = round(servo.delay * 1e9)
-        effects = Effects.of(servo)
-        alike = None
-        if not effects.none(servo.damping, servo.coulomb):
-            alike = ManyEffects.alike(effects, servo.damping, servo.coulomb, one.size)
-        whole, lag_ns = steps + delay_ns // self.period_ns, delay_ns % self.period_ns
-        return Walls(
-            inertia=servo.inertia * one,
-            damping=servo.damping * one,
-            coulomb=servo.coulomb * one,
-            counts_per_radian=servo.counts_per_rev / (2.0 * math.pi) * one,
-            backlash=servo.backlash * one,
-            torque_limit=min(servo.torque_limit, self.torque_clip) * one,
-            torque_step=servo.torque_step * one,
-            stiffness=0.0 * one,
-            virtual_damping=virtual_damping,
-            period=self.period * one,
-            whole=np.full(one.size, whole),
-            lag=lag_ns * 1e-9 * one,
-            rest=(self.period_ns - lag_ns) * 1e-9 * one,
-            velocity_samples=np.full(one.size, self.velocity_samples),
-            one_sided=np.full(one.size, self.one_sided),
-            current_loop=_current_loop(servo, one.size),
-            effects=alike,
-            encoder=_encoder(servo, one.size),
-            transmission=_transmission(servo, one.size),
+        delay_ns = steps * self.period_ns + round(self.servo.delay * 1e9)
+        wall = wall_of(
+            self.servo,
+            period=self.period,
+            delay=delay_ns * 1e-9,
+            virtual_damping=0.0,
+            one_sided=self.one_sided,
+            velocity_samples=self.velocity_samples,
+            limit=self.torque_clip,
         )
+        return [wall._replace(virtual_damping=float(damping)) for damping in virtual_damping]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,14 +191,6 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
             field="servo.chain",
             advice="leave it out, or use haptic-wall sweep",
         )
-    more = servo.backlash > 0.0 or not Effects.of(servo).none(servo.damping, servo.coulomb)
-    if servo.flexible and more:
-        raise UserError(
-            f"found {servo.load_inertia:g} beside backlash or other mechanics: with a load a map "
-            "knows only friction, encoder and drive",
-            field="servo.load_inertia",
-            advice="leave the load or the others out, or use haptic-wall sweep",
-        )
     tick_ns = round(servo.current_period * 1e9)
     if tick_ns and period_ns % tick_ns:
         raise UserError(
@@ -227,47 +199,6 @@ def _refuse_more(servo: TrueServo, period_ns: int) -> None:
             wanted=f"the loop's period, {period_ns * 1e-9:g} s, divided by a whole number",
             advice="change it, or use haptic-wall sweep",
         )
-
-
-def _encoder(servo: TrueServo, count: int) -> ManyEncoderErrors | None:
-    """Return the errors of so many encoders alike; None: they have none."""
-    if servo.encoder_eccentricity == 0.0 and servo.encoder_noise == 0.0:
-        return None
-    one = np.ones(count)
-    return ManyEncoderErrors(
-        eccentricity=servo.encoder_eccentricity * one,
-        phase=servo.encoder_phase * one,
-        noise=servo.encoder_noise * one,
-        seed=np.full(count, servo.noise_seed, dtype=np.uint64),
-        offset=0.0 * one,
-    )
-
-
-def _transmission(servo: TrueServo, count: int) -> Transmissions | None:
-    """Return the transmissions of so many servos alike; None: they are rigid."""
-    if not servo.flexible:
-        return None
-    return Transmissions(
-        load_inertia=np.full(count, servo.load_inertia),
-        stiffness=np.full(count, servo.transmission_stiffness),
-        damping=np.full(count, servo.transmission_damping),
-        on_motor=np.full(count, servo.encoder == "motor"),
-    )
-
-
-def _current_loop(servo: TrueServo, count: int) -> CurrentLoopParameters | None:
-    """Return the loops of so many servos alike; None: their torque follows at once."""
-    if not (servo.current_bandwidth or servo.dead_band or servo.back_emf):
-        return None
-    one = np.ones(count)
-    braking = servo.torque_limit / servo.no_load_speed if servo.back_emf else 0.0
-    return CurrentLoopParameters(
-        bandwidth=servo.current_bandwidth * one,
-        dead_band=servo.dead_band * one,
-        back_emf=braking * one,
-        stall_torque=servo.torque_limit * one,
-        droop=servo.current_droop * one,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,8 +326,8 @@ def compute(
     tolerance: float,
 ) -> FloatArray:
     """Compute one task: critical stiffness [N·m/rad] at one delay, dampings × kicks."""
-    walls = setting.walls(np.repeat(virtual_damping, kick.size), steps)
-    found = onset(walls, np.tile(kick, virtual_damping.size), tolerance)
+    walls = setting.walls(np.repeat(virtual_damping, kick.size).tolist(), steps)
+    found = onset(walls, np.tile(kick, virtual_damping.size), tolerance, setting.servo)
     return found.reshape(virtual_damping.size, kick.size)
 
 

@@ -1,137 +1,192 @@
-"""Describes many walls on many servos, and cuts them into blocks that are simulated together."""
+"""Describes walls on servos for simulations, and simulates a wall period by period from Python."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from haptic_wall.controller.experiments.maps.compiled import compiled
+from haptic_wall.controller.experiments.maps.loop import (
+    MEASURED,
+    POSITION,
+    RINGS,
+    TORQUE,
+    VELOCITY,
+    Wall,
+    begin,
+    course,
+)
 from haptic_wall.controller.experiments.maps.tables import Table
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.hw.plant.current_loops import CurrentLoopParameters
-from haptic_wall.hw.plant.encoders import ManyEncoderErrors
-from haptic_wall.hw.plant.many_substeps import ManyEffects
-from haptic_wall.hw.plant.many_two_masses import Transmissions, substeps
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.hw.plant.chain import Buffer, room
+from haptic_wall.hw.plant.current_loop import Winding, drive_of
+from haptic_wall.hw.plant.encoder import EncoderErrors
+from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.settings import TrueServo
 
-BLOCK = 4096
-"""Walls simulated together: their arrays fit into the processor's second-level cache."""
-_DELAYS = 8
-"""Largest number of different delays in one block: each costs a copy per period."""
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
+_WORTH = 32
+"""Least number of periods that are worth a compiled call"""
 
 
-@dataclass(frozen=True, slots=True)
-class Walls:
-    """Many walls on many servos; flat arrays of one length.
+def wall_of(
+    servo: TrueServo,
+    *,
+    period: float,
+    delay: float,
+    virtual_damping: float,
+    one_sided: bool = False,
+    velocity_samples: int = 1,
+    limit: float = math.inf,
+    offset: float = 0.0,
+    law: Table | None = None,
+) -> Wall:
+    """Return a wall on a servo.
 
-    The walls are at position 0; one-sided ones fill the positions above and push down.
+    Args:
+        servo: Its position, hand and delay are not used.
+        period: T [s].
+        delay: From a sample to the time at which its torque acts, the servo's own included [s].
+        virtual_damping: B [N·m·s/rad].
+        one_sided: The wall never pulls.
+        velocity_samples: N of the velocity difference.
+        limit: Torque limit of the wall, beside the servo's [N·m].
+        offset: Of an encoder with an eccentricity [rad].
+        law: In place of the wall; ``buffers`` takes it too.
+
+    Raises:
+        ValueError: A value is out of range.
     """
-
-    inertia: FloatArray
-    """m > 0 [kg·m²]"""
-    damping: FloatArray
-    """Viscous friction b >= 0 [N·m·s/rad]"""
-    coulomb: FloatArray
-    """Coulomb friction c >= 0 [N·m]"""
-    counts_per_radian: FloatArray
-    """Counts per radian of the encoder; 0: the position is not quantised"""
-    backlash: FloatArray
-    """Between shaft and encoder, full width, >= 0 [rad]"""
-    torque_limit: FloatArray
-    """[N·m], > 0, may be infinite"""
-    torque_step: FloatArray
-    """Torques are rounded to multiples of it [N·m]; 0: none"""
-    stiffness: FloatArray
-    """K [N·m/rad]"""
-    virtual_damping: FloatArray
-    """B [N·m·s/rad]"""
-    period: FloatArray
-    """T [s]"""
-    whole: IntArray
-    """Whole periods of the delay"""
-    lag: FloatArray
-    """Remainder of the delay beyond them [s], from 0 to less than T"""
-    rest: FloatArray
-    """T - lag [s]"""
-    velocity_samples: IntArray
-    """N of the velocity difference"""
-    one_sided: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    """Whether the wall never pulls"""
-    current_loop: CurrentLoopParameters | None = None
-    """Current loop of the servos; None: their torque follows at once"""
-    effects: ManyEffects | None = None
-    """Effects beside inertia, viscous and Coulomb friction; None: none"""
-    encoder: ManyEncoderErrors | None = None
-    """Errors of their encoders besides counting; None: none"""
-    transmission: Transmissions | None = None
-    """Loads behind a transmission, without backlash and ``effects``; None: the servos are rigid"""
-
-    law: Table | None = None
-    """In place of the wall, whose ``one_sided`` is then not used; None: the wall"""
-
-    @property
-    def size(self) -> int:
-        """Return the number of walls."""
-        return self.inertia.size
-
-    @property
-    def moved(self) -> FloatArray:
-        """Return the whole inertia that moves, loads included [kg·m²]."""
-        loads = self.transmission
-        return self.inertia if loads is None else self.inertia + loads.load_inertia
-
-    def take(self, index: IntArray | slice) -> Walls:
-        """Return the walls at ``index``."""
-        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        parts = {name: values.pop(name) for name in PARTS}
-        parts = {name: part and part.take(index) for name, part in parts.items()}
-        return Walls(**{name: array[index] for name, array in values.items()}, **parts)
-
-    def with_stiffness(self, stiffness: FloatArray) -> Walls:
-        """Return the walls with another stiffness; shape (n, ...) repeats each wall."""
-        copies = stiffness.size // max(self.size, 1)
-        many = self.take(np.repeat(np.arange(self.size), copies))
-        values = {field.name: getattr(many, field.name) for field in fields(self)}
-        return Walls(**{**values, "stiffness": stiffness.ravel()})
-
-
-PARTS = ("current_loop", "effects", "encoder", "transmission", "law")
-"""Fields of ``Walls`` that are no arrays, and may be None"""
-
-
-def split_delay(delay: FloatArray, period: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Split a delay [s] into whole periods, the remainder, and the rest of that period [s]."""
     periods = delay / period
-    whole = np.floor(periods + _SNAP)
-    lag = np.where(periods - whole > _SNAP, delay - whole * period, 0.0)
-    return whole.astype(np.int64), lag, period - lag
+    whole = math.floor(periods + _SNAP)
+    lag = delay - whole * period if periods - whole > _SNAP else 0.0
+    body = mechanics_of(servo)
+    load = sum(link.inertia for link in servo.links)
+    EncoderErrors(  # checks them
+        servo.encoder_eccentricity, servo.encoder_phase, servo.encoder_noise, servo.noise_seed
+    )
+    return Wall(
+        body=body,
+        links=links_of(servo),
+        drive=drive_of(servo, Winding(servo.torque_limit, servo.no_load_speed)),
+        on_motor=servo.encoder == "motor",
+        counts=servo.counts_per_rev / (2.0 * math.pi),
+        eccentricity=servo.encoder_eccentricity,
+        encoder_phase=servo.encoder_phase,
+        offset=offset,
+        noise=servo.encoder_noise,
+        limit=min(servo.torque_limit, limit),
+        step=servo.torque_step,
+        virtual_damping=virtual_damping,
+        period=period,
+        whole=whole,
+        lag=lag,
+        samples=velocity_samples,
+        one_sided=one_sided,
+        rows=0 if law is None else law.positions.size,
+        contact_only=law is not None and not law.everywhere,
+        moved=servo.inertia + load,
+    )
 
 
-def blocks(walls: Walls, size: int = BLOCK) -> Iterator[IntArray]:
-    """Yield indices of walls that can be simulated together: alike in what controls the simulation.
+def noise_of(servo: TrueServo, period: float, periods: int) -> list[float]:
+    """Return the noise of its encoder in each period [counts]; empty: it has none."""
+    if servo.encoder_noise == 0.0:
+        return []
+    errors = EncoderErrors(0.0, 0.0, servo.encoder_noise, servo.noise_seed)
+    return [errors.noise(round(k * period * 1e9)) for k in range(periods)]
 
-    Walls of one block may have a few different whole periods of delay.
+
+def buffers(
+    wall: Wall, noise: Sequence[float] = (), law: Table | None = None
+) -> tuple[Buffer, Buffer]:
+    """Return the buffers of a wall's simulation: lists, or arrays where it is compiled."""
+    table = [] if law is None else [*law.positions.tolist(), *law.elongations.tolist()]
+    s = [*[0.0] * (RINGS + wall.samples + wall.whole + 3), *table, *noise]
+    z = [0.0] * room(wall.body.masses)
+    return (s, z) if compiled() is None else (_array(s), _array(z))
+
+
+class Loop:
+    """Simulates one wall.
+
+    The servo starts after a long rest at its position, without torque, or moves freely with a
+    velocity; the first velocity estimate is 0, as in the program.
+
+    Args:
+        wall: The wall.
+        stiffness: K [N·m/rad].
+        position: At the start [rad].
+        velocity: At the start [rad/s].
+        noise: Of the encoder in each period, from ``noise_of``.
+        law: In place of the wall.
+
+    Attributes:
+        k: Periods simulated.
     """
-    kind = walls.whole // _DELAYS
-    kind = kind * (int(walls.velocity_samples.max(initial=0)) + 1) + walls.velocity_samples
-    for trait in (
-        walls.one_sided,
-        walls.lag > 0.0,
-        walls.coulomb > 0.0,
-        walls.counts_per_radian > 0.0,
-        walls.backlash > 0.0,
-        np.isfinite(walls.torque_limit),
-        walls.torque_step > 0.0,
-    ):
-        kind = 2 * kind + trait
-    if walls.transmission is not None:
-        for part in (walls.lag, walls.rest):
-            count = substeps(walls.inertia, walls.coulomb, walls.transmission, part)
-            kind = kind * (int(count.max(initial=1)) + 1) + count
-    order = np.lexsort((walls.whole, kind))
-    cuts = np.flatnonzero(np.diff(kind[order])) + 1
-    for alike in np.split(order, cuts):
-        for start in range(0, alike.size, size):
-            yield alike[start : start + size]
+
+    def __init__(
+        self,
+        wall: Wall,
+        stiffness: float,
+        position: float,
+        velocity: float = 0.0,
+        *,
+        noise: Sequence[float] = (),
+        law: Table | None = None,
+    ) -> None:
+        self._wall = wall
+        self._s, self._z = buffers(wall, noise, law)
+        self.k = 0
+        begin(wall, self._s, self._z, stiffness, position, velocity)
+
+    @property
+    def position(self) -> float:
+        """Return the true position of the side that the encoder measures [rad]."""
+        return float(self._s[POSITION])
+
+    @property
+    def velocity(self) -> float:
+        """Return its velocity [rad/s]."""
+        return float(self._s[VELOCITY])
+
+    @property
+    def measured(self) -> float:
+        """Return the last measured position [rad]."""
+        return float(self._s[MEASURED])
+
+    @property
+    def torque(self) -> float:
+        """Return the last commanded torque, after limit and rounding [N·m]."""
+        return float(self._s[TORQUE])
+
+    def run(self, periods: int, push: float | FloatArray = 0.0) -> FloatArray:
+        """Simulate some periods.
+
+        Args:
+            periods: Number of periods.
+            push: Torque of an operator on the motor's side [N·m], held over each period; an array
+                has one for each.
+
+        Returns:
+            Position and velocity at the end of each period, measured position and commanded torque
+            of each; shape (periods, 4).
+        """
+        pushes = np.atleast_1d(np.asarray(push, dtype=np.float64))
+        functions = compiled()
+        if functions is not None and periods >= _WORTH:
+            found = np.empty(4 * periods)
+            functions.course(self._wall, self._s, self._z, self.k, periods, pushes, found)
+        else:
+            rows = [0.0] * (4 * periods)
+            course(self._wall, self._s, self._z, self.k, periods, pushes.tolist(), rows)
+            found = np.array(rows)
+        self.k += periods
+        return found.reshape(periods, 4)
+
+
+def _array(values: Sequence[float]) -> Buffer:
+    found: Buffer = np.array(values, dtype=np.float64)  # type: ignore[assignment]
+    return found

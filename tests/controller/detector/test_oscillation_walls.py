@@ -1,7 +1,6 @@
 """The detector on simulated walls: kicked above and below their limits, bouncing, under hands."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,21 +8,23 @@ import pytest
 from haptic_wall.controller.detector.detection import detect
 from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.wall_fit import fitted_wall
-from haptic_wall.controller.experiments.maps.many_walls import Loops
-from haptic_wall.controller.experiments.maps.walls import Walls
+from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.runtime.session import Result, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.settings import TrueServo
 from tests.cases import sampled
 from tests.support.kicked_walls import (
+    Stiff,
     Trace,
     handled,
     kicked,
     listen,
     steady_oscillation,
+    trace_of,
 )
 from tests.support.operators import HANDS
 from tests.support.truth import COUNT
@@ -33,38 +34,19 @@ M, B_SERVO, T = 0.011951, 0.011692, 1e-3
 EXACTLY = np.ones(4)
 
 
-def one_wall(stiffness: float, virtual_damping: float, one_sided: bool) -> Walls:
-    one = np.ones(1)
-    return Walls(
-        inertia=M * one,
-        damping=B_SERVO * one,
-        coulomb=0.0 * one,
-        counts_per_radian=one / COUNT,
-        backlash=0.0 * one,
-        torque_limit=np.inf * one,
-        torque_step=0.0 * one,
-        stiffness=stiffness * one,
-        virtual_damping=virtual_damping * one,
-        period=T * one,
-        whole=np.full(1, 2),
-        lag=0.0 * one,
-        rest=T * one,
-        velocity_samples=np.ones(1, dtype=np.int64),
-        one_sided=np.full(1, one_sided),
+def one_wall(
+    stiffness: float, virtual_damping: float, one_sided: bool, whole: int = 2, b: float = B_SERVO
+) -> Stiff:
+    servo = TrueServo(M, b, torque_limit=math.inf)
+    wall = wall_of(
+        servo, period=T, delay=whole * T, virtual_damping=virtual_damping, one_sided=one_sided
     )
+    return Stiff(wall, stiffness)
 
 
-def pushed(walls: Walls, push: float, speed: float, periods: int) -> Trace:
+def pushed(one: Stiff, push: float, speed: float, periods: int) -> Trace:
     """A servo that comes with a speed, pushed steadily toward the wall; see ``Trace``."""
-    loops = Loops(walls, np.full(1, -20 * COUNT), np.full(1, speed))
-    loops.hand = np.full(1, push)
-    counts, torques, positions = [], [], []
-    for _ in range(periods):
-        loops.run(1)
-        counts.append(round(float(loops.measured[0]) / COUNT))
-        torques.append(float(loops.torque[0]))
-        positions.append(float(loops.bodies.position[0]))
-    return Trace(np.array(counts), np.array(torques), np.array(positions))
+    return trace_of(Loop(one.wall, one.stiffness, -20 * COUNT, speed).run(periods, push))
 
 
 def test_bouncing_off_a_wall_that_never_pulls() -> None:
@@ -77,15 +59,15 @@ def test_bouncing_off_a_wall_that_never_pulls() -> None:
         trace = pushed(walls, 0.3, 3.0, 3000)
         early, late = np.ptp(trace.position[:500]), np.ptp(trace.position[-500:])
         assert (late > early) == bounces
-        assert bool(listen(walls, 0, trace, EXACTLY, once=True).alarms) == bounces
+        assert bool(listen(walls, trace, EXACTLY, once=True).alarms) == bounces
 
 
 def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
     # A steady push moves the middle of the motion 30 counts off the surface; it pays for nothing.
     limit = float(critical_stiffness(M, B_SERVO, 0.05, T, 2 * T))
     walls = one_wall(1.3 * limit, 0.05, one_sided=False)
-    trace = pushed(walls, 30 * COUNT * float(walls.stiffness[0]), 0.0, 1500)
-    first = listen(walls, 0, trace, EXACTLY, once=True).alarms[0]
+    trace = pushed(walls, 30 * COUNT * walls.stiffness, 0.0, 1500)
+    first = listen(walls, trace, EXACTLY, once=True).alarms[0]
     # It began 50 counts from that middle.
     assert np.abs(trace.position[:first] / COUNT - 30.0).max() < 3.0 * 50.0
 
@@ -93,16 +75,15 @@ def test_growth_is_noticed_while_somebody_leans_on_the_wall() -> None:
 DELAYS = (0, 1, 2, 5, 10)
 
 
-def some_walls(share: float) -> Walls:
+def some_walls(share: float, *, one_sided: bool = False) -> list[Stiff]:
     """Two-sided walls of several delays and dampings, at a share of their exact limit."""
     every = [(n, damping) for n in DELAYS for damping in (0.0, 0.05, 0.2)]
-    whole, damping = (np.array(values) for values in zip(*every, strict=True))
-    limit = critical_stiffness(M, B_SERVO, damping, T, whole * T)
-    one = np.ones(len(every))
-    wall = one_wall(1.0, 0.0, one_sided=False).take(np.zeros(len(every), dtype=np.int64))
-    return replace(
-        wall, stiffness=share * limit, virtual_damping=damping * one, whole=whole.astype(np.int64)
-    )
+    return [
+        one_wall(
+            share * float(critical_stiffness(M, B_SERVO, damping, T, n * T)), damping, one_sided, n
+        )
+        for n, damping in every
+    ]
 
 
 def wrong_beliefs(count: int) -> FloatArray:
@@ -113,10 +94,10 @@ def wrong_beliefs(count: int) -> FloatArray:
 @pytest.mark.parametrize("share", sampled([1.2, 1.5, 2.5], 3))
 def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share: float) -> None:
     walls = some_walls(share)
-    kick = np.full(walls.size, 30 * COUNT)
+    kick = np.full(len(walls), 30 * COUNT)
     reached = []
     for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
-        alarms = listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
+        alarms = listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
         assert alarms
         reached.append(np.abs(trace.position[: alarms[0] + 1]).max() / kick[i])
     # With every value believed a fifth wrong one in fifteen may be a little late.
@@ -128,14 +109,14 @@ def test_walls_above_their_limit_are_noticed_before_the_motion_doubles(share: fl
 def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(share: float) -> None:
     """B = 0; the file tells positions and torques, the servo is believed a fifth wrong."""
     walls = some_walls(share)
-    walls = walls.take(np.flatnonzero(walls.virtual_damping == 0.0))
-    kick = np.full(walls.size, 30 * COUNT)
+    walls = [one for one in walls if one.wall.virtual_damping == 0.0]
+    kick = np.full(len(walls), 30 * COUNT)
     for i, trace in enumerate(kicked(walls, kick, 60.0, until=3.0)):
-        m, b, _, delay = wrong_beliefs(walls.size)[i].tolist()
+        m, b, _, delay = wrong_beliefs(len(walls))[i].tolist()
         settings = DetectorSettings(T, m * M, b * B_SERVO, 0.0)
         positions = trace.counts.astype(float) * COUNT
         wall = fitted_wall(positions, trace.torque, T)
-        lag = float(walls.whole[i]) * T * delay
+        lag = walls[i].wall.whole * T * delay
         times = np.arange(float(positions.size)) * T
         found = detect(times, positions, trace.torque, settings, lag=lag, wall=wall)
         alarm = round(found.first_alarm_s / T)
@@ -144,37 +125,38 @@ def test_in_a_recording_the_wall_is_found_and_its_oscillation_seen_as_early(shar
 
 def test_motion_that_dies_is_no_alarm() -> None:
     walls = some_walls(0.9)
-    for i, trace in enumerate(kicked(walls, np.full(walls.size, 60 * COUNT), 12.0)):
-        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=True).alarms
+    for i, trace in enumerate(kicked(walls, np.full(len(walls), 60 * COUNT), 12.0)):
+        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=True).alarms
 
 
 @pytest.mark.parametrize("hand", sampled(HANDS, 5))
 def test_hands_on_walls_below_their_limit_are_no_alarm(hand: str) -> None:
     walls = some_walls(0.9)
     for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(8))):
-        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
+        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=False).alarms
 
 
 @pytest.mark.parametrize("hand", sampled(["rhythm", "tap"], 2))
 def test_hands_that_come_back_to_a_wall_that_never_pulls_are_no_bouncing(hand: str) -> None:
-    walls = some_walls(0.6)
-    walls = replace(walls, one_sided=np.ones(walls.size, dtype=np.bool_))
+    walls = some_walls(0.6, one_sided=True)
     for i, trace in enumerate(handled(walls, hand, 6000, np.random.default_rng(3))):
-        assert not listen(walls, i, trace, wrong_beliefs(walls.size)[i], once=False).alarms
+        assert not listen(walls[i], trace, wrong_beliefs(len(walls))[i], once=False).alarms
 
 
 @pytest.mark.whole
 @pytest.mark.parametrize("size", sampled([5.0, 40.0], 2))
 def test_oscillation_at_the_torque_limit_is_sustained_and_measured(size: float) -> None:
     walls = some_walls(1.5)
-    walls = replace(walls, torque_limit=walls.stiffness * size * COUNT)
+    walls = [
+        Stiff(one.wall._replace(limit=one.stiffness * size * COUNT), one.stiffness) for one in walls
+    ]
     measured = 0
-    for i, trace in enumerate(kicked(walls, np.full(walls.size, size * COUNT), 50.0)):
-        cycle = int(2.0 * math.pi * math.sqrt(M / walls.stiffness[i]) / T)
+    for i, trace in enumerate(kicked(walls, np.full(len(walls), size * COUNT), 50.0)):
+        cycle = int(2.0 * math.pi * math.sqrt(M / walls[i].stiffness) / T)
         truth = steady_oscillation(trace.position[-12 * cycle :], T)
         if truth is None:
             continue
-        detector = listen(walls, i, trace, EXACTLY, once=False).detector
+        detector = listen(walls[i], trace, EXACTLY, once=False).detector
         assert detector.state >= State.SUSTAINED
         assert detector.frequency_hz == pytest.approx(truth[0], rel=0.03)
         assert detector.amplitude == pytest.approx(truth[1], rel=0.2)
@@ -186,7 +168,7 @@ def test_belief_without_numbers_makes_none_of_the_estimates_invalid() -> None:
     walls = one_wall(30.0, 0.02, one_sided=False)
     trace = pushed(walls, 0.0, 1.0, 2000)
     belief = np.array([math.nan] * 3 + [1.0])
-    detector = listen(walls, 0, trace, belief, once=False).detector
+    detector = listen(walls, trace, belief, once=False).detector
     assert math.isfinite(detector.amplitude)
     assert detector.alarm
 

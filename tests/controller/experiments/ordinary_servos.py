@@ -1,6 +1,6 @@
 """Effects that an ordinary servo has: friction that is larger at rest, cogging, a weight.
 
-The effects are those of ``haptic_wall.hw.plant.effects``, here in proportion to a servo's own
+The effects are those of ``haptic_wall.hw.plant.mechanics``, here in proportion to a servo's own
 friction.
 """
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.maps import (
     CriticalMap,
     MapInterruptedError,
@@ -21,7 +19,6 @@ from haptic_wall.controller.experiments.maps.maps import (
 )
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.plant.mechanism import Mechanism
 
 DAMPINGS, STEPS, KICKS = [0.0, 0.05], [0, 2], [0.01, 0.1]
 
@@ -199,82 +196,22 @@ def test_what_cannot_be_mapped_is_refused(
         critical_map(setting, dampings, steps, kicks, executor=AtOnce())
 
 
-def test_the_drive_of_the_servo_takes_part() -> None:
-    sets = ("servo.current_bandwidth=100", "servo.back_emf=true", "wall.torque_clip=0.5")
-    walls = MapSettings.of(load_config("simulated", sets).config).walls(np.array([0.0, 0.1]), 1)
-    loop = walls.current_loop
-    assert loop is not None
-    np.testing.assert_array_equal(loop.bandwidth, 100.0)
-    np.testing.assert_array_equal(loop.stall_torque, 4.1)
-    np.testing.assert_allclose(loop.back_emf, 4.1 / 4.82)
-    np.testing.assert_array_equal(walls.torque_limit, 0.5)
-
-
-@pytest.mark.whole
-def test_friction_and_loads_of_the_servo_take_part_as_on_a_servo_alone() -> None:
-    sets = [
-        "servo.static_friction=0.15",
-        "servo.stribeck_speed=1",
-        "servo.damping_back=0.03",
-        "servo.load_friction=0.1",
-        "servo.gravity=0.3",
-        "servo.gravity_angle=0.5",
-        "servo.cogging=0.02",
-        "servo.counts_per_rev=0",
-        "wall.side=both",
-    ]
+def test_the_drive_and_the_mechanics_of_the_servo_take_part() -> None:
+    sets = ["servo.current_bandwidth=100", "servo.back_emf=true", "wall.torque_clip=0.5"]
+    sets += ("servo.static_friction=0.15", "servo.encoder_noise=1.5", "servo.gravity=0.3")
     setting = MapSettings.of(load_config("simulated", sets).config)
     assert setting.kick_matters
-    walls = setting.walls(np.array([0.05]), 1).with_stiffness(np.array([[20.0, 60.0]]))
-    loops = Loops(walls, np.full(2, 0.1))
-    alone = [Mechanism(replace(setting.servo, position=0.1, hand="none"), 0) for _ in range(2)]
-    seen = [0.1, 0.1]
-    for k in range(200):
-        loops.run(1)
-        for i, mechanism in enumerate(alone):
-            position = mechanism.measured_position()
-            velocity = (position - seen[i]) / 1e-3
-            seen[i] = position
-            torque = -walls.stiffness[i] * position - 0.05 * velocity
-            mechanism.advance((k + 1) * 1_000_000)
-            mechanism.command(torque, mechanism.time_ns)  # a whole period later
-            assert mechanism.position == pytest.approx(loops.bodies.position[i], abs=1e-9)
-    assert not np.allclose(loops.bodies.position, 0.1, atol=0.01)
-
-
-@pytest.mark.parametrize("counts", [4096, 0], ids=["counts", "no counts"])
-def test_an_encoder_errs_on_a_map_as_it_does_on_a_servo_alone(counts: int) -> None:
-    sets = ["servo.encoder_eccentricity=0.02", "servo.encoder_phase=1", "wall.side=both"]
-    sets += [f"servo.counts_per_rev={counts}"]
-    sets += ["servo.encoder_noise=1.5", "servo.noise_seed=7"] if counts else []
-    setting = MapSettings.of(load_config("simulated", sets).config)
-    walls = setting.walls(np.array([0.05]), 1).with_stiffness(np.array([[20.0]]))
-    loops = Loops(walls, np.full(1, 0.1))
-    mechanism = Mechanism(replace(setting.servo, position=0.1, hand="none"), 0)
-    seen, errors = mechanism.measured_position(), []
-    for k in range(200):
-        loops.run(1)
-        position = mechanism.measured_position()
-        assert loops.measured[0] == pytest.approx(position, abs=1e-12)
-        errors.append(position - mechanism.position)
-        torque = -20.0 * position - 0.05 * (position - seen) / 1e-3
-        seen = position
-        mechanism.advance((k + 1) * 1_000_000)
-        mechanism.command(torque, mechanism.time_ns)  # a whole period later
-    assert np.ptp(errors) > 1e-3
+    one, other = setting.walls([0.0, 0.1], 1)
+    assert one.drive.rate == pytest.approx(2 * np.pi * 100)
+    assert one.drive.back_emf == pytest.approx(4.1 / 4.82)
+    assert (one.limit, one.noise, one.whole) == (0.5, 1.5, 1)
+    assert (one.body.static, one.body.gravity) == (0.15, 0.3)
+    assert (one.virtual_damping, other.virtual_damping) == (0.0, 0.1)
 
 
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        (
-            (
-                "servo.load_inertia=0.02",
-                "servo.transmission_stiffness=200",
-                "servo.backlash=0.01",
-            ),
-            ["servo.load_inertia", "0.02", "sweep"],
-        ),
         (
             (
                 "servo.load_inertia=0.02",

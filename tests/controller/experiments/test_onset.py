@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from haptic_wall.controller.experiments.maps.many_walls import Loops
 from haptic_wall.controller.experiments.maps.onset import simulated_critical_stiffness
-from haptic_wall.controller.experiments.maps.walls import Walls, split_delay
+from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.friction import onset_amplitude
+from haptic_wall.hw.settings import TrueServo
 from tests.support.nonlinear_walls import Motion
 from tests.support.nonlinear_walls import Walls as AloneWalls
 
@@ -116,28 +116,22 @@ def after_long(
     turns: int = 80,
 ) -> FloatArray:
     """Amplitude that the motion after a kick has come to, in kicks; two-sided walls."""
-    m, b, virtual, period, delay, k, kick, c, play = np.broadcast_arrays(
-        *loop, stiffness, kick, coulomb, play
-    )
-    whole, lag, rest = split_delay(delay, period)
-    order, one = np.argsort(whole), np.ones(m.size)
-    walls = Walls(
-        *(m, b, c, one / COUNT, play, np.inf * one, 0 * one, k, virtual, period, whole, lag, rest),
-        *(np.ones(one.size, dtype=np.int64), np.zeros(one.size, dtype=np.bool_)),
-    )
-    loops = Loops(walls.take(order), kick[order])
-    turn = int(np.max(2 * np.pi * np.sqrt(m / k) / period))
-    largest = np.zeros(one.size)
-
-    def note() -> None:
-        np.maximum(largest, np.abs(loops.bodies.position), out=largest)
-
-    with np.errstate(over="ignore", invalid="ignore"):
-        loops.run((turns - 10) * turn)
-        loops.run(10 * turn, note)
-    found = np.empty(one.size)
-    found[order] = largest
-    return found / kick
+    found = []
+    for m, b, virtual, period, delay, k, start, c, slack in zip(
+        *(each.tolist() for each in np.broadcast_arrays(*loop, stiffness, kick, coulomb, play)),
+        strict=True,
+    ):
+        servo = TrueServo(m, b, c, backlash=slack, torque_limit=np.inf)
+        wall = wall_of(servo, period=period, delay=delay, virtual_damping=virtual)
+        turn = int(2 * np.pi * np.sqrt(m / k) / period)
+        long = Loop(wall, k, start)
+        course: list[float] = []
+        for _ in range(turns):
+            course = long.run(turn)[:, 0].tolist() + course[: 10 * turn]
+            if max(map(abs, course)) > 1e3 * start:
+                break
+        found.append(max(map(abs, course[: 10 * turn])) / start)
+    return np.array(found)
 
 
 def both_sides(

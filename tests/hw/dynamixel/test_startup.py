@@ -25,7 +25,6 @@ from haptic_wall.hw.errors import (
     ServoMissingError,
     UnfitServoError,
 )
-from haptic_wall.hw.plant.body import PlantParameters
 from haptic_wall.hw.plant.mechanism import OPERATOR_WAIT_S
 from tests.cases import sampled
 from tests.hw.dynamixel.bench import TRUE, Bench
@@ -395,7 +394,8 @@ def test_a_shaft_that_sticks_more_than_it_rubs_is_not_driven_back(
     def write_and_break_loose(data: bytes) -> None:
         write(data)
         if abs(bench.truth.state(bench.clock.now_ns()).velocity) > 0.0:
-            bench.truth.mechanism._parameters = PlantParameters(0.012, 0.012, kinetic)
+            mechanism = bench.truth.mechanism
+            mechanism._mechanics = mechanism._mechanics._replace(coulomb=kinetic, static=kinetic)
 
     bench.line.write = write_and_break_loose  # type: ignore[method-assign]
     assert bench.found("torque sign").endswith("N·m")

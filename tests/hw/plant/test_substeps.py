@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from haptic_wall.hw.plant.body import PlantParameters, Pull, State, step
-from haptic_wall.hw.plant.effects import Effects
-from haptic_wall.hw.plant.substeps import Substeps
+from haptic_wall.hw.settings import TrueServo
 from tests.cases import sampled
 from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
+from tests.support.exact_servo import Effects, PlantParameters, Pull, State, Substeps
 
 PERIOD = 1e-3
 MX64 = PlantParameters(inertia=0.011951, damping=0.011692, coulomb=0.09039)
@@ -35,7 +34,7 @@ STATED = {**dict.fromkeys(GROUPS, 5e-5), **dict.fromkeys(("M4", "M5", "M6", "all
 
 def drawn(
     random: np.random.Generator, on: Sequence[str], *, hand: bool
-) -> tuple[PlantParameters, Effects, Uneven, float]:
+) -> tuple[PlantParameters, TrueServo, Uneven, float]:
     """Draw a servo from half an XL330's inertia to twice an MX-64's; torques scale with it."""
     inertia = float(np.exp(random.uniform(*np.log((5e-4, 3e-2)))))
     scale = inertia / 0.012
@@ -73,10 +72,24 @@ def drawn(
         cogging, phase = coulomb * random.uniform(0.0, 1.0), random.uniform(-3.0, 3.0)
         periods = float(random.integers(1, 100))
     effects = Effects(
-        *(static, stribeck, back, gear.motor, gravity, angle, cogging, periods, phase),
-        *(gear.exponent, gear.external, gear.rest_motor, gear.rest_external),
-        *(gear.square_motor, gear.square_external),
-        *(gear.ripple, gear.ripple_periods, gear.ripple_phase),
+        static_friction=static,
+        stribeck_speed=stribeck,
+        stribeck_exponent=gear.exponent,
+        damping_back=back,
+        load_friction=gear.motor,
+        load_friction_external=gear.external,
+        load_friction_at_rest=gear.rest_motor,
+        load_friction_at_rest_external=gear.rest_external,
+        load_friction_square=gear.square_motor,
+        load_friction_square_external=gear.square_external,
+        gravity=gravity,
+        gravity_angle=angle,
+        cogging=cogging,
+        cogging_periods=periods,
+        cogging_phase=phase,
+        torque_ripple=gear.ripple,
+        torque_ripple_periods=gear.ripple_periods,
+        torque_ripple_phase=gear.ripple_phase,
     )
     grip = (4.0 * scale, 0.2 * scale) if hand else (0.0, 0.0)
     body = Uneven(
@@ -87,9 +100,9 @@ def drawn(
 
 
 def errors(
-    random: np.random.Generator, on: Sequence[str], *, hand: bool, periods: int, finer: float = 4.0
-) -> tuple[float, float, int]:
-    """Return errors of position, as it is and with finer substeps [rad], and how often it rests."""
+    random: np.random.Generator, on: Sequence[str], *, hand: bool, periods: int
+) -> tuple[float, int]:
+    """Return the error of position [rad], and how often it rests."""
     parameters, effects, body, scale = drawn(random, on, hand=hand)
     amplitude = scale * float(np.exp(random.uniform(*np.log((0.05, 2.0)))))
     rate, reference = random.uniform(5.0, 60.0), 0.0
@@ -100,21 +113,16 @@ def errors(
         stretches.append(Stretch(PERIOD, torque, reference, slope))
         reference += slope * PERIOD
     expected = integrate_uneven(body, 0.1, 0.4, stretches)
-    found = []
-    for fineness in (1.0, finer):
-        move = Substeps(parameters, effects, fineness=fineness).step
-        state, largest, resting = State(0.1, 0.4), 0.0, 0
-        for stretch, (position, _) in zip(stretches, expected, strict=True):
-            pull = None
-            if hand:
-                pull = Pull(
-                    body.hand_stiffness, body.hand_damping, stretch.reference, stretch.slope
-                )
-            state = move(state, parameters, stretch.torque, PERIOD, pull)
-            largest = max(largest, abs(state.position - position))
-            resting += state.velocity == 0.0
-        found.append(largest)
-    return found[0], found[1], resting
+    move = Substeps(parameters, effects).step
+    state, largest, resting = State(0.1, 0.4), 0.0, 0
+    for stretch, (position, _) in zip(stretches, expected, strict=True):
+        pull = None
+        if hand:
+            pull = Pull(body.hand_stiffness, body.hand_damping, stretch.reference, stretch.slope)
+        state = move(state, parameters, stretch.torque, PERIOD, pull)
+        largest = max(largest, abs(state.position - position))
+        resting += state.velocity == 0.0
+    return largest, resting
 
 
 @pytest.mark.parametrize("hand", sampled([True, False], 2), ids=["hand", "alone"])
@@ -123,37 +131,18 @@ def test_random_motion_agrees_with_an_integrator(group: str, hand: bool, thoroug
     random = np.random.default_rng(5)
     count, periods = (100, 300) if thorough else (2, 60)
     found = [errors(random, GROUPS[group], hand=hand, periods=periods) for _ in range(count)]
-    assert max(error for error, _, _ in found) < (1e-11 if group in EXACT else STATED[group])
-    assert not thorough or sum(resting for _, _, resting in found) > 100
-
-
-def test_the_error_falls_with_the_square_of_the_substep() -> None:
-    random = np.random.default_rng(8)
-    found = [errors(random, ALONE, hand=k % 2 == 1, periods=50) for k in range(6)]
-    ratio = float(np.median([coarse / fine for coarse, fine, _ in found]))
-    assert 8.0 < ratio < 30.0  # 16 for second order, 4 for first
-
-
-def test_without_effects_it_is_the_exact_step() -> None:
-    random = np.random.default_rng(2)
-    move = Substeps(MX64, Effects()).step
-    state = exact = State(0.1, 0.4)
-    for torque in random.normal(0.0, 0.15, 500).tolist():
-        pull = Pull(4.0, 0.2, 0.3, 1.0)
-        state = move(state, MX64, torque, PERIOD, pull)
-        exact = step(exact, MX64, torque, PERIOD, pull)
-        assert state == pytest.approx(exact, abs=1e-12)
+    assert max(error for error, _ in found) < (1e-11 if group in EXACT else STATED[group])
+    assert not thorough or sum(resting for _, resting in found) > 100
 
 
 def test_a_small_swing_in_a_cog_has_the_frequency_of_its_stiffness() -> None:
     # A sin(N x) has the stiffness A N at 0.
     cogging, periods = 0.03, 24.0
     move = Substeps(FREE, Effects(cogging=cogging, cogging_periods=periods)).step
-    state, turns = State(1e-5, 0.0), list[float]()
     half = math.pi / math.sqrt(cogging * periods / FREE.inertia)
-    state = move(state, FREE, 0.0, 10.0 * half, turns=turns)
-    assert state.position == pytest.approx(1e-5, rel=1e-4)
-    assert turns == pytest.approx([-1e-5 * (-1.0) ** k for k in range(len(turns))], rel=1e-4)
+    for turns in (1.0, 10.0):
+        state = move(State(1e-5, 0.0), FREE, 0.0, turns * half)
+        assert state.position == pytest.approx(math.cos(math.pi * turns) * 1e-5, rel=1e-4)
 
 
 def test_a_pendulum_of_large_swing_has_its_period() -> None:
@@ -194,7 +183,7 @@ def test_energy_never_grows_without_input() -> None:
         state = State(random.uniform(-3.0, 3.0), random.uniform(-10.0, 10.0))
 
         def energy(
-            state: State, inertia: float = parameters.inertia, effects: Effects = effects
+            state: State, inertia: float = parameters.inertia, effects: TrueServo = effects
         ) -> float:
             phase = effects.cogging_periods * state.position + effects.cogging_phase
             return (
@@ -276,7 +265,7 @@ def test_a_braked_motor_loads_the_gear_less() -> None:
 )
 def test_impossible_effects_are_refused_by_name(effects: dict[str, float], said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        Effects(**effects)
+        Substeps(FREE, Effects(**effects))
 
 
 def test_static_friction_below_the_kinetic_one_is_refused() -> None:

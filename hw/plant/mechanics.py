@@ -1,0 +1,354 @@
+"""Describes the mechanics of a servo in numbers: friction, gear load, weight, cogging, masses.
+
+The whole equation of motion is ::
+
+    m x'' = u + e - b x' - A sin(N x + phase) - F sign(x')
+    u     = w (1 + r sin(N_r x + phase_r))                              motor's torque
+    e     = hand - G sin(x - angle)                                     external torque
+    F     = c + L(u, e) + (s - c + R(u, e)) exp(-(|x'| / v_s)^n)        friction in motion
+    L     = |l_m u - l_e e|                                             gear load
+    R     = |r_m u - r_e e| + Q
+    Q     = q_e e²  where u and e oppose each other and |e| < |u|: the motor drives
+            q_m u²  where they do and |e| > |u|: the external torque drives
+            0       else
+
+with w the torque of the motor's current and the viscous friction b one of two values by the
+direction of motion. At rest the body is stuck while the torque on it is at most ``s + L + R``.
+
+Source: models M1 to M6 of Duclusaud et al., "Extended Friction Models for the Physics Simulation of
+Servo Actuators" (2024), arXiv:2410.08650.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from haptic_wall.hw.errors import SpecError
+from haptic_wall.hw.settings import (
+    LEAST_STRIBECK_EXPONENT,
+    MOST_LOAD_FRICTION,
+    MOST_STRIBECK_EXPONENT,
+    MOST_TORQUE_RIPPLE,
+    Link,
+    TrueServo,
+    vibrations,
+)
+
+GRAIN_S = 2.5e-4
+"""Longest substep where a torque changes during it [s]"""
+PHASE = 0.02
+"""Longest substep, in radians of the fastest oscillation that position-dependent torques make"""
+TEETH = 0.3
+"""Largest change of the phase of cogging and ripple within a substep [rad]"""
+FALL = 0.1
+"""Largest change of speed within a substep, in Stribeck speeds, while the friction depends on it"""
+FADED = 12.0
+"""Power of the relative speed from which on nothing is left of the excess friction"""
+SHORTEST_S = 1e-7
+"""Substeps do not get shorter than this [s]; events do"""
+LOOK_S = 5e-4
+"""Longest substep between looks for events of two masses [s]"""
+TURN = 0.5
+"""Longest substep of two masses, in radians of their fastest vibration"""
+FINEST_S = 5e-5
+"""``TURN`` makes no substep shorter than this [s]"""
+
+Links = tuple[float, ...]
+"""Inertia, stiffness and damping of each mass behind the motor; one of zeros where it is rigid"""
+
+
+class Mechanics(NamedTuple):
+    """Numbers of one servo; fields without a note are those of ``TrueServo``."""
+
+    inertia: float
+    forth: float
+    """Viscous friction at positive velocities [N·m·s/rad]"""
+    back: float
+    """The same at negative ones"""
+    coulomb: float
+    static: float
+    """s [N·m], at least ``coulomb``"""
+    excess: float
+    """s - c where it fades with the speed; 0 where it is gone at once [N·m]"""
+    stribeck: float
+    exponent: float
+    load_motor: float
+    """l_m, and l_e, r_m, r_e, q_m, q_e"""
+    load_external: float
+    rest_motor: float
+    rest_external: float
+    square_motor: float
+    square_external: float
+    gravity: float
+    angle: float
+    cogging: float
+    periods: float
+    phase: float
+    ripple: float
+    ripple_periods: float
+    ripple_phase: float
+    half: float
+    """Half of the backlash: before the encoder, or with a transmission between motor and output"""
+    loaded: bool
+    """Whether the gear adds friction under load"""
+    fading: bool
+    """Whether the friction depends on the speed"""
+    uneven: bool
+    """Whether a torque changes within a step, so that it is divided"""
+    smooth: bool
+    """Whether the motion is linear throughout"""
+    grain: float
+    """Longest substep [s]"""
+    faded: float
+    """Speed from which on nothing is left of the excess friction [rad/s]"""
+    fall: float
+    """Largest change of speed in a substep, in Stribeck speeds"""
+    masses: int
+    """Behind the motor; 0: rigid"""
+    rate: float
+    """Bound of the rates of their linear motion [1/s]"""
+
+
+def mechanics_of(true: TrueServo) -> Mechanics:
+    """Return the mechanics of a simulated servo.
+
+    Raises:
+        ValueError: A value is out of range.
+    """
+    _check(true)
+    external, rest = true.load_friction_external, true.load_friction_at_rest_external
+    load = (
+        true.load_friction,
+        true.load_friction if external is None else external,
+        true.load_friction_at_rest,
+        true.load_friction_at_rest if rest is None else rest,
+        true.load_friction_square,
+        true.load_friction_square_external,
+    )
+    static = true.static_friction or true.coulomb
+    back = true.damping if true.damping_back is None else true.damping_back
+    stribeck, exponent = true.stribeck_speed, true.stribeck_exponent
+    excess = static - true.coulomb if stribeck > 0.0 else 0.0
+    fading = stribeck > 0.0 and (excess > 0.0 or any(load[2:]))
+    cogs = true.cogging * true.cogging_periods
+    stiffness = true.gravity + cogs
+    uneven = fading or any(load) or true.torque_ripple > 0.0 or stiffness > 0.0
+    grain, rate = GRAIN_S if uneven else math.inf, 0.0
+    smooth = not uneven and static == 0.0 and back == true.damping and true.backlash == 0.0
+    if not true.flexible:
+        if stiffness > 0.0:
+            grain = finest(true.inertia, stiffness)
+    else:
+        fastest = vibrations(true.inertia, true.links)[-1].rate
+        ends = (true.inertia, *(link.inertia for link in true.links))
+        losses = (0.0, *(link.damping for link in true.links), 0.0)
+        fades = [2.0 * (a + b) / m for a, b, m in zip(losses, losses[1:], ends, strict=False)]
+        rate = fastest + max(fades) + max(true.damping, back) / true.inertia
+        if not smooth:
+            grain = min(grain, LOOK_S, max(TURN / fastest, FINEST_S))
+        cogs += true.torque_ripple * true.torque_ripple_periods * true.torque_limit
+        if cogs > 0.0:
+            grain = min(grain, finest(true.inertia, cogs))
+        if true.gravity > 0.0:
+            grain = min(grain, finest(ends[-1], true.gravity))
+    return Mechanics(
+        inertia=true.inertia,
+        forth=true.damping,
+        back=back,
+        coulomb=true.coulomb,
+        static=static,
+        excess=excess,
+        stribeck=stribeck,
+        exponent=exponent,
+        load_motor=load[0],
+        load_external=load[1],
+        rest_motor=load[2],
+        rest_external=load[3],
+        square_motor=load[4],
+        square_external=load[5],
+        gravity=true.gravity,
+        angle=true.gravity_angle,
+        cogging=true.cogging,
+        periods=true.cogging_periods,
+        phase=true.cogging_phase,
+        ripple=true.torque_ripple,
+        ripple_periods=true.torque_ripple_periods,
+        ripple_phase=true.torque_ripple_phase,
+        half=0.5 * true.backlash,
+        loaded=any(load),
+        fading=fading,
+        uneven=uneven,
+        smooth=smooth,
+        grain=grain,
+        faded=stribeck * FADED ** (1.0 / exponent),
+        # A small exponent makes the fall steep at the start.
+        fall=math.pow(FALL, 1.0 / exponent) if exponent < 1.0 else FALL / exponent,
+        masses=len(true.links) if true.flexible else 0,
+        rate=rate,
+    )
+
+
+def links_of(true: TrueServo) -> Links:
+    """Return the masses behind the motor."""
+    return tuple(float(value) for link in true.links for value in link)
+
+
+def _check(true: TrueServo) -> None:
+    """Raise an error where a value is out of range."""
+    for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("coulomb", "N·m")):
+        value = getattr(true, name)
+        least = name != "inertia"
+        if not 0.0 <= value < math.inf or not (least or value):
+            wanted = "from 0 up" if least else "above 0"
+            raise SpecError(f"{name} is {value} {unit}", advice=f"give a finite value {wanted}")
+    for name in (
+        *("static_friction", "stribeck_speed", "damping_back", "gravity", "cogging"),
+        *("load_friction_square", "load_friction_square_external", "backlash"),
+    ):
+        value = getattr(true, name)
+        if value is not None and not 0.0 <= value < math.inf:
+            raise SpecError(f"{name} is {value}", advice="give a finite value from 0 up")
+    for name, low, high in (
+        ("torque_ripple", 0.0, MOST_TORQUE_RIPPLE),
+        ("stribeck_exponent", LEAST_STRIBECK_EXPONENT, MOST_STRIBECK_EXPONENT),
+    ):
+        if not low <= getattr(true, name) <= high:
+            raise SpecError(
+                f"{name} is {getattr(true, name)}", advice=f"give a value from {low} to {high}"
+            )
+    for name in ("cogging_periods", "torque_ripple_periods"):
+        if not 0.0 < getattr(true, name) < math.inf:
+            raise SpecError(
+                f"{name} is {getattr(true, name)}", advice="give a finite number above 0"
+            )
+    for name in ("gravity_angle", "cogging_phase", "torque_ripple_phase"):
+        if not math.isfinite(getattr(true, name)):
+            raise SpecError(f"{name} is {getattr(true, name)}", advice="give a finite angle")
+    _check_load_and_links(true)
+    if 0.0 < true.static_friction < true.coulomb:
+        raise SpecError(
+            f"static_friction is {true.static_friction:g} N·m, below coulomb {true.coulomb:g} N·m",
+            advice="give at least coulomb, or 0 for coulomb",
+        )
+
+
+def _check_load_and_links(true: TrueServo) -> None:
+    motor, rest_motor = true.load_friction, true.load_friction_at_rest
+    external, rest_external = true.load_friction_external, true.load_friction_at_rest_external
+    for name, value, more in (
+        ("load_friction", motor, rest_motor),
+        (
+            "load_friction_external",
+            motor if external is None else external,
+            rest_motor if rest_external is None else rest_external,
+        ),
+    ):
+        if min(value, more) < 0.0 or not value + more <= MOST_LOAD_FRICTION:
+            at_rest = f", {value + more:g} at rest" if more else ""
+            raise SpecError(
+                f"{name} is {value}{at_rest}",
+                advice=f"give a fraction from 0 to {MOST_LOAD_FRICTION}, with the addition at"
+                " rest: with 1 no torque would ever move the servo",
+            )
+    names: tuple[str, ...] = "load_inertia", "transmission_stiffness", "transmission_damping"
+    for link in true.links if true.flexible else ():
+        for name, value in zip(names[:2], link[:2], strict=True):
+            if not 0.0 < value < math.inf:
+                raise SpecError(
+                    f"{name} is {value}",
+                    advice="give each mass behind the motor a finite inertia above 0, and its"
+                    " joint a finite stiffness above 0",
+                )
+        if not 0.0 <= link.damping < math.inf:
+            raise SpecError(f"{names[2]} is {link.damping}", advice="give a finite value from 0 up")
+        names = tuple(f"{each} of chain" for each in Link._fields)
+
+
+def finest(inertia: float, stiffness: float) -> float:
+    """Return the longest substep [s] with torques that change so much a radian [N·m/rad], > 0."""
+    return max(min(GRAIN_S, PHASE * math.sqrt(inertia / stiffness)), SHORTEST_S)
+
+
+def weight_at(p: Mechanics, position: float) -> float:
+    """Return the torque of the weight at a position [N·m]."""
+    return -p.gravity * math.sin(position - p.angle) if p.gravity > 0.0 else 0.0
+
+
+def cogging_at(p: Mechanics, position: float) -> float:
+    """Return the torque of the cogging at a position [N·m]."""
+    return -p.cogging * math.sin(p.periods * position + p.phase) if p.cogging > 0.0 else 0.0
+
+
+def ripple_at(p: Mechanics, position: float) -> float:
+    """Return the torque ripple at a position, as a fraction of the motor's mean torque."""
+    if p.ripple == 0.0:
+        return 0.0
+    return p.ripple * math.sin(p.ripple_periods * position + p.ripple_phase)
+
+
+def load_in_motion(p: Mechanics, motor: float, external: float) -> float:
+    """Return L for the torques of both sides [N·m]."""
+    return abs(p.load_motor * motor - p.load_external * external)
+
+
+def load_at_rest(p: Mechanics, motor: float, external: float) -> float:
+    """Return R for the torques of both sides [N·m]."""
+    found = abs(p.rest_motor * motor - p.rest_external * external)
+    if motor * external < 0.0:
+        own, other = abs(motor), abs(external)
+        if other < own:
+            found += p.square_external * external * external
+        elif other > own:
+            found += p.square_motor * motor * motor
+    return found
+
+
+def most_friction(p: Mechanics, motor: float, external: float) -> float:
+    """Return the largest friction at rest [N·m]."""
+    if not p.loaded:
+        return p.static
+    return p.static + load_in_motion(p, motor, external) + load_at_rest(p, motor, external)
+
+
+def left_of_excess(p: Mechanics, speed: float) -> float:
+    """Return the fraction of the static friction's excess that is left at this speed."""
+    if speed > p.faded:
+        return 0.0
+    if p.exponent == 1.0:
+        return math.exp(-speed / p.stribeck)
+    return math.exp(-math.pow(speed / p.stribeck, p.exponent))
+
+
+def friction_at(p: Mechanics, speed: float, motor: float, external: float) -> tuple[float, float]:
+    """Return the friction in motion, and the excess of that at rest [N·m]."""
+    friction, excess = p.coulomb, p.excess
+    if p.loaded:
+        friction += load_in_motion(p, motor, external)
+        if p.fading:
+            excess += load_at_rest(p, motor, external)
+    if p.fading:
+        friction += excess * left_of_excess(p, speed)
+    return friction, excess
+
+
+def longest(p: Mechanics, grain: float, speed: float, gain: float, excess: float) -> float:
+    """Return the longest substep [s] at this speed, acceleration [rad/s²] and excess [N·m]."""
+    if p.cogging > 0.0 and p.periods * speed * grain > TEETH:
+        grain = max(TEETH / (p.periods * speed), SHORTEST_S)
+    if p.ripple > 0.0 and p.ripple_periods * speed * grain > TEETH:
+        grain = max(TEETH / (p.ripple_periods * speed), SHORTEST_S)
+    if not p.fading or excess == 0.0:
+        return grain
+    # The error of a substep goes with the square of the change and with what is left of the
+    # excess: the further it has faded, the longer the substep. Twice: the speed changes in it.
+    change = p.fall * p.stribeck
+    length, slower = grain, speed
+    for _ in range(2):
+        if slower > p.faded:
+            return length
+        left = math.sqrt(left_of_excess(p, slower))
+        steepest = excess / p.inertia * left * left
+        length = min(grain, change / (left * (abs(gain) + steepest)))
+        slower = max(speed - abs(gain) * length, 0.0)
+    return max(length, SHORTEST_S)

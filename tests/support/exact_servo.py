@@ -1,0 +1,98 @@
+"""One step of a servo in few words, for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from haptic_wall.hw.plant.chain import room, swing
+from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
+from haptic_wall.hw.plant.step import NOBODY, Hand, kept_for, move
+from haptic_wall.hw.settings import TrueServo
+
+Pull = Hand
+
+
+class PlantParameters(NamedTuple):
+    """A rigid servo with friction."""
+
+    inertia: float
+    damping: float = 0.0
+    coulomb: float = 0.0
+
+
+class State(NamedTuple):
+    """Position [rad] and velocity [rad/s]."""
+
+    position: float
+    velocity: float
+
+
+def Effects(**given: Any) -> TrueServo:  # noqa: N802 - as a class
+    """What a servo has beside inertia, viscous and Coulomb friction."""
+    return TrueServo(1.0, **given)
+
+
+def step(
+    state: State,
+    parameters: PlantParameters,
+    torque: float,
+    duration: float,
+    pull: Hand | None = None,
+) -> State:
+    """The state after ``duration`` [s] under a held torque."""
+    return Substeps(parameters).step(state, parameters, torque, duration, pull)
+
+
+class Substeps:
+    """Moves a rigid servo with effects."""
+
+    def __init__(self, parameters: PlantParameters, effects: TrueServo | None = None) -> None:
+        self.p = mechanics_of(replace(effects or Effects(), **parameters._asdict()))
+
+    def step(
+        self,
+        state: State,
+        parameters: PlantParameters,
+        torque: float,
+        duration: float,
+        pull: Hand | None = None,
+    ) -> State:
+        """The state; more damping than at first is the motor's braking."""
+        hand, braking = pull or NOBODY, parameters.damping - self.p.forth
+        kept = kept_for(self.p, hand, braking, duration)
+        x, v, _ = move(self.p, kept, hand, *state, state.position, torque, braking, duration)
+        return State(x, v)
+
+
+class Masses:
+    """Moves a servo with masses behind a transmission."""
+
+    def __init__(self, true: TrueServo) -> None:
+        self.p, self.links = mechanics_of(true), links_of(true)
+
+    def step(
+        self,
+        masses: Sequence[State],
+        parameters: PlantParameters,
+        torque: float,
+        length_ns: int,
+        pull: Hand | None = None,
+    ) -> tuple[State, ...]:
+        """The states, from the motor on."""
+        z = [masses[0].velocity]
+        for before, mass in pairwise(masses):
+            z += before.position - mass.position, mass.velocity
+        z += [0.0] * room(self.p.masses)
+        braking = parameters.damping - self.p.forth
+        at = swing(
+            *(self.p, self.links, pull or NOBODY, z, masses[-1].position),
+            *(torque, braking, length_ns * 1e-9),
+        )
+        found = []
+        for i in range(self.p.masses, -1, -1):
+            found.append(State(at, z[2 * i]))
+            at += z[2 * i - 1] if i else 0.0
+        return tuple(reversed(found))
