@@ -93,28 +93,32 @@ def members(case: Case, shares: FloatArray) -> FloatArray:
 def limits(case: Case, some: FloatArray, damping: float) -> FloatArray:
     """Return the commanded stiffness up to which each servo is stable from 0 on."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
-    wall = (gain * damping, period, delay, case.samples)
-    if not load.any():
-        return critical_stiffness(whole, b, *wall) / gain
-    servo = two_masses(whole, b, load, hz, ratio)
-    found: FloatArray = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
-    return found / gain
+    wall: Any = (gain * damping, period, delay, case.samples)
+    if load.any():
+        servo = two_masses(whole, b, load, hz, ratio)
+        found = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
+    else:
+        found = critical_stiffness(whole, b, *wall)
+    commanded: FloatArray = found / gain
+    return commanded
 
 
 def ceilings(case: Case, some: FloatArray) -> FloatArray:
     """Return the commanded damping up to which each servo is stable without stiffness."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
-    loop = (period, delay, case.samples)
-    if not load.any():
-        return max_virtual_damping(whole, b, *loop) / gain
-    servo = two_masses(whole, b, load, hz, ratio)
-    found: FloatArray = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
-    return found / gain
+    loop: Any = (period, delay, case.samples)
+    if load.any():
+        servo = two_masses(whole, b, load, hz, ratio)
+        found = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
+    else:
+        found = max_virtual_damping(whole, b, *loop)
+    commanded: FloatArray = found / gain
+    return commanded
 
 
 def two_masses(
     whole: FloatArray, b: FloatArray, load: FloatArray, hz: FloatArray, ratio: FloatArray
-) -> tuple[FloatArray, ...]:
+) -> Any:
     load = np.minimum(load, 0.99 * whole)
     motor, rate = whole - load, math.tau * hz
     moving = motor * load / whole
@@ -127,8 +131,8 @@ def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> 
     k, big_b, n = gain * stiffness, gain * damping, case.samples
     if not load:
         return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
-    servo = (float(x) for x in two_masses(*member[[0, 1, 3, 4, 5]]))
-    loop = test_flexible.Loop(*servo, period, delay / period, n, case.belief.encoder)
+    servo = map(float, two_masses(*member[[0, 1, 3, 4, 5]]))
+    loop = test_flexible.Loop._make([*servo, period, delay / period, n, case.belief.encoder, 0.0])
     return test_flexible.radius(loop, k, big_b)
 
 
