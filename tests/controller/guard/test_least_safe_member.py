@@ -93,32 +93,32 @@ def members(case: Case, shares: FloatArray) -> FloatArray:
 def limits(case: Case, some: FloatArray, damping: float) -> FloatArray:
     """Return the commanded stiffness up to which each servo is stable from 0 on."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
-    wall = (gain * damping, period, delay, case.samples)
+    wall: Any = (gain * damping, period, delay, case.samples)
     if load.any():
         servo = two_masses(whole, b, load, hz, ratio)
-        limit = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
+        found = flexible_boundary(*servo, *wall, encoder=case.belief.encoder).stiffness
     else:
-        limit = critical_stiffness(whole, b, *wall)
-    found: FloatArray = limit / gain
-    return found
+        found = critical_stiffness(whole, b, *wall)
+    commanded: FloatArray = found / gain
+    return commanded
 
 
 def ceilings(case: Case, some: FloatArray) -> FloatArray:
     """Return the commanded damping up to which each servo is stable without stiffness."""
     whole, b, gain, load, hz, ratio, delay, period = some.T
-    loop = (period, delay, case.samples)
+    loop: Any = (period, delay, case.samples)
     if load.any():
         servo = two_masses(whole, b, load, hz, ratio)
-        ceiling = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
+        found = flexible_ceiling(*servo, *loop, encoder=case.belief.encoder)
     else:
-        ceiling = max_virtual_damping(whole, b, *loop)
-    found: FloatArray = ceiling / gain
-    return found
+        found = max_virtual_damping(whole, b, *loop)
+    commanded: FloatArray = found / gain
+    return commanded
 
 
 def two_masses(
     whole: FloatArray, b: FloatArray, load: FloatArray, hz: FloatArray, ratio: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> Any:
     load = np.minimum(load, 0.99 * whole)
     motor, rate = whole - load, math.tau * hz
     moving = motor * load / whole
@@ -131,9 +131,8 @@ def radius(case: Case, member: FloatArray, stiffness: float, damping: float) -> 
     k, big_b, n = gain * stiffness, gain * damping, case.samples
     if not load:
         return oracles.radius(oracles.Loop(whole, b, k, big_b, period, delay, n))
-    motor, friction, mass, k_t, c_t = (float(x) for x in two_masses(*member[[0, 1, 3, 4, 5]]))
-    servo = (motor, friction, mass, k_t, c_t)
-    loop = test_flexible.Loop(*servo, period, delay / period, n, case.belief.encoder)
+    servo = map(float, two_masses(*member[[0, 1, 3, 4, 5]]))
+    loop = test_flexible.Loop._make([*servo, period, delay / period, n, case.belief.encoder, 0.0])
     return test_flexible.radius(loop, k, big_b)
 
 
@@ -232,7 +231,7 @@ def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(case: 
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_no_servo_of_a_random_belief_is_unstable(rigid: bool, thorough: bool) -> None:
-    for seed in range(2000 if thorough else 3):
+    for seed in range(2000 if thorough else 6):
         check(drawn(np.random.default_rng((seed, rigid)), rigid), seed, 12 if thorough else 4)
 
 
