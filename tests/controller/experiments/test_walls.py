@@ -87,7 +87,7 @@ KINDS: tuple[set[str], ...] = (
 )
 
 
-@pytest.mark.parametrize("kinds", KINDS, ids=" ".join)
+@pytest.mark.parametrize("kinds", KINDS, ids=lambda kinds: " ".join(sorted(kinds)))
 @pytest.mark.parametrize("fraction", [0.0, 0.37])
 @pytest.mark.usefixtures("uncompiled")
 def test_a_wall_moves_as_the_servo_alone(kinds: set[str], fraction: float, thorough: bool) -> None:
@@ -150,7 +150,7 @@ def test_it_is_what_the_program_does(tmp_path: Path) -> None:
     assert np.ptp(rows["position"]) > 0.01
 
 
-@pytest.mark.parametrize("kinds", KINDS[1::2], ids=" ".join)
+@pytest.mark.parametrize("kinds", KINDS[1::2], ids=lambda kinds: " ".join(sorted(kinds)))
 def test_compiled_walls_move_to_the_last_bit_as_the_source_does(
     kinds: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
