@@ -124,8 +124,13 @@ def begin(
 def keep(wall: Wall, duration: float) -> Kept:
     """Return the response that the steps of this part of a period need mostly."""
     if wall.drive.acts:
-        return kept_for(wall.body, NOBODY, wall.drive.back_emf, min(duration, STEP_S))
+        return kept_for(wall.body, NOBODY, wall.drive.back_emf, duration / steps_of(duration))
     return kept_for(wall.body, NOBODY, 0.0, duration)
+
+
+def steps_of(duration: float) -> int:
+    """Return into how many steps of the current loop a part of a period [s] is divided."""
+    return max(1, math.ceil(duration / STEP_S - 1e-9))
 
 
 def command(wall: Wall, s: Buffer, k: int) -> None:
@@ -215,16 +220,15 @@ def act(
             return
         pass_time(wall, s, z, kept, torque + push, 0.0, duration)
         return
-    goal, left = goal_for(drive, torque), duration
-    while left > 0.0:
-        length = STEP_S if left > STEP_S * (1.0 + 1e-9) else left
+    goal, steps = goal_for(drive, torque), steps_of(duration)
+    length = duration / steps
+    for _ in range(steps):
         velocity = motor_velocity(wall, s, z)
         target, u, braking = target_of(drive, goal, s[U], velocity, s[ACCELERATION])
         mean = mean_of(drive, target, u, length)
         pass_time(wall, s, z, kept, mean + push, braking, length)
         s[U] = end_of(drive, target, u, length)
         s[ACCELERATION] = (motor_velocity(wall, s, z) - velocity) / length
-        left -= length
 
 
 def pass_time(
