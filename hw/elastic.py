@@ -8,7 +8,7 @@ computer keeps up the offset stands still. In a stall it grows instead of the ti
 - Bytes that the bus has not taken, a reply that is due, and a reply on its way are debts. With a
   debt the loop's time stops a little after it was due.
 
-A bus that settles nothing for ``PATIENCE_S`` is dead: then time passes again, for good.
+A bus that settles nothing for ``DEBT_S`` is dead: then time passes again, for good.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ COUPLED = 11
 """Whether this is in force (loop, supervisor)"""
 WORDS: Final = 12
 PATIENCE_S: Final = 5.0
-"""Longest silence of either side [s]"""
+"""Longest silence of the loop [s]"""
+DEBT_S: Final = 20.0
+"""Longest debt [s]: the kernel's thread that carries the bytes may get no processor for seconds"""
 _NAP_S: Final = 200e-6
 _BRIEF_NS: Final = 100_000
 """The loop does not sleep for a debt this young: it would lose its processor [ns]"""
@@ -165,7 +167,7 @@ class ElasticClock:
         debt = tuple(words[SENT:COUPLED])
         if self._waits[1:] != debt:
             self._waits = real, *debt
-        elif real - self._waits[0] > 1e9 * PATIENCE_S:
+        elif real - self._waits[0] > 1e9 * DEBT_S:
             self.release()
         elif real - self._waits[0] > _BRIEF_NS:
             self._nap(_NAP_S)

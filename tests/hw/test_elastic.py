@@ -8,8 +8,8 @@ import pytest
 
 from haptic_wall.hw.elastic import (
     COUPLED,
+    DEBT_S,
     OFFSET,
-    PATIENCE_S,
     UNTIL,
     WAITED,
     WORDS,
@@ -146,7 +146,7 @@ def test_a_dead_bus_is_waited_for_no_longer_than_the_patience(seen: bool) -> Non
     begun = pair.real
     pair.run(100)
     waited_s = (pair.real - begun) * 1e-9 - 0.02
-    assert waited_s == pytest.approx(0.0 if seen else PATIENCE_S, abs=0.01)
+    assert waited_s == pytest.approx(0.0 if seen else DEBT_S, abs=0.01)
 
 
 def test_outside_of_a_run_it_is_the_systems_clock() -> None:
