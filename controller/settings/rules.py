@@ -450,10 +450,10 @@ def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.torque_constant")
+@_reads(*_KIND, "servo.model", "servo.torque_constant")
 def _emulated_gain(config: Sections) -> Iterator[Problem]:
     if (
-        config.servo.kind == "emulated"
+        config.servo.hides_constant
         and config.servo.torque_constant is not None
         and config.model.torque_gain is None
     ):

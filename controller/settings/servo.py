@@ -495,21 +495,30 @@ class Servo(Section):
             return Vibration(0.0, 0.0)
         return vibrations(self.inertia, self.links)[0]
 
+    @property
+    def hides_constant(self) -> bool:
+        """Whether ``torque_constant`` is kept from the driver, which takes the data sheet's.
+
+        It is the truth of an emulated servo. Of a model without published figures the driver knows
+        no other.
+        """
+        known = backend(self.backend).models
+        model = known().get(self.model or "") if known is not None else None
+        return self.kind == "emulated" and (model is None or model.constant_known)
+
     def asked(self) -> ServoSettings:
         """Return this section as the backend's settings.
 
         Raises:
             ValidationError: An option is unknown, missing or wrong.
         """
-        emulated = self.kind == "emulated"
         return ServoSettings(
             backend=self.backend,
             port=self.port or "",
             baud=self.baud or 0,
             id=self.id,
             model=self.model or "",
-            # The constant of an emulated servo is its truth, which the driver must not know.
-            torque_constant=0.0 if emulated else self.torque_constant or 0.0,
+            torque_constant=0.0 if self.hides_constant else self.torque_constant or 0.0,
             torque_limit=self.torque_limit or 0.0,
             watchdog_s=self.watchdog_s,
             probe_torque=self.probe_torque,

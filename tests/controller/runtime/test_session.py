@@ -390,6 +390,13 @@ def test_decisions_for_slow_replies_are_computed_with_the_torque_off(
     assert result.wall_came_on
 
 
+def test_a_model_without_stall_figures_renders_its_wall() -> None:
+    model = ("servo.model=XD540-T270", "servo.torque_constant=2")
+    result, rows = session("emulated-ideal", "loop.clock=simulated", *model)
+    assert result.wall_came_on
+    assert np.abs(rows["torque"]).max() > 0.5
+
+
 def test_a_shaft_that_leaves_in_the_tick_in_which_the_wall_was_to_come_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -163,6 +163,12 @@ def test_the_driver_does_not_know_the_emulated_torque_constant() -> None:
     assert config.true_servo().torque_constant == 2.2
 
 
+def test_the_driver_knows_the_emulated_torque_constant_where_none_is_published() -> None:
+    config = loaded("emulated-ideal", "servo.model=XD540-T270", "servo.torque_constant=2.2")
+    assert config.servo_settings().torque_constant == config.true_servo().torque_constant == 2.2
+    assert config.belief().torque_gain.value == 1.0
+
+
 @pytest.mark.parametrize(
     ("side", "away"),
     [("above", -1), ("below", 1), ("both", -1)],

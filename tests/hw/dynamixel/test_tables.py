@@ -1,6 +1,7 @@
 """The tables against the vendor's own, which come with dynamixel-sdk, and against the manual."""
 
 import itertools
+import re
 from pathlib import Path
 
 import dynamixel_easy_sdk
@@ -13,6 +14,9 @@ from haptic_wall.hw.dynamixel.tables import (
 )
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
+DOCS = Path(__file__).parents[3] / "docs"
+UNLISTED = {"XW430-T200": 1280}
+"""Models that the vendor does not list, with the number on their page; it may ship their table"""
 
 
 def vendor_numbers() -> dict[str, int]:
@@ -21,18 +25,24 @@ def vendor_numbers() -> dict[str, int]:
     return {file: int(number) for number, file in (line.split("\t") for line in lines if line)}
 
 
+def path_of(file: str) -> Path:
+    """Path of a vendor's file, which is named after its model."""
+    return VENDOR / file.lower().replace("-", "_")
+
+
 X330 = [name for name, model in MODELS.items() if model.family == "X330"]
 VENDOR_TABLES = [(name, f"{name}.model", MODELS[name].fast_sync_read_firmware) for name in MODELS]
 VENDOR_TABLES = [row for row in VENDOR_TABLES if row[0] not in X330]
 VENDOR_TABLES += [(name, f"{name}_fw52.model", 46) for name in X330]
 VENDOR_TABLES += [(name, f"{name}_fw52.model", 52) for name in X330]
 VENDOR_TABLES += [(name, f"{name}.model", 53) for name in X330]
+VENDOR_TABLES = [row for row in VENDOR_TABLES if row[0] not in UNLISTED or path_of(row[1]).exists()]
 """Model, the vendor's file, and a firmware it holds for"""
 
 
 def vendor_table(file: str) -> dict[str, tuple[int, int]]:
     """Register name (ours) -> address and size."""
-    text = (VENDOR / file.lower().replace("-", "_")).read_text(encoding="utf-8")
+    text = path_of(file).read_text(encoding="utf-8")
     rows = text.split("[control table]")[1].strip().splitlines()[1:]
     table = {}
     for row in rows:
@@ -51,10 +61,16 @@ def test_every_x_series_model_of_the_vendor_is_known_by_its_number() -> None:
         for file, number in vendor_numbers().items()
         if file.lstrip("2").startswith("x") and file != "xl320.model"
     }
-    ours = {model.number: name.lower().replace("-", "_") for name, model in MODELS.items()}
-    # The vendor ships a table of the XW430-T200 without listing its number, which its page gives.
-    assert ours.items() - listed.items() == {(1280, "xw430_t200")}
+    ours = {model.number: path_of(name).name for name, model in MODELS.items()}
+    unlisted = {number: path_of(name).name for name, number in UNLISTED.items()}
+    assert dict(ours.items() - listed.items()) == unlisted
     assert listed.items() <= ours.items()
+
+
+@pytest.mark.parametrize("page", ["hardware.md", "emulated-servo.md"])
+def test_the_lists_of_the_pages_have_every_series(page: str) -> None:
+    listed = set(re.findall(r"\w+", (DOCS / page).read_text(encoding="utf-8")))
+    assert {name.partition("-")[0] for name in MODELS} - listed == set()
 
 
 @pytest.mark.parametrize("name", MODELS)
