@@ -124,12 +124,6 @@ class Grid:
             delta = device * max_beta(delta, delay, n)
         return Point(delta, (1 - second) * both, delay, max_beta(delta, delay, n))
 
-    def between(self, cell: IntArray, place: FloatArray) -> FloatArray:
-        """Return the coordinates of places in cells, axes × points."""
-        first, last, nodes = (np.array(column)[:, None] for column in zip(*self.axes, strict=True))
-        result: FloatArray = first + (cell + place) * ((last - first) / (nodes - 1))
-        return result
-
     def locate(self, coordinates: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return each point's cell (axes × points), and its place there, 0 to 1 on each axis."""
         first, last, nodes = (np.array(column)[:, None] for column in zip(*self.axes, strict=True))

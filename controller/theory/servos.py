@@ -8,7 +8,6 @@ Source: Rhoban, "bam" (better actuator models), https://github.com/Rhoban/bam, A
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -27,11 +26,6 @@ class ServoFacts:
     """Coulomb friction c [N·m]"""
     counts_per_rev: int
     """Encoder counts in one turn of the output"""
-
-    @property
-    def encoder_step(self) -> float:
-        """Return one count, q [rad]."""
-        return 2 * math.pi / self.counts_per_rev
 
 
 SERVOS: Mapping[str, ServoFacts] = MappingProxyType(

@@ -50,6 +50,13 @@ _LEAST = 0.03  # fraction at a node below which a cell is left out
 _NEAR_CEILING, _SLOPING, _MORE_LOOKS, _FURTHER_BELOW = 0.7, 0.9, 90, 8e-3
 
 
+def between(grid: Grid, cell: IntArray, place: FloatArray) -> FloatArray:
+    """Return the coordinates of places in cells, axes × points."""
+    first, last, nodes = (np.array(column)[:, None] for column in zip(*grid.axes, strict=True))
+    result: FloatArray = first + (cell + place) * ((last - first) / (nodes - 1))
+    return result
+
+
 def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: int) -> FloatArray:
     """Return the computed one-sided limit over the exact one; NaN where nothing is stable."""
     exact, _ = critical(delta, beta, delay, np.full_like(delta, n))
@@ -176,9 +183,9 @@ def _look(
         for _ in range(_DRAWS):
             drawn = random.random((3, left.size))
             place[:, left] = 0.5 * (1.0 - np.cos(np.pi * drawn)) if at_edges else drawn
-            point = grid.settings(grid.between(cell[:, left], place[:, left]), n)
+            point = grid.settings(between(grid, cell[:, left], place[:, left]), n)
             left = left[~_looked_up(name, point)]
-    share = _shares(name, grid.between(cell, place), n, False, executor)
+    share = _shares(name, between(grid, cell, place), n, False, executor)
     wanted = np.isfinite(share)
     return _Look(cell[:, wanted], place[:, wanted], share[wanted])
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from haptic_wall.controller.theory import linear_limit
@@ -19,10 +17,6 @@ def test_a_servo_that_nobody_identified_names_its_sister() -> None:
     assert servo("xm430w350") is None
     assert sister("xm430w350") == ("XM430-W350", "MX-64")
     assert sister("lathe") is None
-
-
-def test_one_count_is_its_share_of_a_turn() -> None:
-    assert SERVOS["XL-320"].encoder_step == pytest.approx(2 * math.pi / 1024)
 
 
 @pytest.mark.parametrize(
