@@ -180,6 +180,8 @@ class Servo(Protocol):
             The torque really sent [N·m].
 
         Raises:
+            ValueError: The torque is not a finite number; nothing was sent.
+            RuntimeError: The servo is not started, or is stopped.
             ServoLostError: The port is gone.
         """
         ...
@@ -193,5 +195,5 @@ class Servo(Protocol):
         ...
 
     def close(self) -> None:
-        """Release the servo; stop it first if it was started and not stopped."""
+        """Release the servo; stop it first if it was started and not stopped. Safe twice."""
         ...

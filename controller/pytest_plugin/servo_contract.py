@@ -197,6 +197,9 @@ class ServoContract:
         assert (counts.lost, counts.late, counts.corrupt, counts.refused) == (0, 0, 0, 0)
         assert 0 <= bus.waited_ns < rig.period_ns
         assert bus.reply_s >= 0.0
+        rig.servo.stop()
+        rig.servo.start()
+        assert bus.counts.cycles == 0, "they begin anew with each start"
 
     def test_a_stand_in_takes_the_same_cycles_and_touches_nothing(self) -> None:
         alone, beside = self.make_rig(), self.make_rig()

@@ -1,15 +1,16 @@
 """Before a real servo moves by itself, a person at a terminal is asked."""
 
 import sys
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import NoReturn
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from haptic_wall.controller.cli import delay, experiment, identify, rendered, sweep, zwidth
+from haptic_wall.controller.cli import experiment
 from haptic_wall.controller.cli.main import main
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.servo import Servo
@@ -46,9 +47,9 @@ def test_nobody_else_is(asked: list[str], monkeypatch: pytest.MonkeyPatch) -> No
     assert not asked
 
 
-@pytest.mark.parametrize("module", [delay, identify, rendered, sweep, zwidth])
+@pytest.mark.parametrize("command", ["delay", "identify", "rendered", "sweep", "zwidth"])
 def test_every_experiment_that_moves_asks_before_it_opens_the_port(
-    module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def stop(servo: Servo, yes: bool) -> NoReturn:
         assert servo.kind == "hardware" and not yes
@@ -57,7 +58,8 @@ def test_every_experiment_that_moves_asks_before_it_opens_the_port(
     monkeypatch.setattr(experiment, "ask_to_move", stop)
     monkeypatch.setattr("haptic_wall.controller.experiments.zwidth.plane._POINTS", 4)
     monkeypatch.chdir(tmp_path)
-    options = ["--virtual-damping=0.02", "--delay-steps=0"] if module is sweep else []
+    options = ["--virtual-damping=0.02", "--delay-steps=0"] if command == "sweep" else []
+    module = import_module(f"haptic_wall.controller.cli.{command}")
     result = CliRunner().invoke(module.command, ["xm430-w350", *options])
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)
 

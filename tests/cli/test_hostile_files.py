@@ -32,7 +32,7 @@ from haptic_wall.controller.settings.load import load_config
 from tests.support.told_logs import one_turn, rows
 
 RUNS = ("run", "identify", "delay")
-"""Commands that run a configuration of any law, and so import it"""
+"""Commands that run a configuration of any law, and so import it: ``of_walls`` is not theirs"""
 WORDS = {
     "boundary": ["--virtual-damping=0.01"],
     "sweep": ["--virtual-damping=0", "--delay-steps=0"],

@@ -15,7 +15,7 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError
 from haptic_wall.hw.serialport.line import FdLine, Line
 from haptic_wall.hw.serialport.port import open_port
-from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
+from haptic_wall.hw.servo import Bus, BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import ServoSettings
 
 ANSWER_NS = 500_000_000
@@ -53,6 +53,7 @@ class LineServo:
             raise ServoMissingError(
                 f"The {self.facts.name} does not answer", advice="check the cable."
             )
+        self.bus.counts = BusCounts()
         self._running = True
         return [Check("torque", True, "on, at zero", "on, at zero")]
 
