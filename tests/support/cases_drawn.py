@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from haptic_wall.controller.laws.table import EXAMPLES
 from haptic_wall.controller.laws.wall import Side
 from tests.support.operators import TURN
 from tests.support.trial import Case, WallAsked
@@ -30,7 +31,7 @@ DAMPINGS = {
 """Virtual damping of the tried walls [N·m·s/rad]"""
 LAGS = {"within": (0.0, 1.0), "1 to 2 times": (1.0, 2.0), "2 to 4 times": (2.0, LAG_FACTOR)}
 """Ranges of the lag, as multiples of the believed upper bound [1]"""
-LAWS = ("stops", "spring", "damper", "detents", "friction", "texture", "profile", "sum", "own")
+LAWS = (*(law for law in EXAMPLES if law != "wall"), "own")
 LAW_HANDS = ("voluntary", "lean", TURN)
 WALLS = ("the guard's K", "1.2 to 3 times the limit")
 """Of a shaft that is pushed against one"""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.laws.table import EXAMPLES
 from haptic_wall.controller.live.client import Client, Messages
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.logs.content import FORMAT
@@ -46,7 +47,7 @@ END: dict[str, Any] = {
 }  # fmt: skip
 """The end of a run, as it writes it"""
 NAMES = (
-    "wall", "stops", "spring", "damper", "detents", "friction", "texture", "profile", "sum",
+    *EXAMPLES,
     "no:Law", "applied", "simulated", "dynamixel", "off", "passive", "both", "start", "notch",
 )  # fmt: skip
 """Texts that have a meaning somewhere"""
