@@ -16,7 +16,14 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import Table, confirmed, lost, read_patiently
+from haptic_wall.hw.dynamixel.register_access import (
+    UNHELD,
+    Table,
+    confirmed,
+    lateness,
+    lost,
+    read_patiently,
+)
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
@@ -114,6 +121,8 @@ def prove_the_sign(
         found = "no motion, because the Bus Watchdog tripped"
         why = f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the probe of the sign"
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
+        if late := lateness(table.link):
+            why, advice = why + late, UNHELD
     return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
 
 

@@ -34,17 +34,26 @@ _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" fo
 APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
 ECHOES: Final = "the adapter returns what is sent"
 """Of a half-duplex adapter; the reply comes behind the echo"""
-_LATE_NS: Final = 10_000_000
+_LATE_MS: Final = 10.0
 _Found = TypeVar("_Found")
+
+
+UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
+
+
+def lateness(link: Link) -> str:
+    """Return how late replies came, as the end of a sentence; empty: all came in time."""
+    late_ms = link.longest_ns * 1e-6
+    return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
 
 def lost(
     link: Link, what: str, advice: str = "check the cable and the power supply."
 ) -> ServoLostError:
     """Return the error for a servo that stops answering; it names late replies, if any came."""
-    if link.longest_ns > _LATE_NS:
-        what += f"; replies came up to {link.longest_ns * 1e-6:.0f} ms late"
-        advice = f"set the adapter's latency timer to 1 ms, use no hub, and {advice}"
+    if late := lateness(link):
+        what += late
+        advice = f"{UNHELD}, and {advice}"
     return ServoLostError(what, advice=advice)
 
 

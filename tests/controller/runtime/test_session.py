@@ -576,7 +576,7 @@ def test_a_wall_that_drives_the_shaft_trips_near_the_models_no_load_speed() -> N
 
 
 def test_an_encoder_that_jumps_trips_without_a_number() -> None:
-    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=1", "servo.hand=none")
+    sets = ("loop.clock=simulated", "servo.faults=jump:counts=500,at=2", "servo.hand=none")
     result, rows = session("emulated-ideal", *sets)
     assert result.stop_reason == "trip:overspeed"
     assert result.message.endswith("rad/s between two readings; at most 30 is allowed")
