@@ -223,7 +223,7 @@ class _Checkup:
             if rule.repair is not None and not verdict.ok:
                 repairs[rule.name] = rule.repair
         current, most = seen.values.get("current_limit", 0), model.current_limit
-        if 0 < current <= most:
+        if 0 < current <= most and seen.law.torque(current) > 0.0:
             wall = judge_wall(self._config, current, most, seen.law)
             checks[wall.name] = wall
         return checks, repairs

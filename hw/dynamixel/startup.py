@@ -163,10 +163,10 @@ class Startup:
         self._judge("model", judge_model(number, self._model.name))
         self._refuse_if_unfit()
         level, found = read_status_level(table)
-        if level != STATUS_LEVEL:
-            level = table.write("status_return_level", STATUS_LEVEL)
-            found += f", set to {level}"
-        self._judge("status return level", judge_status_level(level, found))
+        now = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
+        if now != level:
+            found += f", set to {now}"
+        self._judge("status return level", judge_status_level(now, found))
         firmware = table.read("firmware_version")
         self._judge("firmware", judge_firmware(self._model, firmware))
         self._refuse_if_unfit()

@@ -127,8 +127,8 @@ def target_of(
         wanted = goal + (drive.back_emf - lost) * speed
         target, braking = min(max(wanted, -drive.stall), drive.stall), drive.back_emf
         if drive.rate == 0.0 and target == wanted:
-            # As u = u* at each instant, only the droop is left of the back-EMF.
-            target, braking = goal - lost * speed, 0.0
+            # As u = u* at each instant, only the droop is left of the back-EMF: it only brakes.
+            target, braking = goal, lost
     if drive.rate == 0.0 or abs(u - target) <= _SETTLED * abs(target):
         u = target
     return target, u, braking

@@ -148,6 +148,15 @@ def test_another_id_and_another_model_are_named(cli: Cli) -> None:
 
 
 @pytest.mark.realtime
+def test_another_model_whose_torque_is_not_known_is_named(cli: Cli) -> None:
+    constant = "servo.torque_constant=1.7"
+    with emulate("--servo", "XD430-T210:1", "--set", constant) as (_, port):
+        _, checks, wrong, _ = report(cli, *at(port))
+        assert "model" in wrong
+        assert "stiffness" not in checks
+
+
+@pytest.mark.realtime
 def test_dangers_are_listed_together_and_a_torque_that_is_on_is_left_alone(cli: Cli) -> None:
     with emulate() as (_, port):
         set_registers(

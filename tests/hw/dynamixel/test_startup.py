@@ -238,7 +238,7 @@ def test_what_only_a_person_may_change_is_refused(register: str, value: int, mat
     assert not torque_was_enabled(bench)
 
 
-def test_a_dangerous_servo_is_not_written_to_and_never_gets_a_goal() -> None:
+def test_a_dangerous_servo_keeps_its_settings_and_never_gets_a_goal() -> None:
     """With torque-on-by-goal-update even a goal of zero would switch the torque on."""
     bench = Bench()
     bench.truth.memory["drive_mode"] = 0x08
@@ -250,7 +250,7 @@ def test_a_dangerous_servo_is_not_written_to_and_never_gets_a_goal() -> None:
         for frame in Parser().feed(data)
         if frame.instruction in (Instruction.WRITE, Instruction.SYNC_WRITE)
     ]
-    assert set(written) == {64}  # torque off, by the refusal
+    assert set(written) == {68, 64}  # that it replies; torque off, by the refusal
 
 
 def test_an_older_firmware_is_not_asked_for_a_register_that_it_does_not_have() -> None:
@@ -599,6 +599,8 @@ def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
     position = chance.choice([-0.3, 1.0])
     twin = add_twin(bench, other, position=position, tick=12_345 if position == 1.0 else 999)
     chance.choice([bench.truth, twin]).memory["drive_mode"] = chance.choice([0, 1])
+    silent = chance.choice([bench.truth, twin])
+    silent.memory["status_return_level"] = chance.choice([0, 1, 2, 2, 2])
     with pytest.raises(ServoError) as refusal:
         bench.servo.start()
     assert "must not be driven" in str(refusal.value) or any(

@@ -257,3 +257,19 @@ def test_an_mx106_makes_less_than_its_goal_when_it_turns(
     mechanism.advance(4000 * MS)
     assert mechanism.velocity == pytest.approx(sign * speed, rel=3e-3)
     assert low <= sign * mechanism.sensed_torque / (friction + left) <= high
+
+
+@pytest.mark.parametrize("inertia", [1e-8, 1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("bandwidth", [0.0, 300.0])
+def test_droop_only_slows_a_free_shaft_however_light(inertia: float, bandwidth: float) -> None:
+    for droop in (0.05, 0.3, 1.0):
+        true = servo(
+            inertia=inertia, back_emf=True, current_droop=droop, current_bandwidth=bandwidth
+        )
+        mechanism = Mechanism(true, 0, velocity=4.0)
+        mechanism.command(0.0, 0)
+        before = 4.0
+        for k in range(1, 51):
+            mechanism.advance(k * MS)
+            assert 0.0 <= mechanism.velocity <= before < 5.0
+            before = mechanism.velocity
