@@ -61,12 +61,8 @@ class Loops:
         """Return the loops at ``index``."""
         return replace(self, chains=self.chains.take(index), period=self.period[index])
 
-    def inverse(self, w: FloatArray) -> ComplexArray:
-        """Return F = -1/G at the frequencies ``w`` [rad/sample], loops × frequencies."""
-        return self._inverse(_turned(w / 2))
-
     def responses(self, w: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return ``inverse`` and ``difference`` in less time than both of them take.
+        """Return F = -1/G and D, filtered, at frequencies [rad/sample], loops × frequencies.
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
         """
@@ -91,10 +87,6 @@ class Loops:
             below += numerator[:, i, None]
         found /= below
         return found
-
-    def difference(self, w: FloatArray) -> ComplexArray:
-        """Return D = (1 - z^-N)/(N T), filtered, at the frequencies ``w``, loops × frequencies."""
-        return self._difference(w, _turned(self.samples * w / 2))
 
     def _difference(self, w: FloatArray, turned: ComplexArray) -> ComplexArray:
         """Return D at the frequencies ``w``, where ``turned`` is exp(j N w/2)."""

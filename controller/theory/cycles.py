@@ -33,13 +33,14 @@ from haptic_wall.controller.theory.checks import (
     samples,
     scalar,
 )
-from haptic_wall.controller.theory.coupled import HeldHand
 from haptic_wall.controller.theory.describing import (
     backlash_gain,
     quantisation_gain,
     saturation_gain,
 )
 from haptic_wall.controller.theory.friction import onset_amplitude
+from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.response import held_response
 from haptic_wall.controller.theory.roots import dips, zeros
 
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
@@ -138,7 +139,8 @@ def limit_cycles(
         if not 0 < amplitude < math.inf:
             return []
         return [LimitCycle(amplitude, float(onset.frequency), stable=False)]
-    loop = _Loop(HeldHand.of(b * t / m, 0.0, t_d / t, n), k * t**2 / m, big_b * t / m)
+    plant = HeldLoop.of(*(np.asarray(x, dtype=np.float64) for x in (b * t / m, t_d / t, n)))
+    loop = _Loop(plant, k * t**2 / m, big_b * t / m)
     if isinstance(effect, Backlash):
         positive("width", effect.width)
         found = _lagging(loop, lambda a: backlash_gain(a, 1.0))
@@ -160,7 +162,7 @@ def limit_cycles(
 class _Loop(NamedTuple):
     """A wall on its device, dimensionless."""
 
-    plant: HeldHand
+    plant: HeldLoop
     alpha: float
     beta: float
 
@@ -170,7 +172,7 @@ class _Loop(NamedTuple):
 
     def needed(self, w: FloatArray) -> ComplexArray:
         """Return the gain N with 1 + N L = 0 at ``w`` [rad/sample]."""
-        result: ComplexArray = self.plant.inverse(w) / (
+        result: ComplexArray = self.plant.inverse_plant(w) / (
             self.alpha + self.beta * self.plant.difference(w)
         )
         return result
@@ -187,11 +189,45 @@ class _Loop(NamedTuple):
         if complex(-slope / turn).imag >= 0:
             return False
         now = complex(gain(np.array(a)))
-        poles = self.plant.poles(now * self.alpha, now * self.beta)
+        poles = self.poles(now)
         # a lagging gain applies to the modes that turn forwards
         poles = poles[poles.imag > -1e-9]
         others = np.delete(poles, np.argmin(np.abs(poles - np.exp(1j * w))))
         return bool(np.all(np.abs(others) < _OUTSIDE))
+
+    def poles(self, gain: complex) -> ComplexArray:
+        """Return the poles of the loop whose wall has this gain.
+
+        They are the eigenvalues of plant, delay ring and past positions.
+        """
+        plant = self.plant
+        whole, samples = int(plant.delay), int(plant.samples)
+        full = held_response(plant.delta, 1.0)
+        late = held_response(plant.delta, 1.0 - float(plant.delay - whole))
+        # position and speed per torque of ``whole`` periods ago, and of the period before
+        new = np.array([late.position_per_torque, late.position_per_speed])
+        old = np.array([full.position_per_torque, full.position_per_speed]) - new
+        torques = whole + 1
+        size = 2 + torques + samples
+        command = np.zeros(size, dtype=np.complex128)
+        command[0] = -gain * (self.alpha + self.beta / samples)
+        command[-1] = gain * self.beta / samples
+        a = np.zeros((size, size), dtype=np.complex128)
+        a[0, :2] = 1.0, full.position_per_speed
+        a[1, 1] = full.speed_per_speed
+        a[:2, 1 + torques] += old
+        if whole:
+            a[:2, torques] += new
+        else:
+            a[:2] += np.outer(new, command)
+        a[2] = command
+        shifted = np.arange(3, 2 + torques)
+        a[shifted, shifted - 1] = 1.0
+        a[2 + torques, 0] = 1.0
+        shifted = np.arange(3 + torques, size)
+        a[shifted, shifted - 1] = 1.0
+        real = not np.any(a.imag)
+        return np.linalg.eigvals(a.real if real else a).astype(np.complex128)
 
 
 def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, float, bool]]:
@@ -251,7 +287,7 @@ def _lagging(loop: _Loop, gain: Gain) -> list[tuple[float, float, bool]]:
 
 def _grid(function: Callable[[FloatArray], FloatArray], loop: _Loop) -> FloatArray:
     """Return frequencies between which ``function`` changes its sign at most once."""
-    count = 400 + 64 * (loop.plant.whole + loop.plant.samples)
+    count = 400 + 64 * int(loop.plant.delay + loop.plant.samples)
     fine = np.geomspace(1e-5, 3e-2, 600, endpoint=False)
     grid = np.concatenate([fine, np.linspace(3e-2, np.pi, count, endpoint=False)])
     return np.sort(np.append(grid, dips(function, grid[None])))
