@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.guard.boundary_curve import (
     EVERY_DAMPING,
     Curve,
@@ -25,8 +26,6 @@ from haptic_wall.controller.theory import critical_stiffness, linear_limit
 
 _CHANGES: tuple[Change, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
 _BELIEVED = ("inertia", "damping", "delay", "torque_gain")
-_LEAST = ("inertia", "damping")
-"""Of them the low end is the least safe, of the others the high end"""
 
 
 def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, Any]:
@@ -69,12 +68,7 @@ def _point(points: Curve, i: int) -> dict[str, float | None]:
 
 def _settings(question: Question) -> dict[str, Any]:
     situation = question.situation
-    names = {
-        "inertia": situation.belief.inertia,
-        "damping": situation.belief.damping,
-        "delay": situation.belief.delay,
-        "torque_gain": situation.belief.torque_gain,
-    }
+    names = {name: getattr(situation.belief, name) for name in _BELIEVED}
     load = question.load
     flexible: dict[str, Any] = {} if load is None else {"load": asdict(load)}
     belief = situation.belief
@@ -160,14 +154,14 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
 
     def stiffness(known: Iterable[str]) -> float:
         """Return the limit with the named values known exactly."""
-        m, b, delay, gain = (
-            each.value if name in known else each.low if name in _LEAST else each.high
-            for name in _BELIEVED
-            for each in [getattr(belief, name)]
-        )
-        loop = (b, gain * damping, question.situation.period, delay, question.velocity_samples)
-        limit = min(critical_stiffness(m, *loop), linear_limit(*loop))
-        return max(0.0, float(limit)) / float(gain)
+        exact: dict[str, Any] = {
+            name: Bounded.exactly(getattr(belief, name).value) for name in known
+        }
+        situation = replace(question.situation, belief=replace(belief, **exact))
+        p = replace(question, situation=situation).plants(1)
+        loop = (p.damping, p.gain * damping, p.period, p.delay, question.velocity_samples)
+        limit = np.minimum(critical_stiffness(p.inertia, *loop), linear_limit(*loop))
+        return max(0.0, float((limit / p.gain)[0]))
 
     now, known = stiffness(()), stiffness(open_)
     each = {name: stiffness([name]) for name in open_}
