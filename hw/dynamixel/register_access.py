@@ -35,10 +35,9 @@ APART: Final = "connect one of them, and give it another id with Dynamixel Wizar
 ECHOES: Final = "the adapter returns what is sent"
 """Of a half-duplex adapter; the reply comes behind the echo"""
 _LATE_MS: Final = 10.0
-_Found = TypeVar("_Found")
-
-
 UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
+"""Advice where replies come late"""
+_Found = TypeVar("_Found")
 
 
 def lateness(link: Link) -> str:
