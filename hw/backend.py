@@ -19,7 +19,8 @@ from typing import NamedTuple
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.servo import Servo
-from haptic_wall.hw.settings import EMULATED, Kind, ServoSettings
+from haptic_wall.hw.settings import EMULATED, ServoSettings
+from haptic_wall.hw.truth import Kind
 
 
 class TorqueModel(NamedTuple):

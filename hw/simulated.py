@@ -15,7 +15,7 @@ from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 GRAIN_NS = 1000
 """Resolution of the motion in real time [ns]: steps of equal length repeat, and their responses are
@@ -43,11 +43,7 @@ class SimulatedServo:
     bus: Bus | None
 
     def __init__(self, true: TrueServo, clock: Clock) -> None:
-        """Open it; its time begins with ``start``.
-
-        Raises:
-            ValueError: A true parameter is out of range.
-        """
+        """Open it; its time begins with ``start``."""
         self._true = true
         self._now_ns = clock.now_ns
         self._written: float | None = None

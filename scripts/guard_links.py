@@ -17,7 +17,7 @@ from haptic_wall.controller.theory.flexible import (
     flexible_ceiling,
 )
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-from haptic_wall.hw.settings import EncoderSide
+from haptic_wall.hw.truth import EncoderSide
 from scripts.served_links import ServedLink, Wall, growth, served_links
 from scripts.study import Found, Given, Part, table
 

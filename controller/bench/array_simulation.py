@@ -20,7 +20,8 @@ from haptic_wall.controller.theory import critical_stiffness, max_virtual_dampin
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.truth import TrueServo
 
 _ROUNDS = 5
 _WALLS = 64

@@ -23,7 +23,7 @@ from haptic_wall.controller.experiments.maps.compiled import compiled
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import HandName, TrueServo
+from haptic_wall.hw.truth import HandName, TrueServo
 
 PERIOD_S: Final = 1e-3
 LINEAR: Final = TrueServo(inertia=0.012, damping=0.012, counts_per_rev=0, torque_limit=math.inf)

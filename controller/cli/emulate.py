@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
@@ -15,7 +16,7 @@ from pathlib import Path
 import click
 
 from haptic_wall.controller.cli import interrupt
-from haptic_wall.controller.cli.emulated_servos import TRUTH, given_truth, servo_of, truth_of
+from haptic_wall.controller.cli.emulated_servos import NAMES, given_truth, servo_of, truth_of
 from haptic_wall.controller.cli.options import refuse_same_file, say, writing
 from haptic_wall.controller.cli.places import force_option, take_file, take_link
 from haptic_wall.controller.errors import PlatformError, UserError
@@ -108,11 +109,12 @@ _MS_NS = 1_000_000
     multiple=True,
     metavar="servo.NAME=VALUE",
     shell_complete=lambda _context, _parameter, begun: [
-        path for path in (f"servo.{name}=" for name in TRUTH) if path.startswith(begun)
+        path for path in (f"servo.{name}=" for name in NAMES) if path.startswith(begun)
     ],
-    help="True parameter of the servos (repeatable): " + ", ".join(TRUTH) + ". SI units.",
+    help="True parameter of the servos (repeatable): " + ", ".join(NAMES) + ". SI units.",
 )
 @force_option
+@click.option("--truth", hidden=True)  # of a run's own bus: the whole TrueServo as JSON
 @click.option("--die-with-parent", is_flag=True, hidden=True)
 @click.option("--owner", type=int, hidden=True)  # its parent, the only reader of the record
 @click.option("--hand-memory", type=int, hidden=True)  # inherited memory of a person's hand
@@ -128,6 +130,7 @@ def command(
     seed: int,
     sets: tuple[str, ...],
     force: bool,
+    truth: str | None,
     die_with_parent: bool,
     owner: int | None,
     hand_memory: int | None,
@@ -142,7 +145,7 @@ def command(
     orphaned = _orphaned(owner) if die_with_parent else lambda: False
     speed = _speed(baud)
     timer_ms, block_size = _adapter(latency_timer, block)
-    given = given_truth(sets)
+    given = given_truth(sets) if truth is None else json.loads(truth)
     plan = [servo_of(text) for text in servos]
     refuse_same_file({"--record": record, "--link": link})
     with ExitStack() as stack:

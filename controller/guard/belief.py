@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from haptic_wall.hw.settings import EncoderSide
+from haptic_wall.hw.truth import EncoderSide
 
 LIGHTEST = 1e-3
 """Least load that is counted, as a fraction of the greatest"""

@@ -6,7 +6,7 @@ import json
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import asdict
 from pathlib import Path
 
 from haptic_wall.controller.processes.children import Child, first_line
@@ -44,12 +44,7 @@ def emulator_arguments(
     for fault in settings.faults:
         arguments += ["--fault", fault]
     assert settings.true is not None
-    for part in fields(settings.true):
-        value = getattr(settings.true, part.name)
-        if isinstance(value, tuple):
-            value = json.dumps(value)
-        if value is not None:
-            arguments += ["--set", f"servo.{part.name}={value}"]
+    arguments += ["--truth", json.dumps(asdict(settings.true))]
     if witness is not None:
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
     if hand is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pydantic import ValidationInfo, model_validator
@@ -32,7 +32,8 @@ from haptic_wall.controller.settings.shares import DRIVEN_SHARE
 from haptic_wall.hw.errors import BackendError, Problem
 from haptic_wall.hw.open import backend
 from haptic_wall.hw.servo import JUMP_SPEED
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.truth import ABOUT, TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.controller.guard.guard import GuardSettings, Request
@@ -193,21 +194,14 @@ class Config(Sections):
         servo = self.servo
         if servo.kind == "hardware" or servo.inertia is None:
             raise ValueError(f"the servo at {servo.port} is real: only its model.* is known")
-        same = {
-            each.name: getattr(servo, each.name)
-            for each in fields(TrueServo)
-            if each.name in Servo.model_fields
-        }
+        shared = {name: getattr(servo, name) for name in ABOUT if ABOUT[name].kinds}
         return TrueServo(
-            **same
-            | {
-                "chain": servo.links[1:],
-                "torque_limit": 4.1 if servo.torque_limit is None else servo.torque_limit,
-                "torque_constant": servo.torque_constant or 0.0,
-                "position": self.start_position,
-                "hand_origin": self.surface(self.start_position) + self._end,
-                "hand_direction": -1 if self.wall.acting_side == "below" else 1,
-            }
+            **shared,
+            torque_limit=4.1 if servo.torque_limit is None else servo.torque_limit,
+            torque_constant=servo.torque_constant or 0.0,
+            position=self.start_position,
+            hand_origin=self.surface(self.start_position) + self._end,
+            hand_direction=-1 if self.wall.acting_side == "below" else 1,
         )
 
     def servo_settings(self) -> ServoSettings:

@@ -16,7 +16,7 @@ from pydantic import (
 from haptic_wall.controller.laws.table import LAWS
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.profile_file import MOST_ROWS, profile_of
-from haptic_wall.hw.settings import Kind
+from haptic_wall.hw.truth import Kind
 
 
 def whole(found: Any) -> Any:  # noqa: ANN401 - whatever the file holds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 
 from pydantic import ValidationError
 
@@ -20,7 +20,7 @@ from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
-from haptic_wall.hw.settings import MOST_LOAD_FRICTION
+from haptic_wall.hw.truth import ABOUT, disagreements
 
 _KIND = ("servo.backend", "servo.port")
 """The fields that decide whether the servo is simulated, emulated or real."""
@@ -315,63 +315,14 @@ def _emulated_counts(config: Sections) -> Iterator[Problem]:
         )
 
 
-@_reads(*_KIND, "servo.coulomb", "servo.static_friction")
-def _static_above_kinetic(config: Sections) -> Iterator[Problem]:
-    static, coulomb = config.servo.static_friction, config.servo.coulomb
-    if config.servo.kind != "hardware" and 0.0 < static < coulomb:
-        yield Problem(
-            f"found {static:g} N·m",
-            wanted=f"at least servo.coulomb, {coulomb:g} N·m, or 0 for servo.coulomb",
-            field="servo.static_friction",
-        )
-
-
-@_reads(
-    *_KIND,
-    "servo.load_friction",
-    "servo.load_friction_at_rest",
-    "servo.load_friction_external",
-    "servo.load_friction_at_rest_external",
-)
-def _some_torque_moves_it(config: Sections) -> Iterator[Problem]:
-    servo = config.servo
-    if servo.kind == "hardware":
-        return
-    external, more = servo.load_friction_external, servo.load_friction_at_rest_external
-    for field, share, at_rest in (
-        ("load_friction", servo.load_friction, servo.load_friction_at_rest),
-        (
-            "load_friction_external",
-            servo.load_friction if external is None else external,
-            servo.load_friction_at_rest if more is None else more,
-        ),
-    ):
-        if share + at_rest > MOST_LOAD_FRICTION:
-            yield Problem(
-                f"found {share:g}, and {at_rest:g} more at rest",
-                field=f"servo.{field}",
-                wanted=f"at most {MOST_LOAD_FRICTION:g} together: with 1 no torque would ever "
-                "move the servo",
-            )
-            return
+@_reads(*_KIND, *(f"servo.{name}" for name, about in ABOUT.items() if about.kinds))
+def _truth_agrees(config: Sections) -> Iterator[Problem]:
+    if config.servo.kind != "hardware":
+        for problem in disagreements(config.servo):
+            yield replace(problem, field=f"servo.{problem.field}")
 
 
 _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")
-
-
-@_reads(*_KIND, *(f"servo.{name}" for name in _TRANSMISSION), "servo.chain")
-def _transmission_as_a_whole(config: Sections) -> Iterator[Problem]:
-    given = [getattr(config.servo, name) for name in _TRANSMISSION]
-    if config.servo.kind == "hardware" or not any((*given, config.servo.chain)):
-        return
-    for name, value in zip(_TRANSMISSION[:2], given, strict=False):
-        if value == 0.0:
-            yield Problem(
-                "found 0",
-                wanted="above 0: a load behind a flexible transmission has both"
-                " servo.load_inertia and servo.transmission_stiffness",
-                field=f"servo.{name}",
-            )
 
 
 @_reads(
@@ -436,17 +387,6 @@ def _load_within_the_inertia(config: Sections) -> Iterator[Problem]:
             wanted=f"less than model.inertia, {whole:g}, the inertia of everything that the servo"
             " turns, as identify measures it: the load is a part of it",
             field="model.load_inertia",
-        )
-
-
-@_reads(*_KIND, "servo.encoder_noise", "servo.counts_per_rev")
-def _noise_needs_counts(config: Sections) -> Iterator[Problem]:
-    servo = config.servo
-    if servo.kind != "hardware" and servo.encoder_noise > 0.0 and servo.counts_per_rev == 0:
-        yield Problem(
-            f"found {servo.encoder_noise:g} counts",
-            wanted="0: servo.counts_per_rev is 0, so nothing is counted",
-            field="servo.encoder_noise",
         )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -13,20 +14,14 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     TypeAdapter,
+    create_model,
     model_serializer,
 )
 
 from haptic_wall.controller.settings.model import (
-    Backlash,
-    Inertia,
-    Lag,
-    LoadInertia,
     NotNegative,
-    Place,
     Positive,
     Section,
-    Torque,
-    Viscous,
     Whole,
     pair,
     setting,
@@ -38,20 +33,12 @@ from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
     EMULATED,
-    LEAST_STRIBECK_EXPONENT,
-    MOST_LINKS,
-    MOST_LOAD_FRICTION,
-    MOST_STRIBECK_EXPONENT,
-    MOST_TORQUE_RIPPLE,
-    EncoderSide,
-    HandName,
-    Kind,
-    Link,
     Schedule,
     ServoSettings,
     Vibration,
     vibrations,
 )
+from haptic_wall.hw.truth import ABOUT, MOST_LINKS, NUMBERS, TYPES, About, Kind, Link, TrueServo
 
 Baud = Annotated[
     Literal[9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000],
@@ -100,269 +87,61 @@ def used_by(name: str) -> tuple[str, ...]:
     return tuple(map(str, kinds)) if isinstance(kinds, list) else get_args(Kind)
 
 
-_ANY: tuple[Kind, ...] = ("simulated", "emulated", "hardware")
-_TRUTH: tuple[Kind, ...] = ("simulated", "emulated")
 _BUS: tuple[Kind, ...] = ("emulated", "hardware")
 _EMULATED: tuple[Kind, ...] = ("emulated",)
-
-
 LinkRow = tuple[Positive, Annotated[float, Field(gt=0, le=1e9)], NotNegative]
 """Inertia, stiffness and damping of a link"""
+_TYPES: dict[Any, Any] = {
+    int: Whole,
+    tuple[Link, ...]: Annotated[
+        tuple[LinkRow, ...], Field(max_length=MOST_LINKS), BeforeValidator(_links)
+    ],
+}
+"""Types of true parameters as a file writes them, where they differ"""
 
 
-class Servo(Section):
-    """The servo: true parameters if simulated or emulated, connection if real."""
+class _Named(Section):
+    """Comes before the other fields."""
 
     backend: Annotated[str, AfterValidator(_backend)] = setting(
         "simulated",
         "Kind of servo; simulated: in this process; dynamixel: on a bus; or the name of an "
         "installed plugin",
     )
-    inertia: Inertia | None = setting(None, "True inertia", "kg·m²", used_by=_TRUTH)
-    damping: Viscous = setting(0.0, "True viscous friction", "N·m·s/rad", used_by=_TRUTH)
-    coulomb: Torque = setting(0.0, "True Coulomb friction", "N·m", used_by=_TRUTH)
-    counts_per_rev: Whole = setting(
-        4096,
-        "Encoder counts per revolution; 0: the position is not quantised",
-        "counts/rev",
-        ge=0,
-        le=2**24,
-        used_by=_TRUTH,
+
+
+def _declared(about: About, kind: Any, default: Any) -> tuple[Any, Any]:  # noqa: ANN401
+    """Return a true parameter as a field; one without a default is null on hardware."""
+    if default is MISSING:
+        kind, default = kind | None, None
+    low = "gt" if about.above else "ge"
+    limits = {low: about.low, "le": about.high} if kind in NUMBERS else {}
+    field = setting(default, about.meaning, about.unit, used_by=about.kinds, **limits)
+    return _TYPES.get(kind, kind), field
+
+
+if TYPE_CHECKING:
+
+    class _Truth(_Named, TrueServo):
+        """The fields of ``TrueServo`` that a configuration has."""
+
+else:
+    _Truth = create_model(
+        "_Truth",
+        __base__=_Named,
+        __module__=__name__,
+        **{
+            each.name: _declared(ABOUT[each.name], TYPES[each.name], each.default)
+            for each in fields(TrueServo)
+            if ABOUT[each.name].kinds
+        },
     )
-    delay: Lag = setting(
-        0.0, "True lag, from a torque's arrival at the servo until it acts", "s", used_by=_TRUTH
-    )
-    torque_step: NotNegative = setting(
-        0.0,
-        "Step to which torques are rounded; 0: not rounded (an emulated servo rounds to its "
-        "current unit)",
-        "N·m",
-        used_by=("simulated",),
-    )
-    backlash: Backlash = setting(
-        0.0,
-        "True backlash, full width: between shaft and encoder, or with a transmission between "
-        "motor and output",
-        "rad",
-        used_by=_TRUTH,
-    )
-    load_inertia: LoadInertia = setting(
-        0.0,
-        "True inertia of the output behind a flexible transmission; servo.inertia and friction are "
-        "then the motor's; 0: rigid",
-        "kg·m²",
-        used_by=_TRUTH,
-    )
-    transmission_stiffness: float = setting(
-        0.0, "True stiffness of that transmission", "N·m/rad", ge=0, le=1e9, used_by=_TRUTH
-    )
-    transmission_damping: NotNegative = setting(
-        0.0, "True damping of that transmission", "N·m·s/rad", used_by=_TRUTH
-    )
-    chain: Annotated[tuple[LinkRow, ...], BeforeValidator(_links)] = setting(
-        (),
-        "True masses behind the output, each a list of its inertia [kg·m²] and of the stiffness "
-        "[N·m/rad] and damping [N·m·s/rad] of its joint to the mass before",
-        max_length=MOST_LINKS,
-        used_by=_TRUTH,
-    )
-    encoder: EncoderSide = setting(
-        "output", "Side of a flexible transmission that the encoder measures", used_by=_ANY
-    )
-    current_bandwidth: float = setting(
-        0.0,
-        "True bandwidth of the loop that controls the motor's current, first order; 0: the torque "
-        "follows at once",
-        "Hz",
-        ge=0,
-        le=1e4,
-        used_by=_TRUTH,
-    )
-    current_period: float = setting(
-        0.0,
-        "True period of that loop, which accepts a goal at multiples of it; 0: at once",
-        "s",
-        ge=0,
-        le=0.01,
-        used_by=_TRUTH,
-    )
-    dead_band: NotNegative = setting(
-        0.0,
-        "True dead band: the motor makes this much less torque than commanded, and none below it",
-        "N·m",
-        used_by=_TRUTH,
-    )
-    back_emf: bool = setting(
-        False,
-        "Whether the true torque in current mode falls with the speed: by the limit of the supply, "
-        "and by servo.current_droop",
-        used_by=_TRUTH,
-    )
-    current_droop: float = setting(
-        0.0,
-        "Fraction of the back-EMF that the true current loop leaves uncorrected at the no-load "
-        "speed, less in proportion below; with servo.back_emf",
-        ge=0,
-        le=1,
-        used_by=_TRUTH,
-    )
-    no_load_speed: Positive = setting(
-        4.82,
-        "True no-load speed of a simulated servo with servo.back_emf, whose stall torque is "
-        "servo.torque_limit; an emulated one has its model's",
-        "rad/s",
-        used_by=("simulated",),
-    )
-    current_filter: float = setting(
-        0.0,
-        "True bandwidth of the measured current's filter, first order; 0: not filtered",
-        "Hz",
-        ge=0,
-        le=1e4,
-        used_by=_EMULATED,
-    )
-    current_offset: float = setting(
-        0.0, "True offset of the measured current", "A", ge=-10, le=10, used_by=_EMULATED
-    )
-    static_friction: NotNegative = setting(
-        0.0,
-        "True torque up to which the shaft stays at rest, at least servo.coulomb; 0: "
-        "servo.coulomb. Published fits: 1.4 to 3.8 times the friction in motion",
-        "N·m",
-        used_by=_TRUTH,
-    )
-    stribeck_speed: float = setting(
-        0.0,
-        "True speed over which the excess of the static friction falls by a factor e; 0: the "
-        "excess ends as soon as the shaft moves. Published fits: 0.75 to 4.2",
-        "rad/s",
-        ge=0,
-        le=100,
-        used_by=_TRUTH,
-    )
-    stribeck_exponent: float = setting(
-        1.0,
-        "Exponent of that fall. Published fits: 0.76 to 8.7",
-        ge=LEAST_STRIBECK_EXPONENT,
-        le=MOST_STRIBECK_EXPONENT,
-        used_by=_TRUTH,
-    )
-    damping_back: Viscous | None = setting(
-        None,
-        "True viscous friction at negative velocities; null: servo.damping",
-        "N·m·s/rad",
-        used_by=_TRUTH,
-    )
-    load_friction: float = setting(
-        0.0,
-        "True fraction of the load on the gear (motor's less external torque) that adds to the "
-        "friction. Published fits: 0.07 to 0.22",
-        ge=0,
-        le=MOST_LOAD_FRICTION,
-        used_by=_TRUTH,
-    )
-    load_friction_external: float | None = setting(
-        None,
-        "True fraction for the external torque in that load; null: servo.load_friction for both",
-        ge=0,
-        le=MOST_LOAD_FRICTION,
-        used_by=_TRUTH,
-    )
-    load_friction_at_rest: float = setting(
-        0.0,
-        "True addition to servo.load_friction at rest, which falls with the speed as the excess of "
-        "servo.static_friction does. Published fits: 0 to 0.23",
-        ge=0,
-        le=MOST_LOAD_FRICTION,
-        used_by=_TRUTH,
-    )
-    load_friction_at_rest_external: float | None = setting(
-        None,
-        "The same for the external torque; null: servo.load_friction_at_rest for both",
-        ge=0,
-        le=MOST_LOAD_FRICTION,
-        used_by=_TRUTH,
-    )
-    load_friction_square: float = setting(
-        0.0,
-        "True friction at rest over the square of the motor's torque, while a larger external "
-        "torque opposes it. Published fits: 0 to 0.01",
-        "1/(N·m)",
-        ge=0,
-        le=10,
-        used_by=_TRUTH,
-    )
-    load_friction_square_external: float = setting(
-        0.0,
-        "True friction at rest over the square of the external torque, while a larger torque of "
-        "the motor opposes it. Published fits: 0 to 0.01",
-        "1/(N·m)",
-        ge=0,
-        le=10,
-        used_by=_TRUTH,
-    )
-    gravity: NotNegative = setting(
-        0.0, "True torque of a weight on a horizontal link", "N·m", used_by=_TRUTH
-    )
-    gravity_angle: Place = setting(
-        0.0, "Position at which that weight hangs", "rad", used_by=_TRUTH
-    )
-    cogging: NotNegative = setting(
-        0.0, "True amplitude of a torque that alternates with the position", "N·m", used_by=_TRUTH
-    )
-    cogging_periods: float = setting(
-        24.0, "Periods of the cogging a turn", ge=0.1, le=10_000, used_by=_TRUTH
-    )
-    cogging_phase: Place = setting(0.0, "Phase of the cogging at position 0", "rad", used_by=_TRUTH)
-    torque_ripple: float = setting(
-        0.0,
-        "True fraction by which the motor's torque varies with the position",
-        ge=0,
-        le=MOST_TORQUE_RIPPLE,
-        used_by=_TRUTH,
-    )
-    torque_ripple_periods: float = setting(
-        24.0, "Periods of the ripple a turn", ge=0.1, le=10_000, used_by=_TRUTH
-    )
-    torque_ripple_phase: Place = setting(
-        0.0, "Phase of the ripple at position 0", "rad", used_by=_TRUTH
-    )
-    encoder_eccentricity: float = setting(
-        0.0,
-        "True amplitude of the encoder's error once a turn",
-        "rad",
-        ge=0,
-        le=0.5,
-        used_by=_TRUTH,
-    )
-    encoder_phase: Place = setting(
-        0.0, "Phase of the encoder's error at position 0", "rad", used_by=_TRUTH
-    )
-    encoder_noise: float = setting(
-        0.0,
-        "True noise of the encoder before it rounds, standard deviation",
-        "counts",
-        ge=0,
-        le=1000,
-        used_by=_TRUTH,
-    )
-    noise_seed: Whole = setting(0, "Seed of the noise", ge=0, le=2**32, used_by=_TRUTH)
-    supply: float | None = setting(
-        None,
-        "True voltage of the supply; null: nominal voltage of its model",
-        "V",
-        ge=1,
-        le=60,
-        used_by=_EMULATED,
-    )
-    ambient: float = setting(
-        32.0,
-        "True temperature of the idle servo",
-        "°C",
-        ge=-40,
-        le=200,
-        used_by=_EMULATED,
-    )
+    _Truth.links = TrueServo.links
+
+
+class Servo(_Truth):
+    """The servo: true parameters if simulated or emulated, connection if real."""
+
     faults: Annotated[tuple[str, ...], BeforeValidator(_listed)] = setting(
         (),
         "Faults to inject into the emulated bus, as for haptic-wall emulate --fault, e.g. "
@@ -370,12 +149,6 @@ class Servo(Section):
         used_by=_EMULATED,
     )
     fault_seed: Whole = setting(0, "Seed of the faults", ge=0, le=2**32, used_by=_EMULATED)
-    hand: HandName = setting(
-        "none",
-        "Scripted hand: push, slowly in and out of the wall; tap; lean, a steady push in the "
-        "positive direction",
-        used_by=_TRUTH,
-    )
     kick: float | None = setting(
         None,
         "Displacement from wall.position at the start, positive toward positive positions; up to a "
@@ -384,16 +157,15 @@ class Servo(Section):
         "rad",
         ge=-100,
         le=100,
-        used_by=_TRUTH,
+        used_by=("simulated", "emulated"),
     )
-    torque_limit: Positive | None = setting(
+    torque_limit: Positive | None = setting(  # type: ignore[assignment] - null: not given
         None,
         "Largest torque: saturation of a simulated servo (null: 4.1); on a bus a limit of the "
         "driver below the servo's own (null: the servo's Current Limit)",
         "N·m",
-        used_by=_ANY,
     )
-    torque_constant: Positive | None = setting(
+    torque_constant: Positive | None = setting(  # type: ignore[assignment] - as above
         None,
         "Torque per current: the truth of an emulated servo, a calibration of a real one; null: "
         "the model's stall torque over its stall current",
@@ -482,12 +254,6 @@ class Servo(Section):
     def behind(self) -> float:
         """Return the true inertia of everything behind the transmission [kg·m²]."""
         return sum((inertia for inertia, _, _ in self.chain), self.load_inertia)
-
-    @property
-    def links(self) -> tuple[Link, ...]:
-        """Return the output and the masses behind it."""
-        output = Link(self.load_inertia, self.transmission_stiffness, self.transmission_damping)
-        return output, *(Link(*row) for row in self.chain)
 
     @property
     def _vibration(self) -> Vibration:

@@ -14,7 +14,8 @@ from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import PortError, Problem, SpecError
 from haptic_wall.hw.servo import Servo
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.truth import TrueServo
 
 if TYPE_CHECKING:
     from haptic_wall.hw.serialport.line import Line

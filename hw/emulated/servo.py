@@ -28,7 +28,7 @@ from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.hand import SharedHand
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 BOOT_NS = 200_000_000
 """A rebooting servo does not reply for this long [ns]; real ones take some tenths of a second"""

@@ -50,13 +50,6 @@ def one_of(*choices: Any) -> Callable[[str], Any]:  # noqa: ANN401 - texts or nu
     return parse
 
 
-def flag(text: str) -> bool:  # noqa: D103 - its docstring names the accepted values, as theirs do
-    return {"true": True, "false": False}[text.lower()]
-
-
-flag.__doc__ = "true or false"
-
-
 def suggestion(found: str, known: Iterable[str], prefix: str = "") -> str:
     """Return advice on an unknown name: the nearest known one, or all."""
     names = list(known)

@@ -35,8 +35,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.errors import SpecError
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 STEP_NS: Final = 200_000
 """Longest time over which the voltage is held at its mean [ns]"""
@@ -72,24 +71,8 @@ class Drive(NamedTuple):
 
 
 def drive_of(true: TrueServo, winding: Winding) -> Drive:
-    """Return the current loop of a servo.
-
-    Raises:
-        ValueError: A value is out of range.
-    """
-    for name, unit in (
-        ("current_bandwidth", "Hz"),
-        ("current_period", "s"),
-        ("current_droop", "(a fraction)"),
-        ("dead_band", "N·m"),
-        ("current_filter", "Hz"),
-    ):
-        value = getattr(true, name)
-        if not 0.0 <= value < math.inf:
-            raise SpecError(f"{name} is {value} {unit}", advice="give a finite value from 0 up")
+    """Return the current loop of a servo."""
     stall, fastest = winding
-    if true.back_emf and not fastest > 0.0:
-        raise SpecError(f"no_load_speed is {fastest} rad/s", advice="give a value above 0")
     back_emf = stall / fastest if true.back_emf else 0.0
     droop = true.current_droop * back_emf / fastest if true.back_emf else 0.0
     acts = any((true.current_bandwidth, true.current_period, true.dead_band, true.current_filter))

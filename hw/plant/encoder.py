@@ -29,18 +29,7 @@ class EncoderErrors:
             phase: Phase of that error at position 0 [rad].
             noise: Standard deviation [counts], >= 0.
             seed: Seed of the noise.
-
-        Raises:
-            ValueError: A value is out of range.
         """
-        if not 0.0 <= amplitude < 1.0:
-            raise ValueError(
-                f"encoder_eccentricity is {amplitude} rad; give a value from 0 to below 1"
-            )
-        if not math.isfinite(phase):
-            raise ValueError(f"encoder_phase is {phase}; give a finite angle")
-        if not 0.0 <= noise < math.inf:
-            raise ValueError(f"encoder_noise is {noise} counts; give a finite value from 0 up")
         self._amplitude, self._phase = amplitude, phase
         self._noise, self._seed = noise, seed
 

@@ -24,16 +24,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from haptic_wall.hw.errors import SpecError
-from haptic_wall.hw.settings import (
-    LEAST_STRIBECK_EXPONENT,
-    MOST_LOAD_FRICTION,
-    MOST_STRIBECK_EXPONENT,
-    MOST_TORQUE_RIPPLE,
-    Link,
-    TrueServo,
-    vibrations,
-)
+from haptic_wall.hw.settings import vibrations
+from haptic_wall.hw.truth import TrueServo
 
 GRAIN_S = 2.5e-4
 """Longest substep where a torque changes during it [s]"""
@@ -111,12 +103,7 @@ class Mechanics(NamedTuple):
 
 
 def mechanics_of(true: TrueServo) -> Mechanics:
-    """Return the mechanics of a simulated servo.
-
-    Raises:
-        ValueError: A value is out of range.
-    """
-    _check(true)
+    """Return the mechanics of a simulated servo."""
     external, rest = true.load_friction_external, true.load_friction_at_rest_external
     load = (
         true.load_friction,
@@ -192,77 +179,6 @@ def mechanics_of(true: TrueServo) -> Mechanics:
 def links_of(true: TrueServo) -> Links:
     """Return the masses behind the motor."""
     return tuple(float(value) for link in true.links for value in link)
-
-
-def _check(true: TrueServo) -> None:
-    """Raise an error where a value is out of range."""
-    for name, unit in (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("coulomb", "N·m")):
-        value = getattr(true, name)
-        least = name != "inertia"
-        if not 0.0 <= value < math.inf or not (least or value):
-            wanted = "from 0 up" if least else "above 0"
-            raise SpecError(f"{name} is {value} {unit}", advice=f"give a finite value {wanted}")
-    for name in (
-        *("static_friction", "stribeck_speed", "damping_back", "gravity", "cogging"),
-        *("load_friction_square", "load_friction_square_external", "backlash"),
-    ):
-        value = getattr(true, name)
-        if value is not None and not 0.0 <= value < math.inf:
-            raise SpecError(f"{name} is {value}", advice="give a finite value from 0 up")
-    for name, low, high in (
-        ("torque_ripple", 0.0, MOST_TORQUE_RIPPLE),
-        ("stribeck_exponent", LEAST_STRIBECK_EXPONENT, MOST_STRIBECK_EXPONENT),
-    ):
-        if not low <= getattr(true, name) <= high:
-            raise SpecError(
-                f"{name} is {getattr(true, name)}", advice=f"give a value from {low} to {high}"
-            )
-    for name in ("cogging_periods", "torque_ripple_periods"):
-        if not 0.0 < getattr(true, name) < math.inf:
-            raise SpecError(
-                f"{name} is {getattr(true, name)}", advice="give a finite number above 0"
-            )
-    for name in ("gravity_angle", "cogging_phase", "torque_ripple_phase"):
-        if not math.isfinite(getattr(true, name)):
-            raise SpecError(f"{name} is {getattr(true, name)}", advice="give a finite angle")
-    _check_load_and_links(true)
-    if 0.0 < true.static_friction < true.coulomb:
-        raise SpecError(
-            f"static_friction is {true.static_friction:g} N·m, below coulomb {true.coulomb:g} N·m",
-            advice="give at least coulomb, or 0 for coulomb",
-        )
-
-
-def _check_load_and_links(true: TrueServo) -> None:
-    motor, rest_motor = true.load_friction, true.load_friction_at_rest
-    external, rest_external = true.load_friction_external, true.load_friction_at_rest_external
-    for name, value, more in (
-        ("load_friction", motor, rest_motor),
-        (
-            "load_friction_external",
-            motor if external is None else external,
-            rest_motor if rest_external is None else rest_external,
-        ),
-    ):
-        if min(value, more) < 0.0 or not value + more <= MOST_LOAD_FRICTION:
-            at_rest = f", {value + more:g} at rest" if more else ""
-            raise SpecError(
-                f"{name} is {value}{at_rest}",
-                advice=f"give a fraction from 0 to {MOST_LOAD_FRICTION}, with the addition at"
-                " rest: with 1 no torque would ever move the servo",
-            )
-    names: tuple[str, ...] = "load_inertia", "transmission_stiffness", "transmission_damping"
-    for link in true.links if true.flexible else ():
-        for name, value in zip(names[:2], link[:2], strict=True):
-            if not 0.0 < value < math.inf:
-                raise SpecError(
-                    f"{name} is {value}",
-                    advice="give each mass behind the motor a finite inertia above 0, and its"
-                    " joint a finite stiffness above 0",
-                )
-        if not 0.0 <= link.damping < math.inf:
-            raise SpecError(f"{names[2]} is {link.damping}", advice="give a finite value from 0 up")
-        names = tuple(f"{each} of chain" for each in Link._fields)
 
 
 def finest(inertia: float, stiffness: float) -> float:

@@ -18,7 +18,7 @@ from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import links_of, mechanics_of, ripple_at
 from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 OPERATOR_WAIT_S = 1.0
 """Delay between the operator's release and its first action [s]"""
@@ -84,9 +84,6 @@ class Mechanism:
                 with back-EMF has a use for it.
             operator_waits: The scripted operator does not act until ``engage_operator``.
             operator: Moves the servo from ``start_ns`` on, in place of ``true.hand``.
-
-        Raises:
-            ValueError: A value is out of range.
         """
         self._mechanics = p = mechanics_of(true)
         self._braking = 0.0
@@ -106,10 +103,6 @@ class Mechanism:
         self._operator_ns: int | None = None
         self._start_ns = start_ns
         self._delay_ns = round(true.delay * 1e9)
-        if self._delay_ns < 0:
-            raise ValueError(f"delay is {true.delay} s; give a value from 0 up")
-        if not true.torque_limit > 0.0:
-            raise ValueError(f"torque_limit is {true.torque_limit} N·m; give a value above 0")
         self._torque_limit = true.torque_limit
         self._torque_step = true.torque_step
         self._torque = 0.0
@@ -123,11 +116,6 @@ class Mechanism:
         errors = EncoderErrors(
             true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
         )
-        if true.encoder_noise > 0.0 and true.counts_per_rev == 0:
-            raise ValueError(
-                f"encoder_noise is {true.encoder_noise} counts, but counts_per_rev is 0; give"
-                " counts to an encoder with noise"
-            )
         self._errors = None if errors.none else errors
         self._origin_ns = start_ns
         self.time_ns = start_ns

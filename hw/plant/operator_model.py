@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from haptic_wall.hw.hand import EVERY_NS, Grasp
-from haptic_wall.hw.settings import HandName, TrueServo
+from haptic_wall.hw.truth import HandName, TrueServo
 
 STIFFNESS = 4.0
 """[N·m/rad] A relaxed wrist, softer than any useful wall. With a reference 0.5 rad inside a wall of

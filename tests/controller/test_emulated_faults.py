@@ -1,10 +1,11 @@
 """Faults on a configuration's emulated bus: said in words, checked, and on both kinds of bus."""
 
 import itertools
+import json
 
 import pytest
 
-from haptic_wall.controller.cli.emulated_servos import given_truth
+from haptic_wall.controller.cli.emulated_servos import truth_of
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.processes.emulator import emulator_arguments
 from haptic_wall.controller.runtime.session import Result, run_session
@@ -12,8 +13,9 @@ from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.settings import Link
+from haptic_wall.hw.truth import Link
 from tests.cases import sampled
 from tests.typed import not_none
 
@@ -76,10 +78,10 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     pairs = list(itertools.pairwise(words))
     assert [value for name, value in pairs if name == "--fault"] == ["drop:p=0.01", "jump:counts=5"]
     assert ("--seed", "3") in pairs
-    assert ("--set", "servo.supply=11.0") in pairs
-    truth = given_truth(value for name, value in pairs if name == "--set")
-    assert truth["chain"] == config.true_servo().chain == (Link(1e-4, 1e5, 0), Link(1e-3, 80, 0.01))
-    assert not any("None" in word for word in words)
+    (truth,) = (json.loads(value) for name, value in pairs if name == "--truth")
+    true = config.true_servo()
+    assert truth_of(MODELS["XM430-W350"], truth) == true
+    assert (true.supply, true.chain) == (11.0, (Link(1e-4, 1e5, 0), Link(1e-3, 80, 0.01)))
 
 
 def simulated(*sets: str) -> Result:

@@ -16,7 +16,8 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import MonotonicClock, SimulatedClock
 from haptic_wall.hw.errors import BackendError, PortError
 from haptic_wall.hw.open import backend, backend_names, cut_torque, open_port, open_servo
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "line_servo"

@@ -8,8 +8,8 @@ import pytest
 from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.hand import EVERY_NS, FASTEST, MOST_STIFFNESS, SILENCE_NS, SharedHand
-from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.emulated_client import Client
 
 TICK_NS = 1_000_000

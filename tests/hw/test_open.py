@@ -17,8 +17,9 @@ from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.errors import PortError, ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.open import cut_torque, open_port, open_servo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
 from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
 
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)

@@ -5,7 +5,8 @@ import pytest
 from haptic_wall.controller.pytest_plugin.servo_contract import Rig, ServoContract
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.open import open_servo
-from haptic_wall.hw.settings import ServoSettings, TrueServo
+from haptic_wall.hw.settings import ServoSettings
+from haptic_wall.hw.truth import TrueServo
 
 PERIOD_NS = 1_000_000
 LOADED = TrueServo(

@@ -10,8 +10,8 @@ from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.servo import Outcome
-from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.truth import TrueServo
 
 MS = 1_000_000
 

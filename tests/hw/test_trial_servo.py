@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.settings import TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.truth import TrueServo
 from tests.support.exact_servo import PlantParameters, Pull, State, step
 from tests.support.operators import NOBODY, Operator, operator_of
 from tests.support.trial_servo import TrialServo

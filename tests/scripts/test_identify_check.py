@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from scripts.studies.identify_check import (
     FIRST,
     KINDS,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from haptic_wall.hw.plant.chain import room, swing
 from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, kept_for, move
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 Pull = Hand
 

@@ -15,7 +15,7 @@ from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import ReferenceStretch
 from haptic_wall.hw.servo import Bus, Check, Facts, Outcome, Reading
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.support.body import Body
 from tests.support.operators import NOBODY, NOTHING, Operator
 from tests.support.truth import Truth

@@ -9,7 +9,7 @@ import pytest
 
 from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 COUNT = 2 * math.pi / 4096
 PERIOD = 1e-3

@@ -18,7 +18,7 @@ from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible import MOST_PERIODS
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 
 def exact_limit(

@@ -27,7 +27,7 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.mechanics import mechanics_of
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 TOLERANCE = 1e-3
 """Default relative accuracy of a map."""

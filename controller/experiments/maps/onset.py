@@ -20,7 +20,7 @@ from haptic_wall.controller.theory.checks import (
     positive,
     samples,
 )
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 _NOISY = 16_384
 """Periods after which the encoder's noise repeats"""

@@ -24,7 +24,7 @@ from haptic_wall.hw.plant.chain import Buffer, room
 from haptic_wall.hw.plant.current_loop import Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
 from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 _SNAP = 1e-9  # fraction of a period: a delay this near to a whole number is taken as whole
 _WORTH = 32
@@ -64,9 +64,6 @@ def wall_of(
     lag = delay - whole * period if periods - whole > _SNAP else 0.0
     body = mechanics_of(servo)
     load = sum(link.inertia for link in servo.links)
-    EncoderErrors(  # checks them
-        servo.encoder_eccentricity, servo.encoder_phase, servo.encoder_noise, servo.noise_seed
-    )
     return Wall(
         body=body,
         links=links_of(servo),

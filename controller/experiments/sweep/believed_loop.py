@@ -13,7 +13,7 @@ from haptic_wall.controller.theory.chain import one_mass, two_masses
 from haptic_wall.controller.theory.exact import CriticalPoint, critical_point, max_virtual_damping
 from haptic_wall.controller.theory.flexible import MOST_PERIODS, chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
-from haptic_wall.hw.settings import EncoderSide
+from haptic_wall.hw.truth import EncoderSide
 
 
 @dataclass(frozen=True, slots=True)

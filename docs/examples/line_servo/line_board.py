@@ -13,7 +13,7 @@ import time
 import tty
 
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 COUNTS_PER_REV = 16384
 MOTOR = TrueServo(inertia=0.01, damping=0.01, coulomb=0.02, counts_per_rev=COUNTS_PER_REV)

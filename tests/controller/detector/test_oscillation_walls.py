@@ -15,7 +15,7 @@ from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.support.kicked_walls import (
     Stiff,

@@ -30,7 +30,8 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.serialport import timer as latency
 from haptic_wall.hw.serialport.port import kept_settings, open_port
-from haptic_wall.hw.settings import Schedule, TrueServo
+from haptic_wall.hw.settings import Schedule
+from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
 
 MS = 1_000_000

@@ -12,7 +12,7 @@ from haptic_wall.controller.experiments.identify.excitation import (
 )
 from haptic_wall.controller.laws.program import Program
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 
 BOUNDS = Bounds(reach=0.6, torque=4.0, speed=4.0, step=0.0015, period=1e-3)

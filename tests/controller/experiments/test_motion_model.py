@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.identify.motion_model import (
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 MS = 1_000_000
 

@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.friction import onset_amplitude
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.support.nonlinear_walls import Motion
 from tests.support.nonlinear_walls import Walls as AloneWalls
 

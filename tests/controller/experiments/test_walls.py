@@ -33,7 +33,7 @@ from haptic_wall.controller.theory import flexible_boundary
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import returned as chain_returned
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 PERIOD, PERIOD_NS = 1e-3, 1_000_000
 PAST = 150

@@ -10,7 +10,7 @@ from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.guard.belief import Bounded
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config, preset_names
-from haptic_wall.hw.settings import Link
+from haptic_wall.hw.truth import Link
 
 
 def loaded(preset: str, *sets: str) -> Config:

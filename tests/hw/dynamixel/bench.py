@@ -11,7 +11,8 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo, TrueState
-from haptic_wall.hw.settings import DriverSettings, TrueServo
+from haptic_wall.hw.settings import DriverSettings
+from haptic_wall.hw.truth import TrueServo
 
 BAUD = 4_000_000
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)

@@ -13,7 +13,7 @@ from haptic_wall.hw.emulated.injection import Faults
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.witness import Witness
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 US = 1_000
 MS = 1_000_000

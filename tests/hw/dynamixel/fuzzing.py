@@ -22,7 +22,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import GAP_NS, EmulatedBus
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 MS = 1_000_000
 BAUD = 4_000_000

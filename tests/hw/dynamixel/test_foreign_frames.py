@@ -18,7 +18,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 
 DATA = Path(__file__).parents[2] / "data" / "protocol2_frames.json"
 FRAMES = [bytes.fromhex(one["hex"]) for one in json.loads(DATA.read_text())]

@@ -19,7 +19,8 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Outcome, Reading
-from haptic_wall.hw.settings import DriverSettings, TrueServo
+from haptic_wall.hw.settings import DriverSettings
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.lines import US, Fate, TroubledLine, tapped
 

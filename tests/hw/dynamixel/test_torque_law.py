@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw, torque_law
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.bench import Bench
 
 SMALL = "XL330-M288"

@@ -19,7 +19,7 @@ from haptic_wall.hw.dynamixel.codec import (
 )
 from haptic_wall.hw.emulated.collision import Sending, collide
 from haptic_wall.hw.emulated.instructions import BACKUP_KEY, CLEAR_KEY
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20

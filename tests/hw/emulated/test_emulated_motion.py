@@ -13,7 +13,7 @@ import pytest
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import BAUD, FREE, MS, Client
 from tests.hw.emulated.sdk_port import LinePort

@@ -12,7 +12,7 @@ from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.tables.models import Model
 from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
 from haptic_wall.hw.emulated.motor import motor_of
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
 from tests.typed import not_none

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.current_loop import STEP_NS
 from haptic_wall.hw.plant.mechanism import Mechanism
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.oracles import Body, Electric, integrate_current_loop
 
@@ -227,7 +227,7 @@ def test_the_measured_current_follows_its_filter() -> None:
 )
 @pytest.mark.parametrize("value", [-1.0, math.inf, math.nan])
 def test_impossible_values_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"{name} is .*give a finite value from 0 up"):
+    with pytest.raises(ValueError, match=f"{name}: found .*, wanted a number from 0 to"):
         Mechanism(servo(back_emf=True, **{name: value}), 0)
 
 

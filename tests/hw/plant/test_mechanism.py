@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
 from tests.support.exact_servo import PlantParameters, State, step
 from tests.typed import not_none

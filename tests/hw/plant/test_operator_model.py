@@ -6,7 +6,7 @@ import pytest
 
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import LEAD_IN_S, SCRIPTS, operator_of
-from haptic_wall.hw.settings import HandName, TrueServo
+from haptic_wall.hw.truth import HandName, TrueServo
 from tests.typed import not_none
 
 HANDS: list[HandName] = ["push", "tap", "lean"]

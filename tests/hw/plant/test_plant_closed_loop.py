@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from haptic_wall.controller.theory import flexible_ceiling
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.settings import EncoderSide, TrueServo
 from haptic_wall.hw.simulated import SimulatedServo
+from haptic_wall.hw.truth import EncoderSide, TrueServo
 from tests.hw.oracles import closed_loop_poles
 from tests.theory.test_flexible import Loop, radius
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from haptic_wall.hw.settings import TrueServo
+from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
 from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
 from tests.support.exact_servo import Effects, PlantParameters, Pull, State, Substeps
@@ -257,10 +257,10 @@ def test_a_braked_motor_loads_the_gear_less() -> None:
 @pytest.mark.parametrize(
     ("effects", "said"),
     [
-        ({"load_friction": 1.0}, "load_friction is 1.0; give a fraction from 0 to 0.9"),
-        ({"cogging_periods": 0.0}, "cogging_periods is 0.0"),
-        ({"damping_back": -0.1}, "damping_back is -0.1"),
-        ({"gravity_angle": math.inf}, "gravity_angle is inf"),
+        ({"load_friction": 1.0}, "load_friction: found 1.0, wanted a number from 0 to 0.9"),
+        ({"cogging_periods": 0.0}, "cogging_periods: found 0.0"),
+        ({"damping_back": -0.1}, "damping_back: found -0.1"),
+        ({"gravity_angle": math.inf}, "gravity_angle: found inf"),
     ],
 )
 def test_impossible_effects_are_refused_by_name(effects: dict[str, float], said: str) -> None:
@@ -269,5 +269,7 @@ def test_impossible_effects_are_refused_by_name(effects: dict[str, float], said:
 
 
 def test_static_friction_below_the_kinetic_one_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"static_friction is 0\.05 N·m, below coulomb 0\.09039"):
+    with pytest.raises(
+        ValueError, match=r"static_friction: found 0\.05 N·m, wanted .*coulomb, 0\.09039"
+    ):
         Substeps(MX64, Effects(static_friction=0.05))
