@@ -42,7 +42,7 @@ class Truth:
     counts_per_rev: int = COUNTS_PER_REV
     """Encoder counts per revolution; 0: the position is not quantised"""
     backlash: float = 0.0
-    """Between the shaft and the encoder, full width [rad], >= 0"""
+    """Full width [rad], >= 0: between shaft and encoder; with a transmission inside that"""
     back_emf: BackEmf = "none"
     """``current``: the drive holds the torque until the supply's voltage runs out, so that it lies
     between ``-stall (1 + v / v0)`` and ``stall (1 - v / v0)``. ``voltage``: the torque always
@@ -57,15 +57,10 @@ class Truth:
     """[N·m/rad], > 0 where there is a load"""
     transmission_damping: float = 0.0
     """[N·m·s/rad], >= 0; acts while the transmission is in contact"""
-    transmission_backlash: float = 0.0
-    """Inside the transmission, full width [rad], >= 0"""
-    load_friction: float = 0.0
-    """Fraction of both frictions that acts on the load instead of the motor [1]"""
     encoder: Encoder = "output"
     """Side of the transmission with the encoder. An operator and the output are on the load"""
     real: dict[str, int | float] | None = None
-    """The program's own plant moves the servo, with these values of ``haptic_wall.hw.settings``, a
-    current bandwidth above 0 among them; not with a transmission"""
+    """Further values of ``haptic_wall.hw.truth``, a current bandwidth above 0 among them"""
 
     def __post_init__(self) -> None:
         above = ["inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed"]
@@ -78,8 +73,6 @@ class Truth:
             if not 0.0 <= value < math.inf or (field.name in above and value == 0.0):
                 least = "above 0" if field.name in above else "from 0 up"
                 raise ValueError(f"{field.name} is {value}; give a finite value {least}")
-        if self.load_friction > 1.0:
-            raise ValueError(f"load_friction is {self.load_friction}; give a fraction, 0 to 1")
         if not self.load_inertia < self.inertia:
             raise ValueError(
                 f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less than"

@@ -162,8 +162,7 @@ def draw_truth(
         random: Draws.
         lag_factor: Largest lag, as a multiple of its believed upper bound.
         back_emf: None: drawn.
-        backlash: Between shaft and encoder, and with a transmission half of the time inside it;
-            None: drawn.
+        backlash: None: drawn.
         flexible: Two masses; None: drawn.
     """
     belief = bench.belief
@@ -191,13 +190,7 @@ def draw_truth(
         truth = truth.with_mode(
             _within(MODE_HZ, random), _within(MODE_DAMPING, random), random.uniform(*MODE_LOAD)
         )
-        truth = replace(
-            truth,
-            encoder="motor" if random.random() < 0.25 else "output",
-            load_friction=float(random.choice([0.0, 0.0, 0.5, 1.0])),
-        )
-        if truth.backlash and random.random() < 0.5:
-            truth = replace(truth, backlash=0.0, transmission_backlash=truth.backlash)
+        truth = replace(truth, encoder="motor" if random.random() < 0.25 else "output")
     return truth
 
 
