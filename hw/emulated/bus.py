@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from haptic_wall.hw.dynamixel.codec import Parser
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.answers import Answer, addressed, answer, in_slots
@@ -25,8 +25,7 @@ from haptic_wall.hw.emulated.faults import Fault, parse_fault
 from haptic_wall.hw.emulated.injection import FaultEvent, Faults
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.emulated.traffic import Piece, Reply, instruction_of, pieces
-from haptic_wall.hw.emulated.witness import Witness
-from haptic_wall.hw.emulated.witness_rows import WitnessRows
+from haptic_wall.hw.emulated.witness import Event, Witness
 
 GAP_NS = 1_500_000
 """After a longer silence inside a frame servos wait for a new header [ns]"""
@@ -72,8 +71,7 @@ class EmulatedBus:
         """The adapter is plugged in at the host"""
         self.times_unplugged = 0
         """How often it has been unplugged"""
-        self._witness_rows = WitnessRows(witness, self.servos)
-        self._recorded = witness is not None
+        self._witness = witness
         self._adapter = adapter
         self._faults = Faults() if faults is None else faults
         self._parser = Parser(report_crc=True, unstuffed=True)
@@ -188,7 +186,7 @@ class EmulatedBus:
             through_ns = max(piece.arrival_ns, self._free_ns) + piece.wire_ns
             if through_ns < time_ns:
                 time_ns, kind = through_ns, _INSTRUCTION
-        if self._recorded and self._state_ns < time_ns:
+        if self._witness is not None and self._state_ns < time_ns:
             time_ns, kind = self._state_ns, _STATE
         return time_ns, kind
 
@@ -205,7 +203,8 @@ class EmulatedBus:
             elif kind == _BEGIN:
                 self._begin(self._going[0])
             elif kind == _STATE:
-                self._witness_rows.states(time_ns)
+                for servo in self.servos:
+                    self._note(time_ns, "state", servo.id, servo)
                 self._state_ns += STATE_NS
             elif kind == _WATCHDOG:
                 for servo in self.servos:
@@ -226,7 +225,7 @@ class EmulatedBus:
             self._put(piece, now_ns, len(piece))
             return
         for name in passage.names:
-            self._witness_rows.fault(now_ns, name, id_of(piece), instruction_of(piece))
+            self._note_fault(now_ns, name, id_of(piece), instruction_of(piece))
         arrival_ns = now_ns + passage.late_ns
         heard = [chunk for chunk in passage.chunks if chunk]
         for chunk in heard:
@@ -244,8 +243,9 @@ class EmulatedBus:
             return
         for frame in self._parser.feed(piece.data):
             answers = answer(frame, listening, now_ns)
-            if self._recorded:
-                self._witness_rows.frame(now_ns, "rx", frame, addressed(frame))
+            if self._witness is not None:
+                first = addressed(frame)
+                self._note_frame(now_ns, "rx", frame, first[0] if first else None)
             for reply in in_slots(frame, answers):
                 self._schedule_reply(reply, piece.baud)
 
@@ -272,11 +272,10 @@ class EmulatedBus:
         self._begun = False
         if self._adapter is None and self._can_read(reply):
             self._gone += reply.wire
-        if self._recorded:
-            frame = reply.frame
-            for name in reply.faults:
-                self._witness_rows.fault(now_ns, name, frame.id, frame.instruction)
-            self._witness_rows.frame(now_ns, "tx", frame, [frame.id])
+        frame = reply.frame
+        for name in reply.faults:
+            self._note_fault(now_ns, name, frame.id, frame.instruction)
+        self._note_frame(now_ns, "tx", frame, frame.id)
 
     def _can_read(self, reply: Reply) -> bool:
         """Whether the host is connected, and at the reply's baud rate."""
@@ -294,14 +293,39 @@ class EmulatedBus:
         name = fault.name if event.begins else f"{fault.name} over"
         if fault.name == "unplug-adapter":
             self._connect(not event.begins)
-            self._witness_rows.fault(now_ns, name, None, None)
+            self._note_fault(now_ns, name, None)
             return
         struck = [s for s in self.servos if s.id == fault.values.get("id", s.id)]
         if event.begins and fault.name in SILENCING:
             self._silence({servo.id for servo in struck}, now_ns)
         for servo in struck:
             apply_fault(event, servo, now_ns)
-            self._witness_rows.fault(now_ns, name, servo.id, None)
+            self._note_fault(now_ns, name, servo.id)
+
+    def _note_frame(self, now_ns: int, event: str, frame: Frame, of: int | None) -> None:
+        """Record a frame, with the state of the servo that it concerns first; None: any."""
+        self._note(now_ns, event, frame.id, of, frame.instruction, frame.error, frame.params)
+
+    def _note_fault(self, now_ns: int, name: str, id_: int | None, code: int | None = None) -> None:
+        """Record a fault, of an instruction code too; ``id_`` None: it concerns no servo."""
+        self._note(now_ns, "fault", BROADCAST if id_ is None else id_, id_, code, fault=name)
+
+    def _note(
+        self,
+        now_ns: int,
+        event: str,
+        shown: int,
+        of: EmulatedServo | int | None,
+        instruction: int | None = None,
+        error: int | None = None,
+        params: bytes = b"",
+        fault: str = "",
+    ) -> None:
+        if self._witness is not None:
+            if not isinstance(of, EmulatedServo):
+                of = next((servo for servo in self.servos if servo.id == of), self.servos[0])
+            state = of.state(now_ns)
+            self._witness.add(Event(now_ns, event, shown, instruction, state, error, params, fault))
 
     def _connect(self, connected: bool) -> None:
         self.connected = connected

@@ -183,7 +183,7 @@ class Drive:
         """
         mechanism, motor = self.mechanism, self.motor
         torque = mechanism.current_torque
-        seen = mechanism.sensed_torque if self._loops else torque
+        seen = mechanism.sensed_torque
         active = self._active is not None
         if torque == 0.0 and seen == 0.0 and not active:
             return self._offset, 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.plant.mechanism import Mechanism
 
 
@@ -11,12 +10,10 @@ class Encoder:
 
     Args:
         mechanism: The mechanism whose shaft it measures.
-        quantised: The mechanism's own encoder has the same counts; else they are rounded here.
     """
 
-    def __init__(self, mechanism: Mechanism, *, quantised: bool) -> None:
+    def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism = mechanism
-        self._quantised = quantised
         self._offset = 0
         self._stuck_at: int | None = None
 
@@ -29,9 +26,7 @@ class Encoder:
         """Return multi-turn counts, at the mechanism's present time."""
         if self._stuck_at is not None:
             return self._stuck_at
-        if self._quantised:
-            return self._mechanism.encoder() + self._offset
-        return round(self._mechanism.measured_position() / POSITION_UNIT) + self._offset
+        return self._mechanism.measured()[1] + self._offset
 
     def shift(self, counts: int) -> None:
         """Add an offset of ``counts`` encoder counts; the shaft does not move."""

@@ -20,10 +20,6 @@ ERROR_BITS: Final[Mapping[str, int]] = MappingProxyType(
     {"voltage": 0x01, "overheating": 0x04, "encoder": 0x08, "shock": 0x10, "overload": 0x20}
 )
 """Bits of Hardware Error Status by name"""
-SUPPLY: Final = number(0.1, 60)
-"""Reads a servo's supply voltage [V]"""
-AMBIENT: Final = number(-40, 200)
-"""Reads an ambient temperature [°C]"""
 _SECOND_NS = 1_000_000_000
 
 
@@ -43,12 +39,11 @@ class _Key(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    keys: tuple[str, ...]
-    """In addition to those of every fault of its kind"""
-    required: tuple[str, ...]
-    strikes_frames: bool
     example: str
-    meaning: str
+    keys: tuple[str, ...] = ()
+    """In addition to those of every fault of its kind"""
+    required: tuple[str, ...] = ()
+    strikes_frames: bool = False
 
 
 KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
@@ -68,64 +63,31 @@ KEYS: Final[Mapping[str, _Key]] = MappingProxyType(
         "bytes": _Key(whole(1, 255), "bytes of garbage"),
         "counts": _Key(whole(-(2**24), 2**24), "encoder counts, signed"),
         "bits": _Key(_error_bits, "hardware errors"),
-        "volts": _Key(SUPPLY, "voltage of the supply [V]"),
-        "celsius": _Key(AMBIENT, "temperature around the servo [°C]"),
+        "volts": _Key(number(0.1, 60), "voltage of the supply [V]"),
+        "celsius": _Key(number(-40, 200), "temperature around the servo [°C]"),
     }
 )
 KINDS: Final[Mapping[str, _Kind]] = MappingProxyType(
     {
-        "drop": _Kind((), (), True, "drop:p=0.01", "the frame is lost"),
-        "corrupt": _Kind(
-            ("flips",), (), True, "corrupt:p=0.01", "bits are flipped, one by default"
-        ),
-        "truncate": _Kind(("keep",), (), True, "truncate:p=0.01", "the frame's end is lost"),
-        "duplicate": _Kind((), (), True, "duplicate:p=0.01", "the frame arrives twice"),
-        "late": _Kind(("ms",), ("ms",), True, "late:ms=3,p=0.01", "the frame is delayed"),
-        "wrong-id": _Kind(("to",), (), True, "wrong-id:p=0.01", "another id, with a right CRC"),
-        "noise": _Kind(("bytes",), (), True, "noise:p=0.01", "garbage before the frame"),
-        "stuck": _Kind(("for", "id"), (), False, "stuck:at=2,for=0.5", "the encoder stands still"),
-        "stuffing": _Kind(
-            ("for", "id"),
-            (),
-            False,
-            "stuffing:at=2,for=0.5",
-            "current -1 and velocity -3 are measured, so that replies need byte stuffing",
-        ),
-        "jump": _Kind(
-            ("counts", "for", "id"),
-            ("counts",),
-            False,
-            "jump:counts=500,at=2",
-            "the encoder reads a wrong position",
-        ),
-        "hardware-error": _Kind(
-            ("bits", "id"),
-            ("bits",),
-            False,
-            "hardware-error:bits=overload,at=3",
-            "errors are latched",
-        ),
-        "supply": _Kind(
-            ("volts", "for", "id"),
-            ("volts",),
-            False,
-            "supply:volts=9,at=2,for=0.5",
-            "the supply has another voltage",
-        ),
-        "ambient": _Kind(
-            ("celsius", "for", "id"),
-            ("celsius",),
-            False,
-            "ambient:celsius=60,at=2",
-            "the servo is in another temperature",
-        ),
-        "brown-out": _Kind(("id",), (), False, "brown-out:at=2", "the servo restarts by itself"),
-        "unplug": _Kind(("for", "id"), (), False, "unplug:at=2,for=0.5", "the servo is unplugged"),
-        "unplug-adapter": _Kind(
-            ("for",), (), False, "unplug-adapter:at=2,for=0.5", "the host's port is gone"
-        ),
+        "drop": _Kind("drop:p=0.01", strikes_frames=True),
+        "corrupt": _Kind("corrupt:p=0.01", ("flips",), strikes_frames=True),
+        "truncate": _Kind("truncate:p=0.01", ("keep",), strikes_frames=True),
+        "duplicate": _Kind("duplicate:p=0.01", strikes_frames=True),
+        "late": _Kind("late:ms=3,p=0.01", ("ms",), ("ms",), strikes_frames=True),
+        "wrong-id": _Kind("wrong-id:p=0.01", ("to",), strikes_frames=True),
+        "noise": _Kind("noise:p=0.01", ("bytes",), strikes_frames=True),
+        "stuck": _Kind("stuck:at=2,for=0.5", ("for", "id")),
+        "stuffing": _Kind("stuffing:at=2,for=0.5", ("for", "id")),
+        "jump": _Kind("jump:counts=500,at=2", ("counts", "for", "id"), ("counts",)),
+        "hardware-error": _Kind("hardware-error:bits=overload,at=3", ("bits", "id"), ("bits",)),
+        "supply": _Kind("supply:volts=9,at=2,for=0.5", ("volts", "for", "id"), ("volts",)),
+        "ambient": _Kind("ambient:celsius=60,at=2", ("celsius", "for", "id"), ("celsius",)),
+        "brown-out": _Kind("brown-out:at=2", ("id",)),
+        "unplug": _Kind("unplug:at=2,for=0.5", ("for", "id")),
+        "unplug-adapter": _Kind("unplug-adapter:at=2,for=0.5", ("for",)),
     }
 )
+"""The faults; docs/emulated-bus.md says what each does"""
 _FRAME_KEYS = ("p", "every", "times", "at", "for", "way", "id")
 _SERVO_KEYS = ("at", "repeat", "times")
 

@@ -13,8 +13,7 @@ from haptic_wall.hw.dynamixel.codec import BROADCAST, ErrorCode, Frame, Instruct
 from haptic_wall.hw.emulated.servo import EmulatedServo
 
 CLEAR_KEY = b"\x44\x58\x4c\x22"
-BACKUP_KEY = b"\x43\x54\x52\x4c"
-_CLEAR_POSITION, _STORE, _RESTORE = 1, 1, 2
+_CLEAR_POSITION = 1
 _RESET_ALL = 0xFF
 _CLEAR_FIRMWARE = 42
 """First firmware with clear, and with protection of the ids in a broadcast reset; every X330 has
@@ -91,31 +90,12 @@ def _reboot(_frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
 def _clear(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
     if not _knows_clear(servo):
         return ErrorCode.INSTRUCTION, b""
-    option, error = _keyed(frame.params, CLEAR_KEY, (_CLEAR_POSITION,))
-    return (error, b"") if option is None else (servo.clear_turns(now_ns), b"")
-
-
-def _backup(frame: Frame, servo: EmulatedServo, now_ns: int) -> _Done:
-    if "backup_ready" not in servo.memory:
-        return ErrorCode.INSTRUCTION, b""
-    option, error = _keyed(frame.params, BACKUP_KEY, (_STORE, _RESTORE))
-    if option is None:
-        return error, b""
-    if option == _STORE:
-        return servo.table.backup.store(), b""
-    return servo.restore_backup(now_ns), b""
-
-
-def _keyed(params: bytes, key: bytes, options: tuple[int, ...]) -> tuple[int | None, ErrorCode]:
-    """Return the option, if it is valid and the key behind it is correct.
-
-    Open in the manual: the reply to a wrong option or key is "data range".
-    """
-    if len(params) != 1 + len(key):
-        return None, ErrorCode.DATA_LENGTH
-    if params[0] not in options or params[1:] != key:
-        return None, ErrorCode.DATA_RANGE
-    return params[0], ErrorCode.NONE
+    # Open in the manual: the reply to a wrong option or key is "data range".
+    if len(frame.params) != 1 + len(CLEAR_KEY):
+        return ErrorCode.DATA_LENGTH, b""
+    if frame.params != bytes([_CLEAR_POSITION]) + CLEAR_KEY:
+        return ErrorCode.DATA_RANGE, b""
+    return servo.clear_turns(now_ns), b""
 
 
 def _knows_clear(servo: EmulatedServo) -> bool:
@@ -132,7 +112,6 @@ _INSTRUCTIONS: Mapping[int, Callable[[Frame, EmulatedServo, int], _Done]] = Mapp
         Instruction.FACTORY_RESET: _factory_reset,
         Instruction.REBOOT: _reboot,
         Instruction.CLEAR: _clear,
-        Instruction.CONTROL_TABLE_BACKUP: _backup,
     }
 )
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from haptic_wall.hw.dynamixel.codec import ErrorCode
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
 from haptic_wall.hw.emulated.memory import Memory
-from haptic_wall.hw.emulated.restoring import Backup
 
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08
 _VOLTAGE_ERROR, _OVERHEATING_ERROR = 0x01, 0x04
@@ -19,8 +18,8 @@ _POSITION_MODE, _MULTI_TURN_MODES = 3, (4, 5)
 _QUARTER_TURN = 1024
 _FARTHEST = 1_048_575
 """Largest Goal Position in the multi-turn modes: 256 turns either way [counts]"""
-_TORQUE_ON, _RESTORE_RAM = 0x01, 0x02
-"""Bits of Startup Configuration"""
+_TORQUE_ON = 0x01
+"""Bit of Startup Configuration"""
 MEASURED = range(120, 147)
 """Addresses of the measured registers, Realtime Tick to Present Temperature"""
 _GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
@@ -55,7 +54,6 @@ class ControlTable:
     __slots__ = (
         "_model",
         "_torque_on_by_goal_known",
-        "backup",
         "enabled_by_goal",
         "memory",
         "supply",
@@ -69,7 +67,6 @@ class ControlTable:
         # Torque-on-by-goal-update came with the same firmware as fast sync read.
         self._torque_on_by_goal_known = firmware >= model.fast_sync_read_firmware
         self.memory = Memory(model.registers_at(firmware).values(), MEASURED)
-        self.backup = Backup(self.memory, _RESET_WITH_MODE)
         self.supply = supply
         """Supply voltage [V]; ``feed`` sets it"""
         self.volts = round(supply * 10)
@@ -186,10 +183,8 @@ class ControlTable:
                 memory[register.name] = register.default
         self._reset_with_mode()
         self.enabled_by_goal = False
-        startup = memory.get("startup_configuration")
-        self.backup.power_up(restore_ram=bool(startup & _RESTORE_RAM))
         self.check_health()
-        if startup & _TORQUE_ON and not self.shut_down:
+        if memory.get("startup_configuration") & _TORQUE_ON and not self.shut_down:
             memory["torque_enable"] = 1
 
     def _refusal(self, register: Register, value: int) -> ErrorCode:

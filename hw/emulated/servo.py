@@ -6,7 +6,7 @@ Every instruction acts at its instant, and a read returns the state of that inst
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
 from haptic_wall.hw.dynamixel.tables import (
@@ -23,7 +23,6 @@ from haptic_wall.hw.emulated.drive import Drive
 from haptic_wall.hw.emulated.encoder import Encoder
 from haptic_wall.hw.emulated.measured import measured
 from haptic_wall.hw.emulated.motor import motor_of
-from haptic_wall.hw.emulated.restoring import factory_reset
 from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.hand import SharedHand
@@ -33,6 +32,8 @@ from haptic_wall.hw.truth import TrueServo
 BOOT_NS = 200_000_000
 """A rebooting servo does not reply for this long [ns]; real ones take some tenths of a second"""
 
+_KEPT: Final = {0xFF: (), 0x01: ("id",), 0x02: ("id", "baud_rate")}
+"""Registers that each option of a factory reset keeps"""
 _NEVER_NS = 1 << 62
 """Time of the replies of a disconnected servo [ns]"""
 
@@ -101,7 +102,8 @@ class EmulatedServo:
         self.memory = self.table.memory
         motor = motor_of(model, constant)
         # Servos of one bus share their truth, but not their noise.
-        own = replace(true, noise_seed=(true.noise_seed << 8) + id)
+        seed = (true.noise_seed << 8) + id
+        own = replace(true, noise_seed=seed, counts_per_rev=COUNTS_PER_REV)
         self.mechanism = Mechanism(
             own, start_ns, winding=motor.winding(model.voltage), operator_waits=True
         )
@@ -112,8 +114,7 @@ class EmulatedServo:
         """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
         """End of its boot [ns]"""
-        quantised = true.counts_per_rev == COUNTS_PER_REV
-        self.encoder = Encoder(self.mechanism, quantised=quantised)
+        self.encoder = Encoder(self.mechanism)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
         self.drive = Drive(
@@ -292,17 +293,14 @@ class EmulatedServo:
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
         """Restore the factory settings, except those that the option keeps, and reboot."""
-        error = factory_reset(self.memory, option)
-        if error == ErrorCode.NONE:
-            self.reboot(now_ns)
-        return error
-
-    def restore_backup(self, now_ns: int) -> ErrorCode:
-        """Restore the EEPROM from the backup, and reboot."""
-        error = self.table.backup.restore_eeprom()
-        if error == ErrorCode.NONE:
-            self.reboot(now_ns)
-        return error
+        if option not in _KEPT:
+            return ErrorCode.DATA_RANGE  # an assumption
+        memory = self.memory
+        for register in memory.registers.values():
+            if register.eeprom and register.writable and register.name not in _KEPT[option]:
+                memory[register.name] = register.default
+        self.reboot(now_ns)
+        return ErrorCode.NONE
 
     def reboot(self, now_ns: int) -> None:
         """Set RAM to its defaults, clear errors and turns; silent until it has booted."""

@@ -270,20 +270,6 @@ class Mechanism:
                 acting = (steps - int(math.copysign(1, steps))) * step_size
         return acting
 
-    def encoder(self) -> int:
-        """Return the encoder's counts, rounded to the nearest, multi-turn.
-
-        Raises:
-            ValueError: The servo has no encoder (counts_per_rev is 0).
-        """
-        if self._counts_per_radian == 0.0:
-            raise ValueError("counts_per_rev is 0, so nothing is counted; read measured_position")
-        return self.measured()[1]
-
-    def measured_position(self) -> float:
-        """Return the encoder's position [rad]: behind the backlash, and quantised if it counts."""
-        return self.measured()[0]
-
     def measured(self) -> tuple[float, int]:
         """Return the encoder's position [rad] and its counts; 0 if it does not count."""
         per_radian, errors = self._counts_per_radian, self._errors

@@ -19,10 +19,10 @@ def amplitude_left(true: TrueServo, stiffness: float, virtual_damping: float) ->
     """Half of the travel in the last of 50 cycles after a kick [rad]."""
     servo = Mechanism(true, 0)
     cycle = int(2 * math.pi * math.sqrt(true.inertia / stiffness) / PERIOD)
-    before, positions = servo.measured_position(), []
+    before, positions = servo.measured()[0], []
     for k in range(50 * cycle):
         servo.advance(k * 1_000_000)
-        x = servo.measured_position()
+        x = servo.measured()[0]
         torque = -stiffness * x - virtual_damping * (x - before) / PERIOD
         servo.command(torque, k * 1_000_000)
         before = x

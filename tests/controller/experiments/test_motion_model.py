@@ -32,7 +32,7 @@ def moved(
         at = (k if ticks is None else ticks[k]) * MS
         mechanism.advance(at)
         sampled.append(at * 1e-9)
-        position.append(mechanism.measured_position())
+        position.append(mechanism.measured()[0])
         speed.append(mechanism.velocity)
         late = 0 if jitter is None else int(jitter[k])
         mechanism.command(float(torque), at + late)

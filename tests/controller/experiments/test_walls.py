@@ -116,7 +116,7 @@ def test_a_wall_moves_as_the_servo_alone(kinds: set[str], fraction: float, thoro
             while pending and pending[0][0] <= now_ns:
                 mechanism.command(pending[0][1], pending.pop(0)[0])
             mechanism.advance(now_ns)
-            seen = mechanism.measured_position()
+            seen = mechanism.measured()[0]
             pending.append((now_ns + delay_ns, law.torque(seen, estimator.update(seen, 1))))
             while pending and pending[0][0] < now_ns + PERIOD_NS:
                 mechanism.command(pending[0][1], pending.pop(0)[0])
@@ -272,7 +272,7 @@ def test_laws_from_a_table_move_as_each_alone(law: Shape, places: tuple[float, .
     rendered.stiffness, rendered.damping = 8.0, 0.02
     for k in range(PAST):
         mechanism.advance(k * PERIOD_NS)
-        position = mechanism.measured_position()
+        position = mechanism.measured()[0]
         assert course[k, 2] == pytest.approx(position, abs=1e-9)
         speed, before = ((position - before) / PERIOD if k else 0.0), position
         mechanism.command(rendered.torque(position, speed), k * PERIOD_NS)

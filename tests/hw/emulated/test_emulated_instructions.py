@@ -18,14 +18,14 @@ from haptic_wall.hw.dynamixel.codec import (
     encode,
 )
 from haptic_wall.hw.emulated.collision import Sending, collide
-from haptic_wall.hw.emulated.instructions import BACKUP_KEY, CLEAR_KEY
+from haptic_wall.hw.emulated.instructions import CLEAR_KEY
 from haptic_wall.hw.truth import TrueServo
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
 
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
 TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
 TORQUE_ENABLE, LED, RETURN_LEVEL, REGISTERED, POSITION_P_GAIN = 64, 65, 68, 69, 84
-OPERATING_MODE, GOAL_CURRENT, GOAL_POSITION, POSITION, BACKUP_READY = 11, 102, 116, 132, 147
+OPERATING_MODE, GOAL_CURRENT, GOAL_POSITION, POSITION = 11, 102, 116, 132
 INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
 X = "XM430-W350"
 
@@ -102,10 +102,8 @@ def test_factory_reset_but_ids_may_be_broadcast() -> None:
         (Instruction.FACTORY_RESET, b"\x03", ErrorCode.DATA_RANGE),
         (Instruction.CLEAR, b"\x01", ErrorCode.DATA_LENGTH),
         (Instruction.CLEAR, b"\x02" + CLEAR_KEY, ErrorCode.DATA_RANGE),
-        (Instruction.CLEAR, b"\x01" + BACKUP_KEY, ErrorCode.DATA_RANGE),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x01", ErrorCode.DATA_LENGTH),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x03" + BACKUP_KEY, ErrorCode.DATA_RANGE),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + CLEAR_KEY, ErrorCode.DATA_RANGE),
+        (Instruction.CLEAR, b"\x01" + CLEAR_KEY[::-1], ErrorCode.DATA_RANGE),
+        (Instruction.CONTROL_TABLE_BACKUP, b"\x01CTRL", ErrorCode.INSTRUCTION),
     ],
 )
 def test_without_its_option_and_its_key_nothing_is_done(
@@ -114,23 +112,12 @@ def test_without_its_option_and_its_key_nothing_is_done(
     client = Client(true=at(3.25))
     assert client.answer(1, instruction, params).error == error
     assert client.read(1, POSITION, 4) > 3 * 4096
-    assert client.read(1, BACKUP_READY, 1) == 0
 
 
-@pytest.mark.parametrize(
-    ("instruction", "params", "model", "first"),
-    [
-        (Instruction.CLEAR, b"\x01" + CLEAR_KEY, X, 42),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY, X, 45),
-        (Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY, "XL330-M288", 46),
-    ],
-)
-def test_what_came_with_a_firmware(
-    instruction: Instruction, params: bytes, model: str, first: int
-) -> None:
-    for firmware, error in ((first - 1, ErrorCode.INSTRUCTION), (first, 0)):
-        client = Client((model, 1), firmware=firmware)
-        assert client.answer(1, instruction, params).error == error
+def test_clear_came_with_a_firmware() -> None:
+    for firmware, error in ((41, ErrorCode.INSTRUCTION), (42, 0)):
+        client = Client((X, 1), firmware=firmware)
+        assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == error
 
 
 # Clear
@@ -171,60 +158,6 @@ def test_clear_is_refused_while_it_moves() -> None:
     client.pass_time(50 * MS)
     assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == ErrorCode.RESULT_FAIL
     assert client.read(1, POSITION, 4) > 3 * 4096
-
-
-# Control table backup
-
-
-def test_a_backup_restores_eeprom_after_a_factory_reset() -> None:
-    client = Client()
-    assert client.read(1, BACKUP_READY, 1) == 0
-    client.write(1, HOMING, -500, 4)
-    client.write(1, POSITION_P_GAIN, 123, 2)
-    client.line.write(bytes.fromhex("FF FF FD 00 01 08 00 20 01 43 54 52 4C 16 F5"))  # published
-    (reply,) = client.replies()
-    assert (reply.id, reply.error) == (1, 0)
-    assert client.read(1, BACKUP_READY, 1) == 1
-    client.ask(1, Instruction.FACTORY_RESET, b"\x02")
-    client.pass_time(500 * MS)
-    assert client.read(1, HOMING, 4) == 0
-    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x02CTRL").error == 0
-    assert client.ask(1, Instruction.PING) is None  # it reboots
-    client.pass_time(500 * MS)
-    assert client.read(1, HOMING, 4, signed=True) == -500
-    assert client.read(1, POSITION_P_GAIN, 2) == 800  # RAM, which is not restored unless configured
-    assert client.read(1, BACKUP_READY, 1) == 1
-
-
-def test_startup_configuration_restores_gains_and_indirect_addresses_at_power_up() -> None:
-    client = Client()
-    client.write(1, STARTUP, 2, 1)
-    client.write(1, POSITION_P_GAIN, 123, 2)
-    client.write(1, INDIRECT_ADDRESS, LED, 2)
-    client.write(1, LED, 1, 1)
-    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, b"\x01" + BACKUP_KEY).error == 0
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, POSITION_P_GAIN, 2) == 123
-    assert client.read(1, INDIRECT_ADDRESS, 2) == LED
-    assert client.read(1, LED, 1) == 0  # not among what a backup holds
-
-
-def test_backups_are_refused_while_torque_is_on_or_without_one() -> None:
-    client = Client()
-    restore = b"\x02" + BACKUP_KEY
-    assert (
-        client.answer(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
-    )
-    client.enable_current_mode()
-    store = b"\x01" + BACKUP_KEY
-    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, store).error == ErrorCode.RESULT_FAIL
-    client.write(1, TORQUE_ENABLE, 0, 1)
-    assert client.answer(1, Instruction.CONTROL_TABLE_BACKUP, store).error == 0
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    assert (
-        client.answer(1, Instruction.CONTROL_TABLE_BACKUP, restore).error == ErrorCode.RESULT_FAIL
-    )
 
 
 # Bulk

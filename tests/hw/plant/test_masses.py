@@ -286,7 +286,7 @@ def test_the_encoder_sees_its_side(side: Any) -> None:
     stiff = Mechanism(rigid, 0)
     stiff.command(1.0, 0)
     stiff.advance(4 * MS)
-    output, seen = mechanism.position, mechanism.measured_position()
+    output, seen = mechanism.position, mechanism.measured()[0]
     assert output < stiff.position  # the load lags at first
     assert seen == output if side == "output" else seen > stiff.position
 
@@ -296,7 +296,7 @@ def test_a_weight_hangs_on_the_output_and_friction_holds_the_motor() -> None:
     true = replace(LINEAR, transmission_damping=0.2, coulomb=0.5, gravity=0.2, gravity_angle=-1.57)
     mechanism = Mechanism(true, 0)
     mechanism.advance(500 * MS)
-    twist = mechanism.measured_position()
+    twist = mechanism.measured()[0]
     assert mechanism.motor_velocity == 0.0
     assert 200.0 * twist == pytest.approx(-0.2 * math.sin(twist + 1.57), rel=1e-4)
 
@@ -306,10 +306,10 @@ def test_backlash_is_between_the_masses() -> None:
     mechanism = Mechanism(replace(LINEAR, damping=0.0, backlash=0.02), 0)
     mechanism.command(0.12, 0)  # 10 rad/s²: half of the backlash takes sqrt(2 * 0.01 / 10) s
     mechanism.advance(44 * MS)
-    assert mechanism.measured_position() == 0.0
+    assert mechanism.measured()[0] == 0.0
     assert mechanism.motor_velocity == pytest.approx(0.44, rel=1e-9)
     mechanism.advance(46 * MS)
-    assert mechanism.measured_position() > 0.0
+    assert mechanism.measured()[0] > 0.0
 
 
 def test_the_instants_at_which_it_is_looked_at_matter_little() -> None:

@@ -71,7 +71,7 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter() -> None:
     seldom.advance(2000 * MS)
     assert often.position == pytest.approx(seldom.position, abs=1e-10)
     assert often.velocity == pytest.approx(seldom.velocity, abs=1e-8)
-    assert often.measured_position() == pytest.approx(seldom.measured_position(), abs=1e-10)
+    assert often.measured()[0] == pytest.approx(seldom.measured()[0], abs=1e-10)
 
 
 def test_the_same_commands_give_the_same_motion_to_the_bit() -> None:
@@ -143,15 +143,13 @@ def test_the_encoder_rounds_to_the_nearest_count_over_turns() -> None:
         (-200 * math.pi, -100 * 4096),
     ]:
         mechanism = Mechanism(servo(counts_per_rev=4096, position=position), 0)
-        assert mechanism.encoder() == expected
-        assert mechanism.measured_position() == pytest.approx(expected * count, rel=1e-15)
+        assert mechanism.measured()[1] == expected
+        assert mechanism.measured()[0] == pytest.approx(expected * count, rel=1e-15)
 
 
 def test_without_an_encoder_the_position_is_exact_and_nothing_is_counted() -> None:
     mechanism = Mechanism(servo(position=0.123456789), 0)
-    assert mechanism.measured_position() == 0.123456789
-    with pytest.raises(ValueError, match="counts_per_rev"):
-        mechanism.encoder()
+    assert mechanism.measured() == (0.123456789, 0)
 
 
 def test_backlash_hides_motion_within_the_play_and_follows_beyond_it() -> None:
@@ -164,7 +162,7 @@ def test_backlash_hides_motion_within_the_play_and_follows_beyond_it() -> None:
         mechanism.command(0.0, now + 200 * MS)
         mechanism.advance(now + 2_000 * MS)
         assert mechanism.position == pytest.approx(target, abs=1e-9)
-        return mechanism.measured_position()
+        return mechanism.measured()[0]
 
     assert go(0.04) == 0.0
     assert go(-0.04) == 0.0
@@ -184,11 +182,11 @@ def test_a_turn_between_two_looks_moves_the_encoder_through_the_play() -> None:
     mechanism.advance(30 * MS)
     turn = step(step(State(0.0, 0.0), parameters, 1.0, 0.01), parameters, -1.0, 0.01).position
     assert mechanism.position == pytest.approx(turn - 0.005, abs=1e-12)
-    assert mechanism.measured_position() == pytest.approx(turn - 0.005 + 0.001, abs=1e-12)
+    assert mechanism.measured()[0] == pytest.approx(turn - 0.005 + 0.001, abs=1e-12)
     mechanism.command(1.0, 30 * MS)
     # The velocity of -1 rad/s is stopped after 10 ms, 5 mrad lower; 20 ms later it is back there.
     mechanism.advance(50 * MS)
-    assert mechanism.measured_position() == pytest.approx(turn - 0.010 + 0.005 - 0.001, abs=1e-12)
+    assert mechanism.measured()[0] == pytest.approx(turn - 0.010 + 0.005 - 0.001, abs=1e-12)
 
 
 def test_a_hand_moves_it_and_friction_stops_it_again() -> None:
@@ -256,7 +254,7 @@ def test_the_instants_at_which_it_is_looked_at_matter_no_more_than_the_error() -
     often.advance(500 * MS)
     seldom.advance(500 * MS)
     assert often.position == pytest.approx(seldom.position, abs=1e-5)
-    assert often.measured_position() == pytest.approx(seldom.measured_position(), abs=1e-5)
+    assert often.measured()[0] == pytest.approx(seldom.measured()[0], abs=1e-5)
 
 
 def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> None:
@@ -267,7 +265,7 @@ def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> Non
                 servo(encoder_eccentricity=0.01, encoder_phase=0.3, position=position), 0
             )
             assert mechanism.position == position
-            error = mechanism.measured_position() - position
+            error = mechanism.measured()[0] - position
             assert error == pytest.approx(0.01 * math.sin(angle + 0.3), abs=1e-11)
             counting = Mechanism(
                 servo(
@@ -278,7 +276,7 @@ def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> Non
                 ),
                 0,
             )
-            assert counting.encoder() == round((position + error) * 4096 / math.tau)
+            assert counting.measured()[1] == round((position + error) * 4096 / math.tau)
 
 
 def test_noise_has_its_size_and_belongs_to_the_time_and_the_seed() -> None:
@@ -288,8 +286,8 @@ def test_noise_has_its_size_and_belongs_to_the_time_and_the_seed() -> None:
         for k in range(4000):
             mechanism.advance(7 + k * MS)
             if twice:
-                mechanism.encoder()
-            found.append(mechanism.encoder())
+                mechanism.measured()[1]
+            found.append(mechanism.measured()[1])
         return found
 
     found = readings(1)
