@@ -48,7 +48,7 @@ class EmulatedBus:
             neither receive nor are received.
         start_ns: Start time [ns].
         witness: Records every event; None: no record.
-        adapter: Buffers the bytes to the host; None: replies can be read on arrival.
+        adapter: Buffers the bytes to the host; None: one that hands replies over on arrival.
         faults: Faults from the beginning.
 
     Raises:
@@ -72,14 +72,13 @@ class EmulatedBus:
         self.times_unplugged = 0
         """How often it has been unplugged"""
         self._witness = witness
-        self._adapter = adapter
+        self._adapter = Adapter(0, BLOCKS[-1], start_ns) if adapter is None else adapter
         self._faults = Faults() if faults is None else faults
         self._parser = Parser(report_crc=True, unstuffed=True)
         self._coming: deque[Piece] = deque()
         self._going: deque[Reply] = deque()
         self._begun = False
         """The first of those is on the wire"""
-        self._gone = bytearray()
         self._free_ns = start_ns
         """When the wire is free again"""
         self._heard_ns = start_ns
@@ -91,8 +90,7 @@ class EmulatedBus:
     @property
     def busy(self) -> bool:
         """Whether bytes are on their way, so that the next event must be met on time."""
-        held = self._adapter is not None and self._adapter.holds
-        return held or bool(self._coming or self._going)
+        return self._adapter.holds or bool(self._coming or self._going)
 
     @property
     def full(self) -> bool:
@@ -139,13 +137,7 @@ class EmulatedBus:
     def transmit(self, now_ns: int) -> bytes:
         """Return the bytes that the host can read by ``now_ns`` [ns] since the last call."""
         self._run(now_ns)
-        if self._adapter is not None:
-            self._gone += self._adapter.take(now_ns)
-        if not self._gone:
-            return b""
-        data = bytes(self._gone)
-        self._gone.clear()
-        return data
+        return self._adapter.take(now_ns)
 
     def next_event_ns(self, until_ns: int = _NEVER_NS) -> int | None:
         """Return the time of the next event if the host sends nothing [ns]; None: no event.
@@ -154,20 +146,17 @@ class EmulatedBus:
             until_ns: An event after this time may be left out [ns].
         """
         time_ns, _ = self._next(until_ns)
-        if self._adapter is not None:
-            handed_ns = self._adapter.next_ns()
-            if handed_ns is not None and handed_ns < time_ns:
-                return handed_ns
+        handed_ns = self._adapter.next_ns()
+        if handed_ns is not None and handed_ns < time_ns:
+            return handed_ns
         return None if time_ns == _NEVER_NS else time_ns
 
     def _next(self, until_ns: int) -> tuple[int, int]:
         """Return time and kind of the next event; one after ``until_ns`` [ns] may be left out."""
         time_ns, kind = _NEVER_NS, _STATE
-        adapter = self._adapter
-        if adapter is not None:  # without an adapter there are no faults either
-            fault_ns = self._faults.next_ns()
-            if fault_ns is not None:
-                time_ns, kind = fault_ns, _FAULT
+        fault_ns = self._faults.next_ns()
+        if fault_ns is not None:
+            time_ns, kind = fault_ns, _FAULT
         for servo in self.servos:
             if servo.watchdog_from_ns > until_ns:  # most often; asking more takes longer
                 continue
@@ -176,11 +165,9 @@ class EmulatedBus:
                 time_ns, kind = watchdog_ns, _WATCHDOG
         if self._going:
             reply = self._going[0]
-            if adapter is not None and not self._begun:
-                if reply.begin_ns < time_ns:
-                    time_ns, kind = reply.begin_ns, _BEGIN
-            elif reply.end_ns < time_ns:
-                time_ns, kind = reply.end_ns, _REPLY
+            reply_ns = reply.end_ns if self._begun else reply.begin_ns
+            if reply_ns < time_ns:
+                time_ns, kind = reply_ns, _REPLY if self._begun else _BEGIN
         if self._coming:
             piece = self._coming[0]
             through_ns = max(piece.arrival_ns, self._free_ns) + piece.wire_ns
@@ -264,27 +251,19 @@ class EmulatedBus:
     def _begin(self, reply: Reply) -> None:
         """Start a reply on the wire: the adapter receives byte after byte."""
         self._begun = True
-        if self._adapter is not None and reply.wire and self._can_read(reply):
+        if reply.wire and self.connected and reply.baud == self.host_baud:
             self._adapter.put(reply.wire, reply.begin_ns + reply.late_ns, reply.baud)
 
     def _leave(self, reply: Reply, now_ns: int) -> None:
         """Finish ``reply``, whose last byte has left."""
         self._begun = False
-        if self._adapter is None and self._can_read(reply):
-            self._gone += reply.wire
         frame = reply.frame
         for name in reply.faults:
             self._note_fault(now_ns, name, frame.id, frame.instruction)
         self._note_frame(now_ns, "tx", frame, frame.id)
 
-    def _can_read(self, reply: Reply) -> bool:
-        """Whether the host is connected, and at the reply's baud rate."""
-        return self.connected and reply.baud == self.host_baud
-
     def _add(self, fault: Fault, now_ns: int) -> None:
         fault.check_servo([servo.id for servo in self.servos])
-        if self._adapter is None:
-            self._adapter = Adapter(0, BLOCKS[-1], now_ns)
         self._faults.add(fault, now_ns)
 
     def _apply(self, event: FaultEvent, now_ns: int) -> None:
@@ -331,13 +310,11 @@ class EmulatedBus:
         self.connected = connected
         self.times_unplugged += not connected
         self._coming.clear()
-        self._gone.clear()
-        if self._adapter is not None:
-            self._adapter.clear()
+        self._adapter.clear()
 
     def _silence(self, ids: Collection[int], now_ns: int) -> None:
         """Truncate the replies of these servos at the present byte."""
-        if self._begun and self._going[0].frame.id in ids and self._adapter is not None:
+        if self._begun and self._going[0].frame.id in ids:
             self._adapter.truncate(now_ns)
             self._begun = False
         self._going = deque(reply for reply in self._going if reply.frame.id not in ids)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT, Model
 from haptic_wall.hw.emulated.control_modes import (
     CURRENT_POSITION_MODE,
     POSITION_MODE,
@@ -44,10 +44,9 @@ class Drive:
         motor: Its motor.
         mechanism: The mechanism that the motor moves.
         encoder: The encoder that the controllers read.
-        current_unit: [A] per unit of current; 0 where there is none.
-        stall_current: Stall current of the motor, at its nominal voltage [A].
-        now_ns: The time [ns].
+        model: The servo's model.
         current_offset: Offset of the current sensor [A].
+        now_ns: The time [ns].
     """
 
     __slots__ = (
@@ -77,16 +76,15 @@ class Drive:
         motor: Motor,
         mechanism: Mechanism,
         encoder: Encoder,
-        *,
-        current_unit: float,
-        stall_current: float,
-        now_ns: int,
+        model: Model,
         current_offset: float,
+        now_ns: int,
     ) -> None:
         self.table = table
         self._memory = table.memory
         self.encoder = encoder
-        self.current_unit = current_unit
+        self.current_unit = model.current_unit_ma * 1e-3
+        """[A] per unit of current; 0 where there is none"""
         self.held_pose = False
         """The measured current and velocity are those of ``measured.HELD_POSE``"""
         self._offset = current_offset
@@ -99,7 +97,7 @@ class Drive:
         self._duty = 0.0
         self._lost = 0
         self.controllers = Controllers(table)
-        self.health = Health(table, stall_current, now_ns)
+        self.health = Health(table, model.voltage / motor.resistance, now_ns)
         self.mechanism = mechanism
         self.motor = motor
         self.next_ns = _NEVER_NS

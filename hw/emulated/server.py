@@ -58,7 +58,7 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         self._link: Path | None = None
         self._ends: tuple[int, ...] = ()
         self._untouched_speed: int | None = None
-        self._open()
+        self.replug()
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -98,9 +98,6 @@ class PseudoTerminal(AbstractContextManager["PseudoTerminal"]):
         Raises:
             OSError: There are no more terminals, or the link cannot be made.
         """
-        self._open()
-
-    def _open(self) -> None:
         self.master, slave = self._ends = os.openpty()
         try:
             # Kept open: otherwise the client's close would hang up the line.

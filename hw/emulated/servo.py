@@ -122,10 +122,9 @@ class EmulatedServo:
             motor,
             self.mechanism,
             self.encoder,
-            current_unit=model.current_unit_ma * 1e-3,
-            stall_current=model.voltage / motor.resistance,
-            now_ns=start_ns,
-            current_offset=true.current_offset,
+            model,
+            true.current_offset,
+            start_ns,
         )
         self._preset("firmware_version", firmware)
         self._preset("id", id)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from haptic_wall.hw.truth import TrueServo
+
 NOISE_NS = 100_000
 """The noise has a new value this often [ns]. A value belongs to its time, not to a reading: further
 readings do not change it."""
@@ -20,18 +22,9 @@ class EncoderErrors:
 
     __slots__ = ("_amplitude", "_noise", "_phase", "_seed")
 
-    def __init__(self, amplitude: float, phase: float, noise: float, seed: int) -> None:
-        """Create the errors of one encoder.
-
-        Args:
-            amplitude: Amplitude of the error once a turn [rad], from 0 to below 1: it then never
-                runs back.
-            phase: Phase of that error at position 0 [rad].
-            noise: Standard deviation [counts], >= 0.
-            seed: Seed of the noise.
-        """
-        self._amplitude, self._phase = amplitude, phase
-        self._noise, self._seed = noise, seed
+    def __init__(self, true: TrueServo) -> None:
+        self._amplitude, self._phase = true.encoder_eccentricity, true.encoder_phase
+        self._noise, self._seed = true.encoder_noise, true.noise_seed
 
     @property
     def none(self) -> bool:

@@ -113,9 +113,7 @@ class Mechanism:
         self._loop = CurrentLoop(true, drive, start_ns) if drive.acts else None
         self._stepped = self._state()
         """The state where the present step of the current loop began"""
-        errors = EncoderErrors(
-            true.encoder_eccentricity, true.encoder_phase, true.encoder_noise, true.noise_seed
-        )
+        errors = EncoderErrors(true)
         self._errors = None if errors.none else errors
         self._origin_ns = start_ns
         self.time_ns = start_ns

@@ -92,7 +92,7 @@ def noise_of(servo: TrueServo, period: float, periods: int) -> list[float]:
     """Return the noise of its encoder in each period [counts]; empty: it has none."""
     if servo.encoder_noise == 0.0:
         return []
-    errors = EncoderErrors(0.0, 0.0, servo.encoder_noise, servo.noise_seed)
+    errors = EncoderErrors(servo)
     return [errors.noise(round(k * period * 1e9)) for k in range(periods)]
 
 
