@@ -25,20 +25,6 @@ cached. A loop cannot notice it."""
 class SimulatedServo:
     """A servo whose motion is computed on each access."""
 
-    __slots__ = (
-        "_grain_ns",
-        "_hand",
-        "_mechanism",
-        "_now_ns",
-        "_reading",
-        "_running",
-        "_true",
-        "_written",
-        "_written_ns",
-        "bus",
-        "facts",
-    )
-
     facts: Facts
     bus: Bus | None
 

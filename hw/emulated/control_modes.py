@@ -59,8 +59,6 @@ class Motion(NamedTuple):
 class Controllers:
     """The controllers of one servo, in the units and directions of its registers."""
 
-    __slots__ = ("_goal", "_integral", "_memory", "_plan", "_since_ns", "_table", "mode")
-
     def __init__(self, table: ControlTable) -> None:
         self._table = table
         self._memory = table.memory

@@ -49,27 +49,6 @@ class Drive:
         now_ns: The time [ns].
     """
 
-    __slots__ = (
-        "_active",
-        "_duty",
-        "_goal",
-        "_loops",
-        "_lost",
-        "_memory",
-        "_offset",
-        "_on",
-        "_stepped_current",
-        "controllers",
-        "current_unit",
-        "encoder",
-        "health",
-        "held_pose",
-        "mechanism",
-        "motor",
-        "next_ns",
-        "table",
-    )
-
     def __init__(
         self,
         table: ControlTable,

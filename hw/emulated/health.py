@@ -33,18 +33,6 @@ class Health:
         now_ns: The time [ns].
     """
 
-    __slots__ = (
-        "_at_limit_ns",
-        "_heat",
-        "_load",
-        "_settled_ns",
-        "_since_ns",
-        "_stall",
-        "_table",
-        "ambient",
-        "due_ns",
-    )
-
     def __init__(self, table: ControlTable, stall_current: float, now_ns: int) -> None:
         self._table = table
         self._stall = stall_current

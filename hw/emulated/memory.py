@@ -24,8 +24,6 @@ class Memory:
         measured: Addresses that ``overwrite`` fills.
     """
 
-    __slots__ = ("_at", "_bytes", "_measured", "_names_of", "_values", "registers")
-
     def __init__(self, registers: Iterable[Register], measured: range) -> None:
         self._measured = measured
         self._values: dict[str, int] = {}  # decoded values of the bytes, for quick access

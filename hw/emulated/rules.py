@@ -51,16 +51,6 @@ class ControlTable:
         ambient: Temperature [°C].
     """
 
-    __slots__ = (
-        "_model",
-        "_torque_on_by_goal_known",
-        "enabled_by_goal",
-        "memory",
-        "supply",
-        "temperature",
-        "volts",
-    )
-
     def __init__(self, model: Model, firmware: int, *, supply: float, ambient: float) -> None:
         """Create the registers at their defaults, before power-up."""
         self._model = model

@@ -145,12 +145,6 @@ class CurrentLoop:
         begin_ns: Start of the present step [ns].
     """
 
-    __slots__ = (
-        *("_acceleration", "_braking", "_drive", "_duration", "_filter_rate", "_goal", "_mean"),
-        *("_period_ns", "_regulated", "_sensed", "_sensed_now", "_speed", "_start_ns", "_target"),
-        *("_u", "begin_ns"),
-    )
-
     def __init__(self, true: TrueServo, drive: Drive, start_ns: int) -> None:
         self._drive = drive
         self._period_ns = round(true.current_period * 1e9)

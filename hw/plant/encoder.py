@@ -20,8 +20,6 @@ class EncoderErrors:
     sine of the shaft's angle: an error of one period a turn.
     """
 
-    __slots__ = ("_amplitude", "_noise", "_phase", "_seed")
-
     def __init__(self, true: TrueServo) -> None:
         self._amplitude, self._phase = true.encoder_eccentricity, true.encoder_phase
         self._noise, self._seed = true.encoder_noise, true.noise_seed

@@ -35,35 +35,6 @@ class Mechanism:
     backlash is between motor and output instead, and the operator acts on the last mass.
     """
 
-    __slots__ = (
-        "_braking",
-        "_counts_per_radian",
-        "_delay_ns",
-        "_end",
-        "_errors",
-        "_followed",
-        "_grasped",
-        "_kept",
-        "_links",
-        "_loop",
-        "_mechanics",
-        "_on_motor",
-        "_operator",
-        "_operator_ns",
-        "_origin_ns",
-        "_pending",
-        "_start_ns",
-        "_stepped",
-        "_torque",
-        "_torque_limit",
-        "_torque_step",
-        "_true",
-        "_v",
-        "_x",
-        "_z",
-        "time_ns",
-    )
-
     def __init__(
         self,
         true: TrueServo,

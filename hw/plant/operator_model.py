@@ -81,8 +81,6 @@ class Grasped:
         grasp: As it is now.
     """
 
-    __slots__ = ("_grasp",)
-
     def __init__(self, grasp: Grasp) -> None:
         self._grasp = grasp
 
@@ -104,16 +102,6 @@ class Grasped:
 
 class ScriptedOperator:
     """The reference of an operator over time."""
-
-    __slots__ = (
-        "_knots_ns",
-        "_lead_in_ns",
-        "_lead_in_slope",
-        "_origin",
-        "_period_ns",
-        "_references",
-        "_slopes",
-    )
 
     def __init__(self, script: Script, position: float, origin: float, direction: int) -> None:
         """Place the script at the wall.
