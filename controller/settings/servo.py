@@ -159,13 +159,13 @@ class Servo(_Truth):
         le=100,
         used_by=("simulated", "emulated"),
     )
-    torque_limit: Positive | None = setting(  # type: ignore[assignment] - null: not given
+    torque_limit: Positive | None = setting(  # type: ignore[assignment]  # or null
         None,
         "Largest torque: saturation of a simulated servo (null: 4.1); on a bus a limit of the "
         "driver below the servo's own (null: the servo's Current Limit)",
         "N·m",
     )
-    torque_constant: Positive | None = setting(  # type: ignore[assignment] - as above
+    torque_constant: Positive | None = setting(  # type: ignore[assignment]  # or null
         None,
         "Torque per current: the truth of an emulated servo, a calibration of a real one; null: "
         "the model's stall torque over its stall current",

@@ -106,22 +106,9 @@ class Fault:
         """Whether it hits frames; else it occurs to a servo or to the adapter."""
         return KINDS[self.name].strikes_frames
 
-    @property
-    def at_ns(self) -> int:
-        """Return its beginning after the injection [ns]."""
-        seconds: float = self.values.get("at", 0.0)
-        return round(seconds * _SECOND_NS)
-
-    @property
-    def lasts_ns(self) -> int | None:
-        """Return its duration [ns]; None: until it is lifted."""
-        seconds = self.values.get("for")
-        return None if seconds is None else round(seconds * _SECOND_NS)
-
-    @property
-    def repeat_ns(self) -> int | None:
-        """Return its period [ns]; None: it does not repeat."""
-        seconds = self.values.get("repeat")
+    def time_ns(self, key: str) -> int | None:
+        """Return the time of this key [ns], such as ``for``; None: it is not given."""
+        seconds = self.values.get(key)
         return None if seconds is None else round(seconds * _SECOND_NS)
 
     def check_servo(self, ids: Collection[int]) -> None:

@@ -38,8 +38,8 @@ class _Acting:
     def __init__(self, fault: Fault, now_ns: int, rng: Random) -> None:
         self.fault = fault
         self.rng = rng
-        self.begin_ns = now_ns + fault.at_ns
-        lasts_ns = fault.lasts_ns
+        self.begin_ns = now_ns + (fault.time_ns("at") or 0)
+        lasts_ns = fault.time_ns("for")
         self.end_ns = None if lasts_ns is None else self.begin_ns + lasts_ns
         self.done = 0
         """How often it has occurred"""
@@ -150,14 +150,15 @@ class Faults:
         """Return the next event due at ``now_ns`` [ns], and plan the one after it."""
         _, _, acting, begins = heapq.heappop(self._due)
         fault = acting.fault
-        held = fault.name in _HELD or (fault.name == "jump" and fault.lasts_ns is not None)
+        lasts_ns, repeat_ns = fault.time_ns("for"), fault.time_ns("repeat")
+        held = fault.name in _HELD or (fault.name == "jump" and lasts_ns is not None)
         acting.begun = begins and held
         if begins:
             acting.done += 1
-            if fault.lasts_ns is not None:
-                self._plan(now_ns + fault.lasts_ns, acting, begins=False)
-            if fault.repeat_ns is not None and not acting.spent:
-                self._plan(now_ns + fault.repeat_ns, acting, begins=True)
+            if lasts_ns is not None:
+                self._plan(now_ns + lasts_ns, acting, begins=False)
+            if repeat_ns is not None and not acting.spent:
+                self._plan(now_ns + repeat_ns, acting, begins=True)
         return FaultEvent(fault, begins)
 
     def _all(self) -> list[_Acting]:

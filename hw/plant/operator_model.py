@@ -8,7 +8,6 @@ that the run does not start with an impact. It then repeats the script for ever.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from haptic_wall.hw.hand import EVERY_NS, Grasp
@@ -55,8 +54,7 @@ class OperatorModel(Protocol):
         """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Script:
+class Script(NamedTuple):
     """Depths in the wall over one period, joined by straight lines."""
 
     times_s: tuple[float, ...]
@@ -120,16 +118,6 @@ class ScriptedOperator:
         lead_in_s = max(LEAD_IN_S, abs(way) / LEAD_IN_SPEED)
         self._lead_in_ns = round(lead_in_s * 1e9)
         self._lead_in_slope = way / lead_in_s
-        self._slopes = [
-            (after - before) / ((end - start) * 1e-9)
-            for before, after, start, end in zip(
-                self._references,
-                self._references[1:],
-                self._knots_ns,
-                self._knots_ns[1:],
-                strict=False,
-            )
-        ]
 
     def pull(self, elapsed_ns: int) -> ReferenceStretch:
         """Return the stretch of the reference at ``elapsed_ns`` [ns since the start]."""
@@ -141,12 +129,11 @@ class ScriptedOperator:
             )
         phase_ns = since_ns % self._period_ns
         index = bisect_right(self._knots_ns, phase_ns) - 1
-        start_ns, slope = self._knots_ns[index], self._slopes[index]
-        return ReferenceStretch(
-            self._references[index] + slope * (phase_ns - start_ns) * 1e-9,
-            slope,
-            elapsed_ns - phase_ns + self._knots_ns[index + 1],
-        )
+        start_ns, end_ns = self._knots_ns[index : index + 2]
+        before, after = self._references[index : index + 2]
+        slope = (after - before) / ((end_ns - start_ns) * 1e-9)
+        reference = before + slope * (phase_ns - start_ns) * 1e-9
+        return ReferenceStretch(reference, slope, elapsed_ns - phase_ns + end_ns)
 
 
 def operator_of(true: TrueServo) -> ScriptedOperator | None:

@@ -16,7 +16,8 @@ def test_every_example_is_a_fault(name: str) -> None:
 def test_values_have_their_units() -> None:
     fault = parse_fault(" jump:counts=-500, at=2.5,for=0.001 ")
     assert fault.values["counts"] == -500
-    assert (fault.at_ns, fault.lasts_ns, fault.repeat_ns) == (2_500_000_000, 1_000_000, None)
+    times = [fault.time_ns(key) for key in ("at", "for", "repeat")]
+    assert times == [2_500_000_000, 1_000_000, None]
     assert parse_fault("hardware-error:bits=overload+voltage").values["bits"] == 0x21
 
 
