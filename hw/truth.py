@@ -317,9 +317,13 @@ def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
     about, kind = ABOUT[name], TYPES[name]
     if kind not in NUMBERS:
         if name == "chain":
-            return len(value) <= MOST_LINKS and all(
-                0.0 < inertia <= 1e6 and 0.0 < stiffness <= 1e9 and 0.0 <= damping <= 1e6
-                for inertia, stiffness, damping in value
+            return (
+                isinstance(value, (list, tuple))
+                and len(value) <= MOST_LINKS
+                and all(
+                    0.0 < inertia <= 1e6 and 0.0 < stiffness <= 1e9 and 0.0 <= damping <= 1e6
+                    for inertia, stiffness, damping in value
+                )
             )
         return isinstance(value, bool) if kind is bool else value in get_args(kind)
     if value is None:
@@ -354,7 +358,7 @@ def read(name: str, text: str) -> Any:  # noqa: ANN401 - of the parameter's type
         with suppress(ValueError):
             value = parse(text.lower())
             break
-    if isinstance(value, float) and value.is_integer() and TYPES[name] is int:
+    if isinstance(value, float) and value.is_integer() and TYPES[name] not in (float, float | None):
         value = int(value)
     with suppress(TypeError, ValueError):
         if fits(name, value):

@@ -25,6 +25,8 @@ from haptic_wall.hw.emulated.instructions import (
 )
 from haptic_wall.hw.emulated.servo import EmulatedServo
 
+SLOT_NS = 3_000_000
+"""Time for a missing id in a ping for all [ns]"""
 _FAST = (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
 _ById = Mapping[int, Sequence[EmulatedServo]]
 
@@ -111,11 +113,13 @@ def _broadcast(
     for servo in servos:
         servo.heard(now_ns)
     if frame.instruction == Instruction.PING:
-        return [
-            reply
-            for id_ in sorted(by_id)
-            for reply in _direct(frame._replace(id=id_), by_id[id_], now_ns)
-        ]
+        answers, expected = [], 0
+        for id_ in sorted(by_id):
+            missing_ns, expected = (id_ - expected) * SLOT_NS, id_ + 1
+            for reply in _direct(frame._replace(id=id_), by_id[id_], now_ns):
+                answers.append(reply._replace(delay_ns=reply.delay_ns + missing_ns))
+                missing_ns = 0
+        return answers
     if frame.instruction != Instruction.READ:
         for servo in servos:
             carry_out(frame, servo, now_ns)
@@ -203,20 +207,3 @@ def _on_the_wire(sendings: Sequence[Sending]) -> list[Answer]:
         (sending,) = sendings
         return [Answer(sending.delay_ns, sending.frame, sending.wire)]
     return [Answer(*heard) for heard in collide(sendings)]
-
-
-SLOT_NS = 3_000_000
-"""Time for a missing id [ns]"""
-
-
-def in_slots(frame: Frame, answers: Sequence[Answer]) -> Sequence[Answer]:
-    """Delay the replies to ``frame`` by the slots before them if it is a broadcast ping."""
-    if frame.id != BROADCAST or frame.instruction != Instruction.PING:
-        return answers
-    slotted = []
-    expected = 0
-    for reply in answers:
-        missing = max(0, reply.frame.id - expected)
-        slotted.append(reply._replace(delay_ns=reply.delay_ns + missing * SLOT_NS))
-        expected = reply.frame.id + 1
-    return slotted

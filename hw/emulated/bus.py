@@ -18,7 +18,7 @@ from typing import Final
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Frame, Parser
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
-from haptic_wall.hw.emulated.answers import Answer, addressed, answer, in_slots
+from haptic_wall.hw.emulated.answers import Answer, addressed, answer
 from haptic_wall.hw.emulated.damage import id_of
 from haptic_wall.hw.emulated.fault_effects import SILENCING, apply_fault
 from haptic_wall.hw.emulated.faults import Fault, parse_fault
@@ -233,7 +233,7 @@ class EmulatedBus:
             if self._witness is not None:
                 first = addressed(frame)
                 self._note_frame(now_ns, "rx", frame, first[0] if first else None)
-            for reply in in_slots(frame, answers):
+            for reply in answers:
                 self._schedule_reply(reply, piece.baud)
 
     def _schedule_reply(self, reply: Answer, baud: int) -> None:

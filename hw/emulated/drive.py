@@ -22,7 +22,6 @@ from haptic_wall.hw.emulated.control_modes import (
     Controllers,
     Motion,
 )
-from haptic_wall.hw.emulated.encoder import Encoder
 from haptic_wall.hw.emulated.health import HEALTH_NS, Health
 from haptic_wall.hw.emulated.motor import Motor
 from haptic_wall.hw.emulated.rules import ControlTable
@@ -43,7 +42,6 @@ class Drive:
         table: Its registers.
         motor: Its motor.
         mechanism: The mechanism that the motor moves.
-        encoder: The encoder that the controllers read.
         model: The servo's model.
         current_offset: Offset of the current sensor [A].
         now_ns: The time [ns].
@@ -54,14 +52,16 @@ class Drive:
         table: ControlTable,
         motor: Motor,
         mechanism: Mechanism,
-        encoder: Encoder,
         model: Model,
         current_offset: float,
         now_ns: int,
     ) -> None:
         self.table = table
         self._memory = table.memory
-        self.encoder = encoder
+        self.stuck_at: int | None = None
+        """Counts at which the encoder stands still; None: it follows the shaft"""
+        self.shifted = 0
+        """Counts by which it is off"""
         self.current_unit = model.current_unit_ma * 1e-3
         """[A] per unit of current; 0 where there is none"""
         self.held_pose = False
@@ -133,16 +133,22 @@ class Drive:
             return Motion(0, False, 0, position)
         return self.controllers.motion(position, now_ns)
 
+    def counts(self) -> int:
+        """Return the encoder's multi-turn counts, at the present time."""
+        if self.stuck_at is not None:
+            return self.stuck_at
+        return self.mechanism.measured()[1] + self.shifted
+
     def position(self) -> int:
         """Return Present Position [counts], at the present time."""
-        counts = self.encoder.counts() - self._lost
+        counts = self.counts() - self._lost
         if self.table.reversed:
             counts = -counts
         return counts + self.table.homing_offset
 
     def forget_turns(self) -> None:
         """Reduce Present Position to one turn, without the homing offset."""
-        counts, sign = self.encoder.counts(), self.table.position_inverted
+        counts, sign = self.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
     def clear_turns(self, now_ns: int) -> None:
@@ -239,7 +245,11 @@ class Drive:
         else:
             inverted = self.table.inverts_current
             sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
-            seen = 0.0 if self.encoder.stuck else sign * self.mechanism.velocity * _COUNTS_PER_RAD
+            seen = (
+                0.0
+                if self.stuck_at is not None
+                else sign * self.mechanism.velocity * _COUNTS_PER_RAD
+            )
             output = self.controllers.output(self.position(), seen, now_ns)
             asked = sign * output / PWM_FULL
             limit = 1.0

@@ -15,14 +15,15 @@ def apply_fault(event: FaultEvent, servo: EmulatedServo, now_ns: int) -> None:
     servo.keep_up(now_ns)
     match fault.name:
         case "stuck" if begins:
-            servo.encoder.stop(now_ns)
+            servo.mechanism.advance(now_ns)
+            servo.drive.stuck_at = servo.drive.counts()
         case "stuck":
-            servo.encoder.free()
+            servo.drive.stuck_at = None
         case "stuffing":
             servo.drive.held_pose = begins
         case "jump":
             counts: int = fault.values["counts"]
-            servo.encoder.shift(counts if begins else -counts)
+            servo.drive.shifted += counts if begins else -counts
         case "hardware-error" if not servo.unplugged:
             servo.latch_errors(fault.values["bits"], now_ns)
         case "supply":

@@ -36,7 +36,7 @@ def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
     # An unlimited motion may exceed the registers' range.
     position = min(max(drive.position(), _LOWEST), _HIGHEST)
     velocity = 0
-    if not drive.encoder.stuck:
+    if drive.stuck_at is None:
         velocity = min(max(round(drive.mechanism.velocity / VELOCITY_UNIT), -_HIGHEST), _HIGHEST)
     amperes, duty = drive.electrical()
     unit = drive.current_unit

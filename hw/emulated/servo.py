@@ -20,7 +20,6 @@ from haptic_wall.hw.dynamixel.tables import (
 )
 from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
-from haptic_wall.hw.emulated.encoder import Encoder
 from haptic_wall.hw.emulated.measured import measured
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.emulated.rules import ControlTable
@@ -114,14 +113,12 @@ class EmulatedServo:
         """The write that a reg write has stored for the next action"""
         self.answers_from_ns = start_ns
         """End of its boot [ns]"""
-        self.encoder = Encoder(self.mechanism)
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
         self.drive = Drive(
             self.table,
             motor,
             self.mechanism,
-            self.encoder,
             model,
             true.current_offset,
             start_ns,

@@ -264,7 +264,7 @@ def _series_of_two(
     slope: float,
     length: float,
 ) -> int:
-    """Do the same for one mass behind the motor; in Python that takes half the time."""
+    """Do the same for one mass behind the motor; in Python that saves a third of a period."""
     v, twist, w, stretch = z[0], z[1], z[2], z[3]
     v_sum, twist_sum, w_sum, stretch_sum = v, twist, w, stretch
     greatest, at = SMALL, 4
