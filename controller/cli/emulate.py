@@ -38,6 +38,7 @@ from haptic_wall.hw.emulated.values import whole
 from haptic_wall.hw.emulated.witness import Witness
 from haptic_wall.hw.errors import Problem, SpecError
 from haptic_wall.hw.hand import SharedHand
+from haptic_wall.hw.truth import TrueServo
 
 DEFAULT_BAUD = 4_000_000
 PRIORITY = 70
@@ -114,7 +115,7 @@ _MS_NS = 1_000_000
     help="True parameter of the servos (repeatable): " + ", ".join(NAMES) + ". SI units.",
 )
 @force_option
-@click.option("--truth", hidden=True)  # of a run's own bus: the whole TrueServo as JSON
+@click.option("--truth", hidden=True)  # of a run's own bus: a TrueServo as JSON
 @click.option("--die-with-parent", is_flag=True, hidden=True)
 @click.option("--owner", type=int, hidden=True)  # its parent, the only reader of the record
 @click.option("--hand-memory", type=int, hidden=True)  # inherited memory of a person's hand
@@ -145,7 +146,7 @@ def command(
     orphaned = _orphaned(owner) if die_with_parent else lambda: False
     speed = _speed(baud)
     timer_ms, block_size = _adapter(latency_timer, block)
-    given = given_truth(sets) if truth is None else json.loads(truth)
+    given = given_truth(sets)
     plan = [servo_of(text) for text in servos]
     refuse_same_file({"--record": record, "--link": link})
     with ExitStack() as stack:
@@ -174,7 +175,7 @@ def command(
                     model,
                     id_,
                     firmware,
-                    truth_of(model, given),
+                    TrueServo(**json.loads(truth)) if truth else truth_of(model, given),
                     start_ns=start_ns,
                     baud=speed,
                     tick=ticks.randrange(TICK_MODULUS),

@@ -6,7 +6,7 @@ import json
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 
 from haptic_wall.controller.processes.children import Child, first_line
@@ -44,7 +44,12 @@ def emulator_arguments(
     for fault in settings.faults:
         arguments += ["--fault", fault]
     assert settings.true is not None
-    arguments += ["--truth", json.dumps(asdict(settings.true))]
+    truth = {
+        part.name: value
+        for part in fields(settings.true)
+        if (value := getattr(settings.true, part.name)) != part.default
+    }
+    arguments += ["--truth", json.dumps(truth)]
     if witness is not None:
         arguments += ["--record", str(witness), *(["--force"] if force else [])]
     if hand is not None:

@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from haptic_wall.controller.cli.emulated_servos import truth_of
 from haptic_wall.controller.errors import ConfigError
 from haptic_wall.controller.processes.emulator import emulator_arguments
 from haptic_wall.controller.runtime.session import Result, run_session
@@ -13,9 +12,8 @@ from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.truth import Link
+from haptic_wall.hw.truth import Link, TrueServo
 from tests.cases import sampled
 from tests.typed import not_none
 
@@ -80,7 +78,8 @@ def test_they_travel_between_processes_and_to_the_emulator() -> None:
     assert ("--seed", "3") in pairs
     (truth,) = (json.loads(value) for name, value in pairs if name == "--truth")
     true = config.true_servo()
-    assert truth_of(MODELS["XM430-W350"], truth) == true
+    assert TrueServo(**truth) == true
+    assert "stribeck_speed" not in truth, "what is as usual needs no words"
     assert (true.supply, true.chain) == (11.0, (Link(1e-4, 1e5, 0), Link(1e-3, 80, 0.01)))
 
 
