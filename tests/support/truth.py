@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 BackEmf = Literal["none", "current", "voltage"]
@@ -16,11 +16,7 @@ COUNT: Final = math.tau / COUNTS_PER_REV
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """A servo: rigid, or a motor and a load joined by a flexible transmission.
-
-    Raises:
-        ValueError: A value is out of range.
-    """
+    """A servo: rigid, or a motor and a load joined by a flexible transmission."""
 
     inertia: float
     """Motor and load together [kg·m²], > 0"""
@@ -61,23 +57,6 @@ class Truth:
     """Side of the transmission with the encoder. An operator and the output are on the load"""
     real: dict[str, int | float] | None = None
     """Further values of ``haptic_wall.hw.truth``, a current bandwidth above 0 among them"""
-
-    def __post_init__(self) -> None:
-        above = ["inertia", "torque_gain", "torque_limit", "stall_torque", "no_load_speed"]
-        if self.load_inertia:
-            above.append("transmission_stiffness")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, (int, float)):
-                continue
-            if not 0.0 <= value < math.inf or (field.name in above and value == 0.0):
-                least = "above 0" if field.name in above else "from 0 up"
-                raise ValueError(f"{field.name} is {value}; give a finite value {least}")
-        if not self.load_inertia < self.inertia:
-            raise ValueError(
-                f"load_inertia is {self.load_inertia}; it is a part of the inertia: give less than"
-                f" {self.inertia}"
-            )
 
     @property
     def flexible(self) -> bool:
