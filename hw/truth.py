@@ -351,19 +351,19 @@ def read(name: str, text: str) -> Any:  # noqa: ANN401 - of the parameter's type
     """Return a true parameter from its text, such as ``0.1``, ``true`` or ``push``.
 
     Raises:
-        ValueError: The text is none of its values.
+        SpecError: The text is none of its values.
     """
-    value: Any = text
+    value: Any = text.strip()
     for parse in (float, json.loads):
         with suppress(ValueError):
-            value = parse(text.lower())
+            value = parse(value.lower())
             break
     if isinstance(value, float) and value.is_integer() and TYPES[name] not in (float, float | None):
         value = int(value)
     with suppress(TypeError, ValueError):
-        if fits(name, value):
+        if fits(name, value) and value != math.inf:
             return value
-    raise ValueError(wanted(name))
+    raise SpecError(f"found {text!r}", wanted=wanted(name))
 
 
 def disagreements(true: Any) -> Iterator[Problem]:  # noqa: ANN401 - or a section of these names

@@ -10,10 +10,9 @@ from typing import Any, Final
 from haptic_wall.controller.cli.numbers import digits
 from haptic_wall.controller.errors import UserError
 from haptic_wall.hw.dynamixel.tables import MODELS, Model
-from haptic_wall.hw.emulated.values import number, suggestion
+from haptic_wall.hw.emulated.values import suggestion
 from haptic_wall.hw.errors import SpecError
 from haptic_wall.hw.truth import ABOUT, TrueServo, read
-from haptic_wall.hw.truth import wanted as accepted
 
 # An MX-64: no identification of an XM430 is published.
 # Source: Rhoban "bam" identification, Coulomb and viscous model (Apache-2.0).
@@ -24,7 +23,6 @@ DEFAULT_TRUTH = TrueServo(
     position=math.pi,
     hand_origin=math.pi,
 )
-KICK: Final = number(-100, 100)
 NAMES: Final = (*ABOUT, "kick")
 """What ``--set servo.NAME`` takes; ``kick``: the start's displacement from the wall"""
 
@@ -69,10 +67,9 @@ def given_truth(sets: Iterable[str]) -> dict[str, Any]:
                 "an emulated servo has no such parameter", field="--set", given=path, advice=hint
             )
         try:
-            given[name] = KICK(value) if name == "kick" else read(name, value.strip())
-        except ValueError:
-            wanted = KICK.__doc__ if name == "kick" else accepted(name)
-            raise UserError(f"found {value!r}", field="--set", given=path, wanted=wanted) from None
+            given[name] = read("position" if name == "kick" else name, value)
+        except SpecError as error:
+            raise UserError(replace(error.problem, field="--set", given=path)) from None
     if "kick" in given and "position" in given:
         raise UserError(
             field="--set",
