@@ -90,7 +90,8 @@ def _crossings(
     # Near the ceiling, and where the curve turns back, one cell holds two zeros. The division by w
     # removes the zero at w = 0.
     first = grid[:, :1] + 1e-3 * grid[:, 1:2]
-    hidden = dips(lambda w: function(w) / w, np.column_stack([first, grid[:, 1:]]))
+    some = np.column_stack([first, grid[:, 1:]])
+    hidden = dips(lambda w: function(w) / w, some, function(some) / some)
     grid = np.sort(np.column_stack([grid, hidden]), axis=1)
     above = function(grid[:, 1:]) > 0
     before = np.column_stack([np.zeros(span.size, dtype=np.bool_), above[:, :-1]])

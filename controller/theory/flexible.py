@@ -24,8 +24,8 @@ from haptic_wall.controller.theory.checks import (
 )
 from haptic_wall.controller.theory.crossings import (
     Loops,
-    crossings,
-    damping_crossings,
+    ceilings,
+    first_crossing,
     unstable_poles,
     unstable_softest,
 )
@@ -165,25 +165,22 @@ def chain_ceiling(
     )
     ceiling = np.zeros(t.size)
     for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
-        damping, count = damping_crossings(loops)
-        leaves = np.where(count > 0, damping, np.inf)
-        ceiling[part] = np.min(leaves, axis=1)
+        ceiling[part] = ceilings(loops)
     result: FloatArray = ceiling.reshape(given)[()]
     return result
 
 
 def _first_interval(loops: Loops, virtual_damping: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the end of the stable stiffnesses that begin at 0, and the frequency there."""
-    found = crossings(loops, virtual_damping)
-    first = found.stiffness[:, 0]
-    bounded = np.isfinite(first)
+    found = first_crossing(loops, virtual_damping)
+    bounded = np.isfinite(found.gain)
     stable = unstable_softest(loops, found) == 0
     doubtful = np.flatnonzero(~stable)
     if doubtful.size:
         some, big_b = loops.take(doubtful), virtual_damping[doubtful]
-        inside = np.where(bounded, 0.5 * first, 1.0)[doubtful]
+        inside = np.where(bounded, 0.5 * found.gain, 1.0)[doubtful]
         stable[doubtful] = unstable_poles(some, inside, big_b) == 0
-    return np.where(stable, first, 0.0), np.where(stable & bounded, found.w[:, 0], 0.0)
+    return np.where(stable, found.gain, 0.0), np.where(stable & bounded, found.w, 0.0)
 
 
 def _common(
