@@ -64,18 +64,19 @@ class Loops:
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
         """
-        half = _turned(w / 2)
-        turned = half if self.samples == 1 else half**self.samples
+        half = _turned(0.5 * w)
+        turned = half if self.samples == 1 else _turned(0.5 * self.samples * w)
+        late = _turned((self.whole + 1.0) * w)
         times = max(self.period.size // max(len(w), 1), 1)
         every = np.split(np.arange(self.period.size), times)
-        inverse = [self.take(part)._inverse(half) for part in every]
+        inverse = [self.take(part)._inverse(half, late) for part in every]
         return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 
-    def _inverse(self, half: ComplexArray) -> ComplexArray:
-        """Return F at frequencies of which ``half`` is exp(j w/2)."""
+    def _inverse(self, half: ComplexArray, late: ComplexArray) -> ComplexArray:
+        """Return F at frequencies of which ``half`` is exp(j w/2), turned by the delay."""
         moved = 2j * half.imag * half  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        found = -moved * half ** (2 * self.whole + 2)
+        found = -moved * late
         for i in range(poles.shape[1]):
             found *= moved - poles[:, i, None]
         numerator = self.chains.numerator
@@ -119,7 +120,7 @@ def first_crossing(loops: Loops, virtual_damping: FloatArray) -> Crossing:
         found: ComplexArray = inverse - virtual_damping[index, None] * difference
         return found
 
-    return _lowest(loops, left, lambda some, w: np.ones_like(w))
+    return _lowest(loops, left, lambda _, w: np.ones_like(w))
 
 
 def ceilings(loops: Loops) -> FloatArray:
@@ -288,5 +289,3 @@ def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> C
     shifted = np.arange(order + torques + 1, past)
     a[:, shifted, shifted - 1] = 1.0
     return np.linalg.eigvals(a).astype(np.complex128)
-
-
