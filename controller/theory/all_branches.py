@@ -85,7 +85,7 @@ def _crossings(
     """
     # two turns of the delayed plant, at 32 points or more per turn of the difference
     span = np.minimum(np.pi, 4 * np.pi / (loop.delay + 1))
-    steps = 80 + 16 * int(np.max(loop.samples))
+    steps = 80 + int(np.max(16 / np.pi * loop.samples * span))
     grid = span * np.linspace(0.0, 1.0, steps + 1)
     # Near the ceiling, and where the curve turns back, one cell holds two zeros. The division by w
     # removes the zero at w = 0.

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from haptic_wall.controller.theory import all_branches, first_branch
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.roots import golden
 
 __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 
@@ -32,7 +33,7 @@ __all__ = ["HeldLoop", "critical", "highest", "max_beta"]
 _LIGHT_CHUNK, _SCAN_CHUNK = 2048, 512
 _AT_CEILING = 1e-9
 _TINY = 1e-16
-_PEAK_POINTS, _PEAK_ROUNDS = 17, 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
+_PEAK_POINTS, _PEAK_STEPS = 17, 28  # to 2e-7 of the ceiling
 
 
 def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
@@ -81,13 +82,22 @@ def critical(
         a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
         alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
         w[part] = np.where(below, at, 0.0)
-    for part in _parts(some & ~light & ~tiny, _scan_chunk(samples)):
-        plant = _loop(delta[part], delay[part], samples[part]).column()
-        # this near the ceiling the lowest crossing can round to below zero and be missed
-        below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)
-        scanned = HeldLoop.of(delta[part], delay[part], samples[part]).column()
-        a, at = all_branches.crossing(scanned, np.where(below, beta[part], 0.0))
-        alpha[part], w[part] = np.where(below, a, 0.0), np.where(below, at, 0.0)
+    rest = np.flatnonzero(some & ~light & ~tiny)
+    if rest.size:
+        top = max_beta(delta[rest], delay[rest], samples[rest])
+        alpha[rest], w[rest] = _scanned(delta[rest], beta[rest], delay[rest], samples[rest], top)
+    return alpha, w
+
+
+def _scanned(
+    delta: FloatArray, beta: FloatArray, delay: FloatArray, samples: FloatArray, top: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Do the same with every branch, below the ceiling ``top`` and above -delta."""
+    alpha, w = np.zeros_like(beta), np.zeros_like(beta)
+    # this near the ceiling the lowest crossing can round to below zero and be missed
+    for part in _parts((beta > -delta) & (beta < top * (1.0 - _AT_CEILING)), _scan_chunk(samples)):
+        loop = HeldLoop.of(delta[part], delay[part], samples[part]).column()
+        alpha[part], w[part] = all_branches.crossing(loop, beta[part])
     return alpha, w
 
 
@@ -117,15 +127,18 @@ def highest(
 def _searched(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
     """Find the virtual damping of the highest critical stiffness, by narrowing a bracket."""
     low, high = -delta, max_beta(delta, delay, samples)
-    share, rows = np.linspace(0.0, 1.0, _PEAK_POINTS), np.arange(low.size)
-    spread = [np.repeat(a, _PEAK_POINTS) for a in (delta, delay, samples)]
-    for _ in range(_PEAK_ROUNDS):
-        beta = low[:, None] + (high - low)[:, None] * share
-        alpha, _ = critical(spread[0], beta.ravel(), spread[1], spread[2])
-        best = np.argmax(alpha.reshape(beta.shape), axis=1)
-        low = beta[rows, np.maximum(best - 1, 0)]
-        high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
-    return 0.5 * (low + high)
+    ceiling, rows = high, np.arange(low.size)
+
+    def found(beta: FloatArray) -> FloatArray:
+        each = (np.repeat(a, beta.shape[1]) for a in (delta, delay, samples, ceiling))
+        d, late, n, top = each
+        return _scanned(d, beta.ravel(), late, n, top)[0].reshape(beta.shape)
+
+    beta = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _PEAK_POINTS)
+    best = np.argmax(found(beta), axis=1)
+    low = beta[rows, np.maximum(best - 1, 0)]
+    high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
+    return golden(found, low[:, None], high[:, None], _PEAK_STEPS)[:, 0]
 
 
 def _light(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> NDArray[np.bool_]:
