@@ -10,7 +10,7 @@ from haptic_wall.controller.theory.checks import FloatArray
 
 _HALVINGS, _TO_THE_LAST_BIT = 127, 60
 _MOST, _NEAR = 60, 4.5e-16
-_THIRDS = 40
+_GOLDEN, _GOLDEN_STEPS = 0.5 * (5**0.5 - 1.0), 34
 _SHALLOW = 0.25
 """Part of the least value by which a parabola must fall below it to be looked into"""
 
@@ -116,10 +116,29 @@ def dips(
     rows = np.arange(grid.shape[0])[:, None]
     at = np.where(dip[rows, at - 1], at, at[:, :1])
     low, high, side = grid[rows, at - 1], grid[rows, at + 1], np.sign(value[rows, at])
-    for _ in range(_THIRDS if most else 0):
-        third = (high - low) / 3
-        lower = side * function(low + third) < side * function(high - third)
-        low, high = np.where(lower, low, low + third), np.where(lower, high - third, high)
+    return golden(lambda w: -side * function(w), low, high, _GOLDEN_STEPS) if most else low
+
+
+def golden(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, steps: int
+) -> FloatArray:
+    """Return where functions of one maximum have it, by golden sections.
+
+    Args:
+        function: Takes and gives arrays of the shape of ``low``.
+        low: Lower ends.
+        high: Upper ends.
+        steps: Evaluations; each divides the brackets by 1.618.
+    """
+    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_left, at_right = function(left), function(right)
+    for _ in range(steps):
+        lower = at_left > at_right
+        low, high = np.where(lower, low, left), np.where(lower, right, high)
+        point = np.where(lower, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        value = function(point)
+        left, right = np.where(lower, point, right), np.where(lower, left, point)
+        at_left, at_right = np.where(lower, value, at_right), np.where(lower, at_left, value)
     result: FloatArray = 0.5 * (low + high)
     return result
 
