@@ -26,10 +26,10 @@ from haptic_wall.controller.runtime.telemetry import (
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import all_branches, critical_stiffness, one_sided
+from haptic_wall.controller.theory import boundary, critical_stiffness, one_sided
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.contact import Contacts
-from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.crossings import Crossing, Loops
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
 from haptic_wall.hw.open import open_servo
@@ -617,17 +617,17 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
 def test_a_start_computes_few_limits(sets: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Heavy friction, long differences and late torques took 22, 20 and 8 s."""
     solved: list[int] = []
-    crossing, exit_speed = all_branches.crossing, one_sided.exit_speed
+    crossing, exit_speed = boundary.first_crossing, one_sided.exit_speed
 
-    def counted(loop: HeldLoop, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        solved.append(beta.size)
-        return crossing(loop, beta)
+    def counted(loops: Loops, virtual_damping: FloatArray) -> Crossing:
+        solved.append(virtual_damping.size)
+        return crossing(loops, virtual_damping)
 
     def simulated(contacts: Contacts, floor: float) -> FloatArray:
         solved.append(int(contacts.delay.sum() / 50))
         return exit_speed(contacts, floor)
 
-    monkeypatch.setattr(all_branches, "crossing", counted)
+    monkeypatch.setattr(boundary, "first_crossing", counted)
     monkeypatch.setattr(one_sided, "exit_speed", simulated)
     config = load_config("emulated-ideal", [*sets, "loop.clock=simulated"]).config
     servo = open_servo(config.servo_settings(), SimulatedClock())
