@@ -8,7 +8,7 @@ import numpy as np
 
 from haptic_wall.controller.theory.checks import FloatArray
 
-_HALVINGS, _TO_THE_LAST_BIT = 127, 60
+_TO_THE_LAST_BIT = 60
 _MOST, _NEAR = 60, 4.5e-16
 _GOLDEN, _GOLDEN_STEPS = 0.5 * (5**0.5 - 1.0), 34
 _SHALLOW = 0.25
@@ -24,16 +24,11 @@ def refined(
 
     Source: Chandrupatla, Advances in Engineering Software 28 (1997).
 
-    If a bracket begins at 0, the function may vanish there too, and the zero can have any
-    magnitude; the search then first finds its power of two.
-
     Args:
         function: Takes and gives arrays of the shape of ``low``.
-        low: Lower ends, >= 0.
+        low: Lower ends.
         high: Upper ends.
     """
-    if np.any(low == 0):
-        low, high = _from_zero(function, low, high)
     one, two = low, high
     at_one, at_two = function(one), function(two)
     share: FloatArray = np.full_like(low, 0.5)
@@ -141,15 +136,3 @@ def golden(
         at_left, at_right = np.where(lower, value, at_right), np.where(lower, at_left, value)
     result: FloatArray = 0.5 * (low + high)
     return result
-
-
-def _from_zero(
-    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Narrow brackets that begin at 0 to a factor of two around the zero."""
-    above, below = np.zeros(low.shape), np.full(low.shape, float(_HALVINGS))
-    for _ in range(_HALVINGS.bit_length()):
-        middle = np.floor(0.5 * (above + below))
-        beyond = function(np.where(low == 0, high * 0.5**middle, high)) > 0
-        above, below = np.where(beyond, middle, above), np.where(beyond, below, middle)
-    return np.where(low == 0, high * 0.5**below, low), np.where(low == 0, high * 0.5**above, high)
