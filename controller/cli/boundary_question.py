@@ -14,7 +14,6 @@ from haptic_wall.controller.guard.design import FAST_BAUD
 from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.settings.rules import MOST_LOWPASS_Q, MOST_OF_RATE
-from haptic_wall.controller.theory.flexible import MOST_PERIODS
 from haptic_wall.controller.theory.servos import SERVOS, ServoFacts, servo, sister
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.names import did_you_mean
@@ -96,13 +95,13 @@ def of_options(given: dict[str, Any]) -> Question:
     filtered = _filter(given, period)
     side: WallSide = given["side"] or ("one" if filtered is None else "both")
     if filtered is not None:
-        _check_exact(given, belief, delay.high / period, "a filter")
+        _check_exact(belief, "a filter")
     return Question(
         situation=Situation(belief, period, limit, 2 * math.pi / counts if counts else 0.0),
         delay_parts=_delay_parts(delay.high, period, given["baud"], given["latency_timer"]),
         side=side,
         velocity_samples=given["velocity_samples"] or 1,
-        load=_load(given, belief, delay.high / period),
+        load=_load(given, belief),
         velocity_filter=filtered,
     )
 
@@ -166,7 +165,7 @@ def _check_delay(delay: Bounded, period: float) -> None:
         )
 
 
-def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
+def _load(given: dict[str, Any], belief: Belief) -> Load | None:
     """Return the load that the options describe; None: there is none."""
     inertia, stiffness = given["load_inertia"], given["transmission_stiffness"]
     damping, encoder = given["transmission_damping"], given["encoder"]
@@ -192,7 +191,7 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
         _check(option, value, "wanted more than 0", _IN_SI)
     damping = 0.0 if damping is None else damping
     _check("--transmission-damping", damping, "wanted 0 or more", _IN_SI, zero=True)
-    _check_exact(given, belief, periods, "a load")
+    _check_exact(belief, "a load")
     if not (belief.damping.low > 0 or damping > 0):
         raise UserError(
             "servo and load have no damping",
@@ -203,8 +202,8 @@ def _load(given: dict[str, Any], belief: Belief, periods: float) -> Load | None:
     return Load(inertia, stiffness, damping, encoder or "output")
 
 
-def _check_exact(given: dict[str, Any], belief: Belief, periods: float, what: str) -> None:
-    """Refuse ranges and long delays, for which no limits are known with a load or a filter."""
+def _check_exact(belief: Belief, what: str) -> None:
+    """Refuse ranges, for which no limits are known with a load or a filter."""
     for name in ("inertia", "damping", "delay", "torque_gain"):
         bounds: Bounded = getattr(belief, name)
         if bounds.low < bounds.high:
@@ -214,13 +213,6 @@ def _check_exact(given: dict[str, Any], belief: Belief, periods: float, what: st
                 given=_span(bounds),
                 advice="give one number, and run the command once for each end of the range",
             )
-    found = max(periods, given["velocity_samples"] or 1)
-    if found > MOST_PERIODS:
-        raise UserError(
-            f"found {found:.4g} periods of delay or velocity samples",
-            field="--delay",
-            wanted=f"at most {MOST_PERIODS} of each with {what}",
-        )
 
 
 def _facts(name: str | None) -> ServoFacts | None:

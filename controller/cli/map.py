@@ -94,7 +94,6 @@ def command(
 
     setting = MapSettings.of(asked.config)
     chosen_steps = whole_periods(_STEPS if steps is None else steps, 1000)
-    _refuse_long(setting, max(chosen_steps))
     chosen_kicks = kicks if kicks is not None else _KICKS if setting.kick_matters else (_KICK,)
     if min(chosen_kicks) <= 0.0:
         raise UserError(f"found {min(chosen_kicks):g}", field="--kick", wanted="a kick above 0 rad")
@@ -166,25 +165,6 @@ def _computed(
         except MapInterruptedError as stopped:
             return stopped.partial, True
     return found, False
-
-
-def _refuse_long(setting: MapSettings, steps: int) -> None:
-    """Refuse delays for which no limits of a servo with a load are known.
-
-    Raises:
-        UserError: They are too long.
-    """
-    import numpy as np
-
-    from haptic_wall.controller.theory.flexible import MOST_PERIODS
-
-    periods = float(setting.delay(np.array(steps))) / setting.period
-    if setting.servo.flexible and periods > MOST_PERIODS:
-        raise UserError(
-            f"found {periods:.4g} periods of delay",
-            field="--delay-steps",
-            wanted=f"at most {MOST_PERIODS} with servo.load_inertia, servo.delay included",
-        )
 
 
 def _default_dampings(setting: MapSettings, steps: list[int]) -> list[float]:

@@ -114,7 +114,6 @@ def command(
     With --over damping the shaft travels to and fro at constant speed under rising damping, until a
     vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
-    _check_delays(asked.config, steps)
     if over == "damping":
         measure_ceiling(asked, whole_periods(steps, _MOST_STEPS), dampings)
         return
@@ -235,23 +234,6 @@ def _announce(
             f"the shaft of servo {config.servo.id} at {config.servo.port} will swing to both sides"
             f" of its position, by at most about {far:.2g} rad ({far * 57.3:.0f} degrees), with up"
             f" to {config.servo.torque_limit:g} N·m, at rising stiffness; Ctrl-C ends the motion"
-        )
-
-
-def _check_delays(config: Config, steps: list[float]) -> None:
-    """Refuse delays for which the limits are not known with a filter.
-
-    Raises:
-        UserError: The longest is too long.
-    """
-    from haptic_wall.controller.theory.flexible import MOST_PERIODS
-
-    longest = max(steps) + config.belief().delay.high / config.period_s
-    if config.wall.velocity_filter != "none" and longest + 2.0 > MOST_PERIODS:
-        raise UserError(
-            f"found {max(steps):g}, in all {longest:.3g} periods",
-            field="--delay-steps",
-            wanted=f"at most {MOST_PERIODS - 2} in all with wall.velocity_filter",
         )
 
 

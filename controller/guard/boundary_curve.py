@@ -26,10 +26,10 @@ from haptic_wall.controller.theory import (
     linear_limit,
     peak,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WallSide = Literal["one", "both"]

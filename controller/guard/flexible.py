@@ -25,9 +25,10 @@ from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 WITHIN = 0.96
 """Fraction of the least value over the grid that the guard uses"""
-_PHASE = 0.4
+_PHASE, _FINER = 0.4, 0.15
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
-between its delays [rad]"""
+between its delays [rad]; of a vibration above ``_SAMPLED`` cycles per period"""
+_SAMPLED = 0.3
 _CYCLES = 1.15
 """Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
 occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
@@ -180,6 +181,11 @@ class _Interval(NamedTuple):
     """Factor on the longest delay"""
 
 
+def _step(high: float, period: float) -> float:
+    """Return the step of the phase for vibrations of up to ``high`` [Hz]."""
+    return _PHASE if high * period <= _SAMPLED else _FINER
+
+
 @lru_cache(maxsize=1024)
 def _intervals(
     belief: Belief,
@@ -201,7 +207,7 @@ def _intervals(
         return [_Interval(period, belief, 1.0)]
     hz = belief.flexible_hz
     end = min(high, low + _CYCLES / hz.low)
-    even = math.ceil(math.tau * hz.high * (end - low) / _PHASE)
+    even = math.ceil(math.tau * hz.high * (end - low) / _step(hz.high, high))
     ratios = math.ceil(math.log(end / low) / -math.log(_SLOWER))
     if velocity_filter is not None:
         # a filter is slower by the interval, and a notch then lies elsewhere
@@ -299,14 +305,14 @@ def _delays(low: float, high: float, period: float, longest: float, every: bool)
     widened downward by it.
     """
     if every:
-        step = _PHASE / (math.tau * high)
+        step = _step(high, period) / (math.tau * high)
         return [Knot(k * step, low, high) for k in range(math.floor(longest / step + 1e-9) + 2)]
     found = [Knot(0.0, *_counted(low, high, period, 0.0))]
     while found[-1].delay <= longest + 1e-12:
         last = found[-1]
         after = last.delay + period
         # limits in proportion to 1 / (T/2 + t_d) hold to a factor of 2 at most
-        step = min(_PHASE / (math.tau * last.high), last.delay + 0.5 * period)
+        step = min(_step(last.high, period) / (math.tau * last.high), last.delay + 0.5 * period)
         widened = (1.0 / _SLOWER - 1.0) * after
         if step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
@@ -339,7 +345,7 @@ def _scan(
     velocity_filter: VelocityFilter | None,
 ) -> FlexibleScan:
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
-    count = 2 + math.ceil(phase / _PHASE) if phase > 0.0 else 1
+    count = 2 + math.ceil(phase / _step(knot.high, period)) if phase > 0.0 else 1
     rates = np.linspace(knot.low, knot.high, count)
     if velocity_filter is not None and _is_notch(velocity_filter):
         middle = velocity_filter.w0 / (math.tau * period)

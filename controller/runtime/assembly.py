@@ -41,7 +41,7 @@ from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.runtime.tick import Tick, TickParts
 from haptic_wall.controller.runtime.watch_settings import watch_settings
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory import peak
+from haptic_wall.controller.theory import critical_stiffness, peak
 from haptic_wall.hw.capabilities import HasIdleWork, HasStandIn
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.servo import Bus, Facts, Servo
@@ -50,6 +50,8 @@ RAMP_S = 0.05
 """Duration of a ramp to a lower stiffness [s]; a step would be felt as a knock."""
 MEANT_KICK = 0.25 * math.tau
 """Largest ``servo.kick`` whose energy may drive the shaft at any speed [rad]"""
+_BEFORE = 0.999
+"""Fraction of a damping from which the critical stiffness must still rise to it"""
 SLOWEST = 0.05
 """Least speed in passivity control's division by the speed [rad/s]"""
 
@@ -162,22 +164,33 @@ def most_injected(config: Config, servo: OpenServo, schedule: GainSchedule) -> l
     any added damping lowers the passive stiffness; and with a filter of the velocity, whose
     boundary has another peak.
     """
-    decisions = schedule.decisions
     if config.guard.mode == "passive" or config.velocity_filter() is not None:
-        return [0.0] * len(decisions)
+        return [0.0] * len(schedule.decisions)
+    shared = {id(decision): decision for decision in schedule.decisions}
+    decisions = [*shared.values()]
     situation = situation_of(config, servo)
     delays = np.array([decision.delay for decision in decisions])
     periods = np.array([decision.period for decision in decisions])
     at = Plants.at_corner(situation, delays - situation.belief.delay.high)
     samples = config.wall.velocity_samples
-    best = peak(at.inertia, at.damping, periods, at.delay, samples).virtual_damping / at.gain
-    best = np.minimum(best, [decision.encoder_damping for decision in decisions])
+    best = np.array([decision.encoder_damping for decision in decisions])
     if situation.belief.is_flexible:
         ceilings = np.array([decision.damping_ceiling for decision in decisions])
         best = np.minimum(best, config.guard.damping_cap * ceilings)
+    # The search for a peak takes long with heavy friction: only where it lies below these bounds.
+    tried = at.gain * np.where(np.isfinite(best), best, 0.0)
+    less, more = (
+        critical_stiffness(at.inertia, at.damping, share * tried, periods, at.delay, samples)
+        for share in (_BEFORE, 1.0)
+    )
+    some = np.flatnonzero((more <= less) | ~np.isfinite(best))
+    if some.size:
+        m, b, g, t_d = (each[some] for each in (at.inertia, at.damping, at.gain, at.delay))
+        top = peak(m, b, periods[some], t_d, samples).virtual_damping / g
+        best[some] = np.minimum(best[some], top)
     asked = np.array([decision.damping for decision in decisions])
-    most: list[float] = np.maximum(best - asked, 0.0).tolist()
-    return most
+    most = dict(zip(shared, np.maximum(best - asked, 0.0).tolist(), strict=True))
+    return [most[id(decision)] for decision in schedule.decisions]
 
 
 def _ages_ns(config: Config, servo: OpenServo) -> list[int]:

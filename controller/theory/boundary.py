@@ -1,62 +1,180 @@
-"""Solves the exact stability boundary of the sampled loop, in closed form for every delay.
+"""Solves the exact stability boundary of a two-sided wall: on any chain of masses, and on one.
 
-On the unit circle ``z = exp(j w)`` the characteristic equation is linear in the stiffness and the
-virtual damping (dimensionless ``alpha`` and ``beta``)::
+The stable stiffnesses at a virtual damping are in general several intervals. A limit is the end of
+the one that begins at 0, and 0 where none begins there: to raise the stiffness from 0 to a limit
+never crosses what is unstable.
 
-    alpha + beta D(w) = F(w),    F = -1 / G_d(z),    D = (1 - z^-N) / N
-
-so that ``beta(w) = Im F / Im D`` and ``alpha(w) = Re F - beta(w) Re D`` give the whole boundary
-(D-decomposition). The wall is stable from ``alpha = 0`` to the lowest crossing at its ``beta``. No
-stiffness is stable outside ``-delta < beta < beta_max``; at ``beta_max`` the lowest crossing
-reaches zero.
-
-The principal solver (``first_branch``) handles one-sample differences with light damping. The full
-solver (``all_branches``) handles everything else.
+One mass with light damping and a difference of one sample is solved on its first branch, in a tenth
+of the time (``first_branch``); everything else by all crossings of its chain (``crossings``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.theory import all_branches, first_branch
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory import first_branch
+from haptic_wall.controller.theory.chain import Chain, one_mass, sampled
+from haptic_wall.controller.theory.checks import (
+    FloatArray,
+    IntArray,
+    broadcast,
+    not_negative,
+    number,
+    positive,
+    samples,
+)
+from haptic_wall.controller.theory.crossings import (
+    Loops,
+    ceilings,
+    first_crossing,
+    unstable_poles,
+    unstable_softest,
+)
 from haptic_wall.controller.theory.loop import HeldLoop
+from haptic_wall.controller.theory.roots import golden
+from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-__all__ = ["HeldLoop", "critical", "highest", "max_beta"]
-
-# settings solved at once: the first fits the processor's cache, the second bounds the scan's memory
-_LIGHT_CHUNK, _SCAN_CHUNK = 2048, 512
-_AT_CEILING = 1e-9
+MOST_PERIODS = 10_000
+"""Longest delay, in periods"""
+_AT_ONCE = 400_000
+"""Frequencies of all settings that are solved at once"""
+_LIGHT_CHUNK = 2048
 _TINY = 1e-16
-_PEAK_POINTS, _PEAK_ROUNDS = 17, 9  # each narrows the bracket eight times: to 1e-8 of the ceiling
+_PEAK_POINTS, _PEAK_STEPS = 17, 28  # to 2e-7 of the ceiling
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalPoint:
+    """A point on the stability boundary of a two-sided wall; arrays of one shape."""
+
+    stiffness: FloatArray
+    """[N·m/rad]; 0 where no stiffness is stable"""
+    virtual_damping: FloatArray
+    """[N·m·s/rad]"""
+    frequency: FloatArray
+    """Frequency of the oscillation there [Hz]; 0 where no stiffness is stable"""
+
+
+def chain_boundary(
+    chain: Chain,
+    shape: tuple[int, ...],
+    virtual_damping: ArrayLike,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
+) -> CriticalPoint:
+    """Return ``flexible_boundary`` of any chain; ``shape`` is that of its parameters."""
+    given, (big_b, t, t_d, n) = _common(
+        shape,
+        virtual_damping=number("virtual_damping", virtual_damping),
+        period=positive("period", period),
+        delay=not_negative("delay", delay),
+        velocity_samples=samples("velocity_samples", velocity_samples),
+    )
+    stiffness, frequency = np.zeros(big_b.size), np.zeros(big_b.size)
+    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
+        first, w = _first_interval(loops, big_b[part])
+        stiffness[part], frequency[part] = first, w / (2 * np.pi * t[part])
+    return CriticalPoint(*(x.reshape(given)[()] for x in (stiffness, big_b.copy(), frequency)))
+
+
+def chain_ceiling(
+    chain: Chain,
+    shape: tuple[int, ...],
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
+) -> FloatArray:
+    """Return ``flexible_ceiling`` of any chain; ``shape`` is that of its parameters."""
+    given, (t, t_d, n) = _common(
+        shape,
+        period=positive("period", period),
+        delay=not_negative("delay", delay),
+        velocity_samples=samples("velocity_samples", velocity_samples),
+    )
+    ceiling = np.zeros(t.size)
+    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
+        ceiling[part] = ceilings(loops)
+    result: FloatArray = ceiling.reshape(given)[()]
+    return result
+
+
+def _first_interval(loops: Loops, virtual_damping: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the end of the stable stiffnesses that begin at 0, and the frequency there."""
+    found = first_crossing(loops, virtual_damping)
+    bounded = np.isfinite(found.gain)
+    stable = unstable_softest(loops, found) == 0
+    doubtful = np.flatnonzero(~stable)
+    if doubtful.size:
+        some, big_b = loops.take(doubtful), virtual_damping[doubtful]
+        inside = np.where(bounded, 0.5 * found.gain, 1.0)[doubtful]
+        stable[doubtful] = unstable_poles(some, inside, big_b) == 0
+    return np.where(stable, found.gain, 0.0), np.where(stable & bounded, found.w, 0.0)
+
+
+def _common(
+    shape: tuple[int, ...], **arrays: FloatArray
+) -> tuple[tuple[int, ...], list[FloatArray]]:
+    found = broadcast(chain=np.zeros(shape), **arrays)
+    return found[0].shape, [np.ravel(array) for array in found[1:]]
+
+
+def _groups(
+    chain: Chain,
+    given: tuple[int, ...],
+    shape: tuple[int, ...],
+    period: FloatArray,
+    delay: FloatArray,
+    velocity_samples: FloatArray,
+    velocity_filter: VelocityFilter | None,
+) -> Iterator[tuple[IntArray, Loops]]:
+    """Yield the settings of each whole delay and number of samples, as indices and loops."""
+    late = delay / period
+    if np.any(late > MOST_PERIODS):
+        raise ValueError(f"delay must be at most {MOST_PERIODS} periods, got {late.max():g}")
+    rows = np.broadcast_to(np.arange(chain.inertias.shape[0]).reshape(shape), given).ravel()
+    whole = np.floor(late)
+    for d, n in sorted(set(zip(whole.tolist(), velocity_samples.tolist(), strict=True))):
+        every = np.flatnonzero((whole == d) & (velocity_samples == n))
+        size = max(1, int(_AT_ONCE / (200.0 + 12.0 * (d + n))))
+        for start in range(0, every.size, size):
+            part = every[start : start + size]
+            servos = np.stack([rows[part], period[part], late[part] - d], axis=1)
+            own, which = np.unique(servos, axis=0, return_inverse=True)
+            chains = sampled(chain.take(own[:, 0].astype(np.int64)), own[:, 1], own[:, 2])
+            chains = chains.take(which.ravel())
+            yield part, Loops(chains, period[part], int(d), int(n), velocity_filter)
 
 
 def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Return the virtual damping above which no stiffness is stable; flat arrays.
+    """Return the virtual damping above which no stiffness is stable on one mass; flat arrays.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
         delay: Total delay in periods.
         samples: N of the velocity difference.
     """
-    result = np.empty_like(delta)
-    light = _light(delta, delay, samples)
-    for part in _parts(light, _LIGHT_CHUNK):
-        _, result[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
-    for part in _parts(~light, _scan_chunk(samples)):
-        loop = _loop(delta[part], delay[part], samples[part])
-        result[part] = all_branches.ceiling(loop.column())
-    return result
+    found = np.empty_like(delta)
+    light = first_branch.holds(delta, delay, samples)
+    for part in _parts(light):
+        _, found[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
+    rest = np.flatnonzero(~light)
+    if rest.size:
+        chains = one_mass(np.ones(rest.size), delta[rest])
+        found[rest] = chain_ceiling(*chains, 1.0, delay[rest], samples[rest])
+    return found
 
 
 def critical(
     delta: FloatArray, beta: FloatArray, delay: FloatArray, samples: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the critical stiffness at ``beta``, and the frequency [rad/sample] there.
+    """Return the critical stiffness at ``beta`` on one mass, and the frequency [rad/sample] there.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -68,26 +186,24 @@ def critical(
         (alpha, w); both 0 where no stiffness is stable.
     """
     alpha, w = np.zeros_like(beta), np.zeros_like(beta)
-    some, light = beta > -delta, _light(delta, delay, samples)
-    # with so little damping the linear condition is exact to rounding
-    late = delay + samples
-    tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
-    alpha[tiny] = (delta[tiny] + beta[tiny]) / (delay[tiny] + 0.5)
-    w[tiny] = np.sqrt(alpha[tiny])
-    for part in _parts(some & light, _LIGHT_CHUNK):
+    some, light = beta > -delta, first_branch.holds(delta, delay, samples)
+    for part in _parts(some & light):
         loop = _loop(delta[part], delay[part], samples[part])
         w_max, top = first_branch.ceiling(loop)
         below = beta[part] < top
         a, at = first_branch.crossing(loop, np.where(below, beta[part], 0.0), w_max, top)
         alpha[part] = np.where(below, np.maximum(a, 0.0), 0.0)
         w[part] = np.where(below, at, 0.0)
-    for part in _parts(some & ~light & ~tiny, _scan_chunk(samples)):
-        plant = _loop(delta[part], delay[part], samples[part]).column()
-        # this near the ceiling the lowest crossing can round to below zero and be missed
-        below = beta[part] < all_branches.ceiling(plant) * (1.0 - _AT_CEILING)
-        scanned = HeldLoop.of(delta[part], delay[part], samples[part]).column()
-        a, at = all_branches.crossing(scanned, np.where(below, beta[part], 0.0))
-        alpha[part], w[part] = np.where(below, a, 0.0), np.where(below, at, 0.0)
+    # with so little damping the linear condition is exact to rounding
+    late = delay + samples
+    tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
+    alpha[tiny] = (delta + beta)[tiny] / (delay[tiny] + 0.5)
+    w[tiny] = np.sqrt(alpha[tiny])
+    rest = np.flatnonzero(some & ~light & ~tiny)
+    if rest.size:
+        chains = one_mass(np.ones(rest.size), delta[rest])
+        found = chain_boundary(*chains, beta[rest], 1.0, delay[rest], samples[rest])
+        alpha[rest], w[rest] = found.stiffness, 2.0 * np.pi * found.frequency
     return alpha, w
 
 
@@ -101,57 +217,31 @@ def highest(
         delay: Total delay in periods.
         samples: N of the velocity difference.
     """
-    alpha, beta, w = np.empty_like(delta), np.empty_like(delta), np.empty_like(delta)
-    light = _light(delta, delay, samples)
-    for part in _parts(light, _LIGHT_CHUNK):
-        loop = _loop(delta[part], delay[part], samples[part])
-        w_max, _ = first_branch.ceiling(loop)
-        alpha[part], beta[part], w[part] = first_branch.summit(loop, w_max)
-    rest = np.flatnonzero(~light)
-    if rest.size:
-        beta[rest] = _searched(delta[rest], delay[rest], samples[rest])
-        alpha[rest], w[rest] = critical(delta[rest], beta[rest], delay[rest], samples[rest])
-    return alpha, beta, w
+
+    def found(beta: FloatArray) -> FloatArray:
+        d, late, n = (np.repeat(a, beta.shape[1]) for a in (delta, delay, samples))
+        return critical(d, beta.ravel(), late, n)[0].reshape(beta.shape)
+
+    low, high, rows = -delta, max_beta(delta, delay, samples), np.arange(delta.size)
+    beta = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _PEAK_POINTS)
+    best = np.argmax(found(beta), axis=1)
+    low = beta[rows, np.maximum(best - 1, 0)]
+    high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
+    at = golden(found, low[:, None], high[:, None], _PEAK_STEPS)[:, 0]
+    alpha, w = critical(delta, at, delay, samples)
+    return alpha, at, w
 
 
-def _searched(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Find the virtual damping of the highest critical stiffness, by narrowing a bracket."""
-    low, high = -delta, max_beta(delta, delay, samples)
-    share, rows = np.linspace(0.0, 1.0, _PEAK_POINTS), np.arange(low.size)
-    spread = [np.repeat(a, _PEAK_POINTS) for a in (delta, delay, samples)]
-    for _ in range(_PEAK_ROUNDS):
-        beta = low[:, None] + (high - low)[:, None] * share
-        alpha, _ = critical(spread[0], beta.ravel(), spread[1], spread[2])
-        best = np.argmax(alpha.reshape(beta.shape), axis=1)
-        low = beta[rows, np.maximum(best - 1, 0)]
-        high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
-    return 0.5 * (low + high)
-
-
-def _light(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> NDArray[np.bool_]:
-    light: NDArray[np.bool_] = (
-        (samples == 1)
-        & (delta <= first_branch.LIGHT)
-        & (delta * (delay + 1.0) <= first_branch.SHORT)
-    )
-    return light
-
-
-def _parts(which: NDArray[np.bool_], size: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the indices of the selected settings, in parts of at most ``size``."""
+def _parts(which: NDArray[np.bool_]) -> Iterator[IntArray]:
+    """Yield the indices of the selected settings, in parts that fit the processor's cache."""
     index = np.flatnonzero(which)
-    for start in range(0, index.size, size):
-        yield index[start : start + size]
-
-
-def _scan_chunk(samples: FloatArray) -> int:
-    """Return how many settings to scan at once: longer differences need more points each."""
-    return max(1, int(_SCAN_CHUNK / (1.0 + np.max(samples, initial=1.0) / 16.0)))
+    for start in range(0, index.size, _LIGHT_CHUNK):
+        yield index[start : start + _LIGHT_CHUNK]
 
 
 def _loop(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> HeldLoop:
     """Return the loop; many settings of one plant share one."""
-    arrays: list[NDArray[Any]] = [delta, delay, samples]
+    arrays = [delta, delay, samples]
     if all(np.all(a == a[0]) for a in arrays):
         arrays = [a[:1] for a in arrays]
     return HeldLoop.of(*arrays)

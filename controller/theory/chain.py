@@ -106,6 +106,16 @@ class Sampled:
         """Return the chains at ``index``."""
         return Sampled(*(getattr(self, name)[index] for name in self.__slots__))
 
+    def moved_zeros(self) -> ComplexArray:
+        """Return z - 1 of each zero, chains × (states + 1); huge where a zero is far away."""
+        count, order = self.numerator.shape[0], self.numerator.shape[1] - 1
+        companion = np.zeros((count, order, order))  # of 1 / delta
+        companion[:, 0] = -self.numerator[:, 1:] / self.numerator[:, :1]
+        inner = np.arange(1, order)
+        companion[:, inner, inner - 1] = 1.0
+        inverse = np.linalg.eigvals(companion).astype(np.complex128)
+        return 1.0 / np.where(np.abs(inverse) < 1e-12, 1e-12, inverse)
+
 
 def sampled(chain: Chain, period: FloatArray, fraction: FloatArray) -> Sampled:
     """Return chains over one period.

@@ -1,46 +1,44 @@
 """Stable stiffnesses of a wall on any chain of masses, by D-decomposition with all its crossings.
 
-On the unit circle, ``z = (1 + s)/(1 - s)`` with ``s = j tan(w/2)``, the characteristic equation is
-linear in the stiffness K and the damping B (see ``boundary``)::
+On the unit circle ``z = exp(j w)`` the characteristic equation is linear in the stiffness K and the
+virtual damping B::
 
     K + B D(z) = F(z),    F = -1 / G(z),    D = (1 - z^-N) / (N T)
 
-Im F = B Im D is a polynomial in ``tan²(w/2)``: its positive roots are all crossings at this B, and
-``K = Re F - B Re D`` at each. Where Im F - B Im D rises through zero, a pair of poles leaves the
-circle as K grows; where it falls, a pair comes back. The stable stiffnesses can therefore be
-several intervals.
+A pole is on the circle where Im F = B Im D, with ``K = Re F - B Re D``. Where Im F - B Im D rises
+through zero, a pair of poles leaves the circle as K grows; where it falls, a pair comes back. The
+stable stiffnesses can therefore be several intervals.
+
+The crossings are found between the points of a grid that follows each turn of the delay and of the
+difference, and is dense beside each pole and zero of the chain. Between two points on the same side
+the function is also looked at where it comes closest to zero: two crossings may lie there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_wall.controller.theory.chain import Sampled
 from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
-from haptic_wall.controller.theory.polynomials import (
-    circle,
-    even,
-    in_s,
-    odd,
-    plus,
-    power,
-    right_roots,
-    times,
-)
-from haptic_wall.controller.theory.real_roots import positive_roots
+from haptic_wall.controller.theory.roots import dips, refined
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
-_STEP = 1e-7
-"""Relative step of the frequency that tells a slope"""
 _REAL = 1e-6
-"""Largest imaginary part of a real number, relative"""
-_ROUNDS = 8
-_FINE = 1e-7
-"""Relative correction of a frequency after which the next one, from the same slope, is exact"""
+"""Least size of a difference that is more than rounding, relative"""
+_PER_TURN = 24
+"""Points of the grid in each turn of the delay, and of the difference"""
+_BESIDE = np.linspace(0.0, 1.0, 14)
+"""Distances of points from a pole or zero: from its own distance to the circle to 1, as powers"""
+_AT_FILTER = np.geomspace(1e-5, 0.4, 40)
+"""The same from a filter's frequency, over this: on the flanks of a notch its phase turns"""
+_SLOWEST = 1e-9
+"""First point of the grid, in points of equal distance"""
+_LAST = 1e-6
+"""Distance of the last point before pi, over pi: up to it there is an imaginary part"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +64,19 @@ class Loops:
 
         ``w`` may have fewer rows, for loops that repeat every so many: so has the difference then.
         """
-        half = _turned(w / 2)
-        turned = half if self.samples == 1 else half**self.samples
+        half = _turned(0.5 * w)
+        turned = half if self.samples == 1 else _turned(0.5 * self.samples * w)
+        late = _turned((self.whole + 1.0) * w)
         times = max(self.period.size // max(len(w), 1), 1)
         every = np.split(np.arange(self.period.size), times)
-        inverse = [self.take(part)._inverse(half) for part in every]
+        inverse = [self.take(part)._inverse(half, late) for part in every]
         return np.concatenate(inverse), self.take(every[0])._difference(w, turned)
 
-    def _inverse(self, half: ComplexArray) -> ComplexArray:
-        """Return F at frequencies of which ``half`` is exp(j w/2)."""
+    def _inverse(self, half: ComplexArray, late: ComplexArray) -> ComplexArray:
+        """Return F at frequencies of which ``half`` is exp(j w/2), turned by the delay."""
         moved = 2j * half.imag * half  # z - 1, without cancellation
         poles = self.chains.moved_poles
-        found = -moved * half ** (2 * self.whole + 2)
+        found = -moved * late
         for i in range(poles.shape[1]):
             found *= moved - poles[:, i, None]
         numerator = self.chains.numerator
@@ -102,120 +101,143 @@ def _turned(angle: FloatArray) -> ComplexArray:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Crossings:
-    """Stiffnesses at which poles cross the unit circle, in rising order; loops × crossings."""
+class Crossing(NamedTuple):
+    """The lowest gain at which poles cross the unit circle; arrays, one element for each loop."""
 
-    stiffness: FloatArray
-    """[N·m/rad]; infinite where there are fewer crossings than columns"""
+    gain: FloatArray
+    """Stiffness [N·m/rad] or virtual damping [N·m·s/rad], above 0; infinite: none crosses"""
     w: FloatArray
-    """[rad/sample]"""
-    poles: IntArray
-    """Poles that leave the circle as the stiffness rises through the crossing: 1 or 2, or -1, -2"""
+    """[rad/sample]; 0: none crosses"""
+    leaving: IntArray
+    """Poles that leave the circle, less those that come back, over all gains above 0"""
 
 
-def crossings(loops: Loops, virtual_damping: FloatArray) -> Crossings:
-    """Return the crossings of stiffnesses above 0, at each loop's virtual damping [N·m·s/rad]."""
-    parts = _Polynomials.of(loops)
-    torque, wall = times(parts.torque_odd, parts.filter_size), parts.wall_odd
-    more = parts.late - loops.samples
-    if more >= 0:
-        wall = times(wall, circle(more))
-    else:
-        torque = times(torque, circle(-more))
-    scale = (loops.samples * loops.period)[:, None]
-    whole = plus(-scale * torque, -virtual_damping[:, None] * times(wall, parts.size))
+def first_crossing(loops: Loops, virtual_damping: FloatArray) -> Crossing:
+    """Return the lowest stiffness of a crossing at each loop's virtual damping [N·m·s/rad]."""
 
     def left(some: Loops, index: IntArray, w: FloatArray) -> ComplexArray:
         inverse, difference = some.responses(w)
         found: ComplexArray = inverse - virtual_damping[index, None] * difference
         return found
 
-    return Crossings(*_ordered(loops, whole, left))
+    return _lowest(loops, left, lambda _, w: np.ones_like(w))
 
 
-def unstable_softest(loops: Loops, found: Crossings) -> IntArray:
+def ceilings(loops: Loops) -> FloatArray:
+    """Return the lowest virtual damping at which poles leave the circle without any stiffness."""
+
+    # F is parallel to D: as D has zeros, to its direction, and the rest is its size
+    def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
+        inverse = some.responses(w)[0]
+        found: ComplexArray = inverse * -1j * _turned(0.5 * some.samples * w)
+        filtered = some.velocity_filter
+        return found if filtered is None else found * filtered.below(w)
+
+    def size(some: Loops, w: FloatArray) -> FloatArray:
+        found: FloatArray = 2.0 * np.sin(0.5 * some.samples * w)
+        found /= some.samples * some.period[:, None]
+        filtered = some.velocity_filter
+        return found if filtered is None else found * filtered.above(w)
+
+    return _lowest(loops, left, size, only_leaving=True).gain
+
+
+def unstable_softest(loops: Loops, found: Crossing) -> IntArray:
     """Return how many poles lie outside of the unit circle with a stiffness just above 0.
 
     They are those of an infinite stiffness, less those that leave on the way to it. With an
     infinite stiffness poles are at the zeros of the chain, and one for each held torque far away.
-    The count is right if ``found`` has every crossing.
     """
-    far: IntArray = (
-        loops.whole + 1 + right_roots(in_s(loops.chains.numerator)) - found.poles.sum(axis=1)
-    )
+    outside: IntArray = (np.abs(1.0 + loops.chains.moved_zeros()) > 1.0).sum(axis=1)
+    far: IntArray = loops.whole + 1 + outside - found.leaving
     return far
 
 
 _Left = Callable[[Loops, IntArray, FloatArray], ComplexArray]
-"""Of loops, their indices and frequencies: what is real at a crossing, and rises with its gain"""
+"""Of loops, their indices and frequencies: what is real at a crossing"""
+_Size = Callable[[Loops, FloatArray], FloatArray]
+"""What it is divided by for the gain"""
 
 
-def _ordered(
-    loops: Loops, polynomials: FloatArray, left: _Left
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return gains above 0, frequencies and leaving poles of all crossings, in rising order.
-
-    Args:
-        loops: The loops.
-        polynomials: Their roots in tan²(w/2) are the crossings below pi; loops × rising powers.
-        left: The function.
-    """
-    count = len(polynomials)
-    roots = positive_roots(polynomials)
-    row, w, value, rises = _refined(loops, roots.row, 2.0 * np.arctan(np.sqrt(roots.at)), left)
-    every = np.arange(count)
-    end = np.full(count, np.pi)
+def _lowest(loops: Loops, left: _Left, size: _Size, *, only_leaving: bool = False) -> Crossing:
+    """Return the lowest crossing, or the lowest at which poles leave; and the count of all."""
+    count, every = loops.period.size, np.arange(loops.period.size)
+    grid, value = _looked_at(lambda w: left(loops, every, w), _grid(loops))
+    above = value.imag[:, :-1] > 0
+    row, at = np.nonzero(above[:, 1:] != above[:, :-1])
+    rises, some = above[row, at + 1], loops.take(row)
+    low, high = grid[row, at], grid[row, at + 1]
+    by = size(some, np.stack([low, high], axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        last = left(loops, every, end[:, None])[:, 0]
-        before = left(loops, every, (end - 1e-6)[:, None])[:, 0]
-    row, w = np.concatenate([row, every]), np.concatenate([w, end])
-    gain = np.concatenate([value, last.real])
-    poles = np.concatenate([np.where(rises, 2, -2), np.where(before.imag < 0, 1, -1)])
-    kept = np.isfinite(gain) & (gain > 0)
-    # at pi all is real, unless the difference is 0 there and only its rounding is left
-    kept[len(value) :] &= np.abs(last.imag) <= _REAL * np.abs(last.real)
-    row, w, gain, poles = row[kept], w[kept], gain[kept], poles[kept]
-    order = np.lexsort((gain, row))
-    row, w, gain, poles = row[order], w[order], gain[order], poles[order]
-    of_each = np.bincount(row, minlength=count)
-    column = np.arange(row.size) - np.repeat(np.cumsum(of_each) - of_each, of_each)
-    shape = count, max(int(of_each.max(initial=0)), 1)
-    gains, frequencies, leaving = np.full(shape, np.inf), np.ones(shape), np.zeros(shape, int)
-    gains[row, column], frequencies[row, column], leaving[row, column] = gain, w, poles
-    return gains, frequencies, leaving
+        ends = value.real[row[:, None], at[:, None] + np.arange(2)] / by
+        # at pi all is real
+        end = np.full((count, 1), np.pi)
+        last_by = size(loops, end)[:, 0]
+        is_more = np.abs(last_by) > _REAL * np.abs(size(loops, 0.9 * end))[:, 0]
+        last = np.where(is_more, value.real[:, -1] / last_by, np.inf)
+    last = np.where(last > 0, last, np.inf)
+    last_leaves = above[:, -1] != (last_by > 0)
+    leaves = rises == (by[:, 0] > 0)
+    # only what may be the lowest, or below 0, is looked at closely
+    spread = np.abs(ends[:, 1] - ends[:, 0])
+    least, most = np.min(ends, axis=1) - spread, np.max(ends, axis=1) + spread
+    sure = (least > 0) & (leaves | (not only_leaving))
+    bound = np.where(last_leaves | (not only_leaving), last, np.inf)
+    np.minimum.at(bound, row[sure], most[sure])
+    near = ~((most < 0) | (least > bound[row]))
+    index, some, sign = row[near], loops.take(row[near]), np.where(rises[near], 1.0, -1.0)
+    found = refined(
+        lambda w: sign * left(some, index, w[:, None])[:, 0].imag, low[near], high[near]
+    )
+    by_found = size(some, found[:, None])[:, 0]
+    gain, w = ends[:, 0], low
+    gain[near] = left(some, index, found[:, None])[:, 0].real / by_found
+    w[near], leaves[near] = found, rises[near] == (by_found > 0)
+    leaving = np.where(np.isinf(last), 0, np.where(last_leaves, 1, -1))
+    np.add.at(leaving, row, np.where(gain > 0, np.where(leaves, 2, -2), 0))
+    row, w = np.concatenate([every, row]), np.concatenate([end[:, 0], w])
+    gain, leaves = np.concatenate([last, gain]), np.concatenate([last_leaves, leaves])
+    kept = np.isfinite(gain) & (gain > 0) & (leaves | (not only_leaving))
+    row, w, gain = row[kept], w[kept], gain[kept]
+    order = np.lexsort((-gain, row))  # the lowest is written last
+    lowest = Crossing(np.full(count, np.inf), np.zeros(count), leaving)
+    lowest.gain[row[order]], lowest.w[row[order]] = gain[order], w[order]
+    return lowest
 
 
-def _refined(
-    loops: Loops, row: IntArray, w: FloatArray, left: _Left
-) -> tuple[IntArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return the rows, frequencies, values and rises of crossings, by Newton's method.
+def _looked_at(
+    function: Callable[[FloatArray], ComplexArray], grid: FloatArray
+) -> tuple[FloatArray, ComplexArray]:
+    """Return values on the grid and where the imaginary part comes closest to 0 between."""
+    value = function(grid)
+    hidden = dips(lambda w: function(w).imag / w, grid, value.imag / grid)
+    if not hidden.size:
+        return grid, value
+    grid = np.concatenate([grid, hidden], axis=1)
+    value = np.concatenate([value, function(hidden)], axis=1)
+    order = np.argsort(grid, axis=1, kind="stable")
+    return np.take_along_axis(grid, order, 1), np.take_along_axis(value, order, 1)
 
-    Those that it does not find are left out.
-    """
-    start, at = w, w.copy()
-    value, rises = np.full(w.size, np.nan), np.zeros(w.size, dtype=np.bool_)
-    left_over = np.arange(w.size)
-    some = loops.take(row)
-    for _ in range(_ROUNDS):
-        now = at[left_over, None] * np.array([1.0, 1.0 + _STEP])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            here = left(some, row[left_over], now)
-            slope = (here[:, 1] - here[:, 0]) / (now[:, 1] - now[:, 0])
-            step = -here[:, 0].imag / slope.imag
-        step = np.nan_to_num(step, posinf=0.0, neginf=0.0)
-        step = np.clip(step, -0.05 * now[:, 0], 0.05 * now[:, 0])
-        at[left_over] = np.clip(now[:, 0] + step, 1e-12, np.pi)
-        done = np.abs(step) <= _FINE * now[:, 0]
-        index = left_over[done]
-        value[index] = (here[done, 0] + slope[done] * step[done]).real
-        rises[index] = slope[done].imag > 0
-        left_over = left_over[~done]
-        if left_over.size == 0:
-            break
-        some = some.take(np.flatnonzero(~done))
-    found = np.isfinite(value) & (np.abs(at - start) <= 0.2 * start)
-    return row[found], at[found], value[found], rises[found]
+
+def _grid(loops: Loops) -> FloatArray:
+    """Return rising frequencies up to pi, a row for each loop [rad/sample]."""
+    chains, turns = loops.chains, loops.whole + 1 + loops.samples
+    even = np.linspace(0.0, np.pi, 24 + _PER_TURN * turns // 2)[1:-1]
+    common = np.concatenate([even[0] * np.geomspace(_SLOWEST, 0.5, 20), even])
+    if loops.velocity_filter is not None:
+        about = loops.velocity_filter.w0 * np.concatenate([1.0 - _AT_FILTER, 1.0 + _AT_FILTER])
+        common = np.concatenate([common, about])
+    moved = np.concatenate([chains.moved_poles, chains.moved_zeros()], axis=1)
+    angle = np.abs(np.arctan2(moved.imag, 1.0 + moved.real))[..., None]
+    off = np.abs(2.0 * moved.real + np.abs(moved) ** 2) / (1.0 + np.abs(1.0 + moved))
+    beside = np.clip(off, 1e-9, 3.0)[..., None] ** (1.0 - _BESIDE)
+    near = np.concatenate([angle - beside, angle, angle + beside], axis=2)
+    rows = np.tile(common, (len(moved), 1))
+    rows = np.concatenate([rows, near.reshape(len(moved), -1)], axis=1)
+    last = np.pi * (1.0 - _LAST)
+    rows = np.sort(np.clip(rows, common[0], last), axis=1)
+    found: FloatArray = np.concatenate([rows, np.tile([last, np.pi], (len(moved), 1))], axis=1)
+    return found
 
 
 def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> IntArray:
@@ -267,75 +289,3 @@ def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> C
     shifted = np.arange(order + torques + 1, past)
     a[:, shifted, shifted - 1] = 1.0
     return np.linalg.eigvals(a).astype(np.complex128)
-
-
-def damping_crossings(loops: Loops) -> tuple[FloatArray, IntArray]:
-    """Return the virtual dampings above 0 at which poles cross the circle without any stiffness.
-
-    Returns:
-        (damping, poles): loops × crossings in rising order, the dampings infinite where there are
-        fewer [N·m·s/rad]; the poles that leave as the damping rises, negative: that come back.
-    """
-    parts = _Polynomials.of(loops)
-    # F / D is real: Im(F conj D) = 0, with conj D ~ (1 - s)^N - (1 + s)^N over (1 - s)^N
-    n = loops.samples
-    back = (power(-1, n) - power(1, n))[1:]  # without its factor s
-    both = times(parts.torque, times(back[None], power(1, n)[None]))
-    if loops.velocity_filter is not None:  # its numerator is real
-        both = times(both, loops.velocity_filter.denominator[None])
-
-    def left(some: Loops, _: IntArray, w: FloatArray) -> ComplexArray:
-        inverse, difference = some.responses(w)
-        found: ComplexArray = inverse / difference
-        return found
-
-    damping, _, leaving = _ordered(loops, even(both), left)
-    return damping, leaving
-
-
-@dataclass(frozen=True, slots=True)
-class _Polynomials:
-    """F = -torque / ((1 + v)^late size) and Im D = wall_odd / ..., v = tan²(w/2) = -s²."""
-
-    torque: FloatArray
-    """Coefficients of rising powers of s, loops × powers"""
-    torque_odd: FloatArray
-    """Its imaginary part over tan(w/2), rising powers of v"""
-    wall_odd: FloatArray
-    """Rising powers of v"""
-    filter_size: FloatArray
-    """Square of the modulus of the filter's denominator, rising powers of v"""
-    size: FloatArray
-    """Square of the numerator's modulus, rising powers of v"""
-    late: int
-
-    @classmethod
-    def of(cls, loops: Loops) -> _Polynomials:
-        chains, late = loops.chains, loops.whole + 1
-        numerator = in_s(chains.numerator)
-        mirrored = numerator * (-1.0) ** np.arange(numerator.shape[1])
-        pole = np.zeros((len(numerator), 2), dtype=np.complex128)
-        pole[:, 1] = 2.0  # the position's
-        for i in range(chains.moved_poles.shape[1]):
-            mu = chains.moved_poles[:, i]
-            pole = times(pole, np.stack([-mu, 2.0 + mu], axis=1))
-        torque = times(times(pole.real, mirrored), power(1, 2 * late)[None])
-        wall = power(1, 2 * loops.samples)[None]
-        filter_size = np.ones((1, 1))
-        if loops.velocity_filter is not None:
-            below = loops.velocity_filter.denominator[None]
-            below_mirrored = below * np.array([1.0, -1.0, 1.0])
-            # D ~ (1 - s²)^N - (1 - s)^2N, and -(1 - s)^2N has the odd part of (1 + s)^2N
-            ends = np.zeros((1, 2 * loops.samples + 1))
-            ends[:, ::2] = (power(-1, loops.samples))[None]
-            wall = ends - power(-1, 2 * loops.samples)[None]
-            wall = times(wall, times(loops.velocity_filter.numerator[None], below_mirrored))
-            filter_size = even(times(below, below_mirrored))
-        return cls(
-            torque=torque,
-            torque_odd=odd(torque),
-            wall_odd=odd(wall),
-            filter_size=filter_size,
-            size=even(times(numerator, mirrored)),
-            late=late,
-        )

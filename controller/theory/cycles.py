@@ -290,4 +290,4 @@ def _grid(function: Callable[[FloatArray], FloatArray], loop: _Loop) -> FloatArr
     count = 400 + 64 * int(loop.plant.delay + loop.plant.samples)
     fine = np.geomspace(1e-5, 3e-2, 600, endpoint=False)
     grid = np.concatenate([fine, np.linspace(3e-2, np.pi, count, endpoint=False)])
-    return np.sort(np.append(grid, dips(function, grid[None])))
+    return np.sort(np.append(grid, dips(function, grid[None], function(grid[None]))))

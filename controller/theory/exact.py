@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.boundary import critical, highest, max_beta
+from haptic_wall.controller.theory.boundary import CriticalPoint, critical, highest, max_beta
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.dimensionless import settings
-
-
-@dataclass(frozen=True, slots=True)
-class CriticalPoint:
-    """A point on the stability boundary of a two-sided wall; arrays of one shape."""
-
-    stiffness: FloatArray
-    """[N·m/rad]; 0 where no stiffness is stable"""
-    virtual_damping: FloatArray
-    """[N·m·s/rad]"""
-    frequency: FloatArray
-    """Frequency of the oscillation there [Hz]; 0 where no stiffness is stable"""
 
 
 def critical_stiffness(

@@ -30,16 +30,16 @@ Above delta (d + 1) = 10 the branch is too flat: errors reach 1e-3 at 50.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.loop import HeldLoop, PlantCurve
-from haptic_wall.controller.theory.roots import refined
 
 _TINY = np.finfo(np.float64).tiny
 
-LIGHT = 0.5
+_LIGHT = 0.5
 """Largest delta for which this is used: up to 2.7 the first branch is the whole boundary (N = 1)"""
-SHORT = 10.0
+_SHORT = 10.0
 """Largest delta (d + 1) for which this is used: beyond it the branch gets flat near the ceiling"""
 
 # Newton steps before the last one, which also corrects the result to first order. Each squares the
@@ -49,13 +49,21 @@ _GUESSED_STEPS, _LOOKED_UP_STEPS = 5, 1
 _TABLE = 129
 
 
+def holds(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> NDArray[np.bool_]:
+    """Return for which settings the first branch is the whole boundary, and not too flat."""
+    found: NDArray[np.bool_] = (
+        (samples == 1) & (delta <= _LIGHT) & (delta * (delay + 1.0) <= _SHORT)
+    )
+    return found
+
+
 def ceiling(loop: HeldLoop) -> tuple[FloatArray, FloatArray]:
     """Return the end of the first branch: (w_max, beta_max).
 
     Newton's method on the phase of ``F conj(D)``, which rises to its zero there.
 
     Args:
-        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
+        loop: Settings with N = 1, for which it ``holds``.
     """
     # exact for small w and delta: w (d + 1) = pi/2 + atan(delta / w)
     turn = loop.delay + 1.0
@@ -89,7 +97,7 @@ def crossing(
     Newton's method in w², in which the branch is nearly straight.
 
     Args:
-        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
+        loop: Settings with N = 1, for which it ``holds``.
         beta: Virtual damping, -delta < beta < beta_max.
         w_max: From ``ceiling``.
         beta_max: From ``ceiling``.
@@ -135,27 +143,3 @@ def _looked_up(
     shares[0] = 0.0
     guess: FloatArray = np.sqrt(np.interp(share, shares, w * w))
     return guess
-
-
-def summit(loop: HeldLoop, w_max: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the highest point of the first branch: (alpha, beta, w).
-
-    Args:
-        loop: Settings with N = 1, within ``LIGHT`` and ``SHORT``.
-        w_max: From ``ceiling``.
-    """
-
-    def fall(w: FloatArray) -> FloatArray:
-        """Return -d alpha / d w; alpha rises once and falls once on the branch."""
-        at = loop.curve(w)
-        t = 0.5 * at.s / at.c
-        real, imag = at.p / at.m, at.q / at.m
-        d_real, d_imag = (at.dp - real * at.dm) / at.m, (at.dq - imag * at.dm) / at.m
-        d_t = 0.5 * (1.0 + t * t)
-        slope: FloatArray = at.c * (real - t * imag) + at.s * (d_real - d_t * imag - t * d_imag)
-        return -slope
-
-    w = refined(fall, 1e-3 * w_max, w_max)
-    at = loop.curve(w)
-    beta = at.q / (at.c * at.m)
-    return at.s * (at.p / at.m - 0.5 * at.s * beta), beta, w

@@ -270,10 +270,20 @@ def one_sided_limit_tabulated(
     else:
         known = np.broadcast_to(positive("ceiling", ceiling), s.shape)
         most = np.ravel(known) / s.damping_unit
-    share = tabulated_share(s.delta, s.beta, s.delay, s.samples, most)
+    # The period hardly counts in a longer delay: so many periods may be one.
+    times = np.maximum((s.delay + _OFFSET) / (_LONG + _OFFSET), 1.0)
+    delta, beta, late = s.delta * times, s.beta * times, np.minimum(s.delay, _LONG)
+    n, ratio = np.maximum(np.round(s.samples / times), 1.0), np.ones_like(alpha)
+    long = np.flatnonzero(times > 1.0)
+    if long.size:
+        most, short = most.copy(), [each[long] for each in (delta, beta, late, n)]
+        most[long], (fewer, _) = max_beta(short[0], *short[2:]), critical(*short)
+        np.divide(alpha[long], fewer, out=fewer, where=fewer > 0)
+        ratio[long] = fewer
+    share = tabulated_share(delta, beta, late, n, most)
     left = np.flatnonzero(np.isnan(share) & (alpha > 0))
     result = np.where(alpha > 0, share * alpha, 0.0)
     if left.size:
-        delta, beta, late, n = (a[left] for a in (s.delta, s.beta, s.delay, s.samples))
-        result[left] = one_sided_limit(1.0, delta, beta, 1.0, late, n)
+        delta, beta, late, n = (each[left] for each in (delta, beta, late, n))
+        result[left] = ratio[left] * one_sided_limit(1.0, delta, beta, 1.0, late, n)
     return s.shaped(result * s.stiffness_unit)

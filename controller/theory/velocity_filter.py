@@ -70,13 +70,20 @@ class VelocityFilter:
 
     def response(self, w: FloatArray) -> ComplexArray:
         """Return the complex gain at frequencies ``w`` [rad/sample], 0 <= w <= pi."""
-        # over (1 + j t)², with t = tan(w/2), so that it holds at pi too
-        sine, cosine = np.sin(0.5 * w), np.cos(0.5 * w)
-        n, d = self.numerator, self.denominator
-        above = n[0] * cosine**2 - n[2] * sine**2
-        found: ComplexArray = above / (
-            d[0] * cosine**2 - d[2] * sine**2 + 1j * d[1] * sine * cosine
-        )
+        found: ComplexArray = self.above(w) / self.below(w)
+        return found
+
+    # over (1 + j t)², with t = tan(w/2), so that it holds at pi too
+    def above(self, w: FloatArray) -> FloatArray:
+        """Return the numerator of the gain, which is real."""
+        n = self.numerator
+        found: FloatArray = n[0] * np.cos(0.5 * w) ** 2 - n[2] * np.sin(0.5 * w) ** 2
+        return found
+
+    def below(self, w: FloatArray) -> ComplexArray:
+        """Return the denominator of the gain."""
+        sine, cosine, d = np.sin(0.5 * w), np.cos(0.5 * w), self.denominator
+        found: ComplexArray = d[0] * cosine**2 - d[2] * sine**2 + 1j * d[1] * sine * cosine
         return found
 
     def peak(self, samples: int) -> float:

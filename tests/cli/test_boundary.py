@@ -23,8 +23,8 @@ from haptic_wall.controller.theory import (
     passive_limit,
     peak,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
-from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.servos import SERVOS
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from tests.cases import sampled
@@ -271,7 +271,6 @@ NOTCH = ["--velocity-filter=notch", "--velocity-hz=46", "--velocity-q=0.7"]
         (["--transmission-stiffness=100"], "--load-inertia: missing"),
         (["--encoder=motor"], "--encoder: there is no load"),
         ([*LOADED, "--inertia=0.01:0.02"], "--inertia 0.01:0.02: with a load"),
-        ([*LOADED, "--delay=0.04"], "at most 30 of each"),
         ([*LOADED, "--damping=0", "--transmission-damping=0"], "servo and load have no damping"),
         (["--velocity-hz=46"], "--velocity-hz: there is no filter"),
         (["--velocity-filter=notch"], "--velocity-hz: missing"),

@@ -11,9 +11,9 @@ from scipy.linalg import expm
 from scipy.signal import freqz
 
 from haptic_wall.controller.theory import flexible_boundary, flexible_ceiling
+from haptic_wall.controller.theory.boundary import chain_boundary
 from haptic_wall.controller.theory.chain import Chain
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import chain_boundary
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan, RigidScan
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 

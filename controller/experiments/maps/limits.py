@@ -17,7 +17,6 @@ from haptic_wall.controller.theory import (
 from haptic_wall.controller.theory.chain import two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import MOST_PERIODS
 from haptic_wall.hw.truth import TrueServo
 
 
@@ -32,9 +31,6 @@ def exact_limit(
         period: T [s].
         delay: t_d, broadcast with the damping [s].
         samples: N of the velocity difference.
-
-    Raises:
-        ValueError: A servo with a load has more than 30 periods of delay or samples.
     """
     loop = (damping, period, delay, samples)
     if not servo.flexible:
@@ -85,10 +81,7 @@ def ceiling(servo: TrueServo, period: float, delay: float, samples: int) -> floa
 
 
 def first_guess(walls: Sequence[Wall]) -> FloatArray:
-    """Return where to look first for the critical stiffnesses [N·m/rad].
-
-    It is the exact limit; with a load and delays for which that is not known, of a rigid servo.
-    """
+    """Return where to look first for the critical stiffnesses [N·m/rad]: the exact limits."""
     columns = zip(
         *(
             (w.moved, w.body.forth, w.virtual_damping, w.period, w.whole * w.period + w.lag)
@@ -99,11 +92,8 @@ def first_guess(walls: Sequence[Wall]) -> FloatArray:
     moved, damping, *loop = (np.array(column) for column in columns)
     loop.append(np.array([w.samples for w in walls]))
     found = critical_stiffness(moved, damping, *loop)
-    _, period, delay, count = loop
-    known = np.maximum(delay / period, count) <= MOST_PERIODS
     for side in ("motor", "output"):
         some = [i for i, w in enumerate(walls) if w.body.masses and w.on_motor == (side == "motor")]
-        some = [i for i in some if known[i]]
         if some:
             servo = zip(
                 *((walls[i].body.inertia, walls[i].body.forth, *walls[i].links[:3]) for i in some),

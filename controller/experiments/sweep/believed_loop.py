@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief
+from haptic_wall.controller.theory.boundary import CriticalPoint, chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass, two_masses
-from haptic_wall.controller.theory.exact import CriticalPoint, critical_point, max_virtual_damping
-from haptic_wall.controller.theory.flexible import MOST_PERIODS, chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
 
@@ -91,9 +90,6 @@ class BelievedLoop:
             friction: More viscous friction, beside the believed one [N·m·s/rad].
         """
         damping = self.damping + np.asarray(friction, dtype=np.float64)
-        if self.is_plain(delay):
-            loop = (self.period, delay, self.samples)
-            return critical_point(self.inertia, damping, virtual_damping, *loop)
         if self.link is None:
             chain, shape = one_mass(self.inertia, damping)
         else:
@@ -110,8 +106,6 @@ class BelievedLoop:
         """Return the virtual damping above which nothing is stable [N·m·s/rad]."""
         rigid, shape = one_mass(self.inertia, self.damping)
         loop = (self.period, delay, self.samples)
-        if self.is_plain(delay):
-            return float(max_virtual_damping(self.inertia, self.damping, *loop))
         found = float(chain_ceiling(rigid, shape, *loop, self.velocity_filter))
         if self.link is not None:
             link = self.link
@@ -122,8 +116,7 @@ class BelievedLoop:
             found = min(found, float(chain_ceiling(chain, shape, *loop, self.velocity_filter)))
         return found
 
-    def is_plain(self, delay: float) -> bool:
-        """Whether the limits of a rigid servo without a filter are used."""
-        plain = self.link is None and self.velocity_filter is None
-        late = max(delay / self.period, self.samples) > MOST_PERIODS  # not computed for a chain
-        return plain or (self.velocity_filter is None and late)
+    @property
+    def is_plain(self) -> bool:
+        """Whether the servo is rigid, and its velocity not filtered."""
+        return self.link is None and self.velocity_filter is None

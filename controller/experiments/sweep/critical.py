@@ -415,7 +415,7 @@ class PointSearch:
         if result.exact > 0.0:
             again = reach(device, self._setting, self._delay, found.amplitude)
             sustained = again.predicted
-            if device.loop.is_plain(self._delay):
+            if device.loop.is_plain:
                 sustained = device.sustained(damping, self._delay, found.amplitude)
             result.predicted_with_friction = sustained if math.isfinite(sustained) else None
             onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)

@@ -133,7 +133,7 @@ class Device:
         """Return the amplitude above which motion grows [rad], and its frequency [Hz]."""
         exact = self.exact(virtual_damping, delay)
         softer = np.sqrt(np.minimum(stiffness / max(exact, 1e-300), 1.0))
-        if not self.loop.is_plain(delay):
+        if not self.loop.is_plain:
             at, amplitude, frequency = self.onsets(virtual_damping, delay)
             return _between(stiffness, at, amplitude), np.interp(stiffness, at, frequency) * softer
         solved = onset_amplitude(

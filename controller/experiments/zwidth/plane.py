@@ -24,7 +24,6 @@ from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import loaded
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import MOST_PERIODS
 
 _LEAST, _MOST = 1e-4, 0.98
 """Fractions of the ceiling from which and up to which limits are computed, beside none"""
@@ -161,9 +160,6 @@ def width_of(config: Config, velocity: Velocity) -> Width:
         return Width(velocity, None, str(error.problem))
     device = Device.of(two_sided)
     delay = device.lag + two_sided.delay.steps * device.period + sample_age(two_sided)
-    if velocity.filter != "none" and delay / device.period + 2.0 > MOST_PERIODS:
-        return Width(velocity, None, f"a delay of {delay / device.period:.3g} periods: with a"
-                     f" filter at most {MOST_PERIODS - 2} are computed")  # fmt: skip
     ceiling = device.ceiling(delay)
     # Denser at small dampings: the encoder allows most servos a small part of the ceiling.
     dampings = np.concatenate([[0.0], ceiling * np.geomspace(_LEAST, _MOST, _POINTS)])

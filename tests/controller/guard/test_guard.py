@@ -31,8 +31,8 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     passive_limit,
 )
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain
-from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.velocity_filter import FilterKind, VelocityFilter
 from tests.cases import sampled
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import Chain
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import chain_boundary, chain_ceiling
 from haptic_wall.hw.truth import EncoderSide, Link, TrueServo
 from tests.cases import sampled
 from tests.hw.plant.test_plant_closed_loop import PERIOD, growth_per_second, wall_motion
