@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 from haptic_wall.hw.dynamixel.health import DrivingRange
-from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
 from haptic_wall.hw.dynamixel.rules import (
@@ -25,6 +24,7 @@ from haptic_wall.hw.dynamixel.rules import (
     read_status_level,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
@@ -73,25 +73,25 @@ class Startup:
         settings: The wanted settings.
         model: The configured model.
         line: The bus, for the set-up.
-        link: The same bus, for positions and the probe.
+        station: The servo; samples are exchanged with it alone.
         constant: Torque per current of the motor [N·m/A].
     """
 
     def __init__(
-        self, settings: DriverSettings, model: Model, line: Line, link: Link, constant: float
+        self, settings: DriverSettings, model: Model, line: Line, station: Station, constant: float
     ) -> None:
         where = settings.port or "the emulated bus in memory"
         self._settings = settings
         self._model = model
         self._line = line
-        self._link = link
+        self._station = station
         self._clock = line.clock
         self._constant = constant
         self._name = f"servo with id {settings.id} on {where}"
         self._checks: list[Check] = []
         self._faults: list[Verdict] = []
         name = f"id {settings.id} at {settings.baud} baud on {where}"
-        self.table = Table(link, name, model.registers)
+        self.table = Table(station, name, model.registers)
 
     def model_number(self) -> int:
         """Return the model number; nothing else is requested from a servo of unknown kind.
@@ -114,7 +114,7 @@ class Startup:
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self._report_adapter()
-        if self._link.echoes:
+        if self._station.echoes:
             self._report("echo", f"{ECHOES}: switch its echo off", "none")
         self._identify(number)
         self._be_alone()
@@ -180,7 +180,7 @@ class Startup:
         """
         for _ in range(_LISTENINGS):
             self.table.read("return_delay_time")
-            self._link.listen(self._clock.now_ns() + _LISTEN_NS)
+            self._station.listen(self._clock.now_ns() + _LISTEN_NS)
         self.table.be_one()
 
     def _report_speed(self, volts: float) -> None:
@@ -297,14 +297,15 @@ class Startup:
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""
+        exchange = self._station.exchange
         for _ in range(_SAMPLE_ATTEMPTS):
-            self._link.request()
-            sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
+            exchange.request()
+            (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
         self.table.read("torque_enable")  # it may show how late replies are
         raise lost(
-            self._link,
+            self._station,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
         )

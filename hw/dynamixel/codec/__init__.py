@@ -5,8 +5,8 @@ Shared by the driver and the emulated bus.
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
-from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
-from haptic_wall.hw.dynamixel.codec.fast import FastReply, decode_fast_status, encode_fast_status
+from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReplies, SyncWrite
+from haptic_wall.hw.dynamixel.codec.fast import FastReply, encode_fast_status
 from haptic_wall.hw.dynamixel.codec.frames import (
     ALERT,
     BROADCAST,
@@ -28,14 +28,13 @@ __all__ = [
     "MAX_LENGTH",
     "ErrorCode",
     "ExpectedFastReply",
-    "ExpectedReply",
+    "ExpectedReplies",
     "FastReply",
     "Frame",
     "Instruction",
     "Parser",
     "SyncWrite",
     "crc16",
-    "decode_fast_status",
     "encode",
     "encode_fast_status",
     "encode_status",

@@ -1,4 +1,4 @@
-"""Encodes and decodes the joint reply to a fast read: one frame with a part of every servo.
+"""Encodes the joint reply to a fast read: one frame with a part of every servo.
 
 It is never stuffed, and each part ends with the CRC of everything before it.
 
@@ -14,7 +14,6 @@ from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
     HEADER,
     MAX_LENGTH,
-    Frame,
     Instruction,
     crc16,
 )
@@ -48,26 +47,3 @@ def encode_fast_status(replies: Iterable[FastReply]) -> bytes:
         frame += share
         crc = crc16(share[-2:], crc)
     return bytes(frame)
-
-
-def decode_fast_status(frame: Frame, size: int) -> list[FastReply]:
-    """Return each servo's part of a fast sync read reply.
-
-    The frame's last CRC, which the parser has checked, covers all of them.
-
-    Args:
-        frame: A reply from the broadcast id.
-        size: Requested bytes of each servo.
-
-    Returns:
-        The parts in the requested order; empty when this is not such a reply.
-    """
-    block = size + 4
-    count, rest = divmod(len(frame.params) + 3, block)
-    if frame.id != BROADCAST or frame.instruction != Instruction.STATUS or rest or not count:
-        return []
-    shares = bytes((frame.error,)) + frame.params
-    return [
-        FastReply(shares[at + 1], shares[at], shares[at + 2 : at + 2 + size])
-        for at in range(0, count * block, block)
-    ]
