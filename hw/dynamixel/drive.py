@@ -45,7 +45,7 @@ class Drive:
         self.line = line
         self.exchange = Exchange(line, [one.id for one in settings], baud=first.baud)
         self.servos = [
-            Driven(one, station, line)
+            Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)
         ]
         self._period_s = first.period_s
@@ -97,6 +97,7 @@ class Drive:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
         for one in servos:
+            one.watchdog.patience_ns = exchange.patience_ns
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
         self.running = True
@@ -113,7 +114,7 @@ class Drive:
                 return
         for one in self.servos:
             watchdog = one.watchdog
-            if now_ns - watchdog.heard_ns > watchdog.most_ns:
+            if now_ns - watchdog.heard_ns > watchdog.most_ns + watchdog.patience_ns:
                 if len(self.servos) > 1:  # nobody must push on while one is examined
                     exchange.send([0] * len(self.servos))
                 watchdog.resume(now_ns, under_torque=one.goal != 0)

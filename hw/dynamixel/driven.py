@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from haptic_wall.hw.dynamixel.drivable import drivable
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.hardware_errors import latched
 from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
@@ -22,7 +23,6 @@ from haptic_wall.hw.errors import (
     TorqueLostError,
     UnfitServoError,
 )
-from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
@@ -36,19 +36,19 @@ class Driven:
     Args:
         settings: Its settings.
         station: The servo on the line.
-        line: The line.
+        exchange: The line.
 
     Raises:
         UnfitServoError: The model is unknown, has no current control, or its smallest torque
             exceeds the torque limit.
     """
 
-    def __init__(self, settings: DriverSettings, station: Station, line: Line) -> None:
+    def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
         model, constant = drivable(settings)
         self._settings = settings
         self._model = model
         self._constant = constant
-        self._line = line
+        self._exchange = exchange
         self.station = station
         self.law = torque_law(model, constant, model.voltage)
         if settings.torque_limit > 0.0 and not self.law.within(settings.torque_limit):
@@ -60,7 +60,7 @@ class Driven:
             )
         self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
         self.health = HealthWatch()
-        self.watchdog = WatchdogMonitor(settings, station, line.clock, self._name)
+        self.watchdog = WatchdogMonitor(settings, station, exchange.line.clock, self._name)
         self.bus = Bus(station.counts)
         self._learn(self._facts(model.current_limit, model.voltage))
         self.forget()
@@ -81,7 +81,7 @@ class Driven:
 
     def meet(self) -> tuple[Startup, int]:
         """Read the model number; record whether its control table is known."""
-        startup = Startup(self._settings, self._model, self._line, self.station, self._constant)
+        startup = Startup(self._settings, self._model, self._exchange, self.station, self._constant)
         number = startup.model_number()
         self.known = model_by_number(number) is not None
         return startup, number
@@ -104,7 +104,7 @@ class Driven:
             raise StrangeServoError(error.problem) from error
         self.law = ready.law
         self.health.bounds = ready.bounds
-        self.watchdog.heard_ns = self._line.clock.now_ns()
+        self.watchdog.heard_ns = self._exchange.line.clock.now_ns()
         if startup.table.read("bus_watchdog") != ready.bounds.watchdog:
             self.watchdog.look(0, under_torque=False)  # a stall in the start has tripped it
         self._learn(self._facts(ready.current_limit, ready.volts))

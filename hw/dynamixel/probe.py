@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.register_access import (
     UNHELD,
     Table,
@@ -79,7 +79,7 @@ def prove_the_sign(
     law: TorqueLaw,
     current_limit: int,
     table: Table,
-    clock: Clock,
+    exchange: Exchange,
     name: str,
 ) -> Verdict:
     """Check that a small torque away from the wall moves the shaft away from the wall.
@@ -89,7 +89,7 @@ def prove_the_sign(
         law: Converts torque to goal current.
         current_limit: Current limit of the servo.
         table: The servo, with torque on at zero torque.
-        clock: Tells the time.
+        exchange: Exchanges samples and goals with it alone.
         name: Name of the servo, for messages.
 
     Raises:
@@ -104,7 +104,7 @@ def prove_the_sign(
     limit = max(1, min(law.within(most), current_limit))
     direction = 1 if settings.probe_direction > 0 else -1
     for _ in range(_PUSHES):
-        push = probe_sign(table.station, clock, direction * limit, name)
+        push = probe_sign(table.station, exchange, direction * limit, name)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         units = watchdog_units(settings)
         if not tripped or rearm(table.station, units, under_torque=False) is not Armed.YES:
@@ -126,7 +126,7 @@ def prove_the_sign(
     return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
 
 
-def probe_sign(station: Station, clock: Clock, limit: int, name: str) -> Push:
+def probe_sign(station: Station, exchange: Exchange, limit: int, name: str) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
     A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
@@ -134,8 +134,8 @@ def probe_sign(station: Station, clock: Clock, limit: int, name: str) -> Push:
 
     Args:
         station: The servo.
-        clock: Tells the time; the probe cycles at 1 kHz, or as fast as the bus can, which also
-            keeps the Bus Watchdog from tripping.
+        exchange: Exchanges samples and goals with it alone, at 1 kHz or as fast as the bus can,
+            which also keeps the Bus Watchdog from tripping.
         limit: Largest goal current, with the sign of the push [current units].
         name: Name of the servo, for messages.
 
@@ -143,7 +143,7 @@ def probe_sign(station: Station, clock: Clock, limit: int, name: str) -> Push:
         UnfitServoError: The shaft does not rest.
         ServoLostError: The servo stops replying.
     """
-    prober = _Prober(station, clock, name)
+    prober = _Prober(station, exchange, name)
     wrong = silent = False
     while True:
         try:
@@ -160,13 +160,14 @@ def probe_sign(station: Station, clock: Clock, limit: int, name: str) -> Push:
 
 
 class _Prober:
-    def __init__(self, station: Station, clock: Clock, name: str) -> None:
+    def __init__(self, station: Station, exchange: Exchange, name: str) -> None:
         self._station = station
-        self._clock = clock
+        self._exchange = exchange
+        self._clock = exchange.line.clock
         self._name = name
         self._losses = 0
         self._position = 0
-        cycle_ns = station.exchange.wire_ns(CYCLE_BYTES)
+        cycle_ns = exchange.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
 
@@ -232,7 +233,7 @@ class _Prober:
 
     def _cycle(self, goal: int) -> int:
         """Execute one period at a goal current; return its end [ns]."""
-        exchange, clock = self._station.exchange, self._clock
+        exchange, clock = self._exchange, self._clock
         begun = clock.now_ns()
         exchange.send((goal,))
         exchange.request()

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
@@ -30,7 +31,7 @@ from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
@@ -72,20 +73,25 @@ class Startup:
     Args:
         settings: The wanted settings.
         model: The configured model.
-        line: The bus, for the set-up.
-        station: The servo; samples are exchanged with it alone.
+        exchange: Exchanges samples with this servo alone.
+        station: The servo.
         constant: Torque per current of the motor [N·m/A].
     """
 
     def __init__(
-        self, settings: DriverSettings, model: Model, line: Line, station: Station, constant: float
+        self,
+        settings: DriverSettings,
+        model: Model,
+        exchange: Exchange,
+        station: Station,
+        constant: float,
     ) -> None:
         where = settings.port or "the emulated bus in memory"
         self._settings = settings
         self._model = model
-        self._line = line
+        self._exchange = exchange
         self._station = station
-        self._clock = line.clock
+        self._clock = exchange.line.clock
         self._constant = constant
         self._name = f"servo with id {settings.id} on {where}"
         self._checks: list[Check] = []
@@ -135,7 +141,7 @@ class Startup:
         self._torque_on()
         current_limit = seen["current_limit"]
         proof = prove_the_sign(
-            self._settings, seen.law, current_limit, self.table, self._clock, self._name
+            self._settings, seen.law, current_limit, self.table, self._exchange, self._name
         )
         self._judge("torque sign", proof)
         self._refuse_if_unfit()
@@ -149,8 +155,9 @@ class Startup:
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
         port, found = self._settings.port, "none"
+        line = self._exchange.line
         if port:
-            descriptor = self._line.descriptor if isinstance(self._line, FdLine) else None
+            descriptor = line.descriptor if isinstance(line, FdLine) else None
             found = describe(port, descriptor=descriptor)
             if (timer_ms(port) or 0) > 1:
                 file = timer_file(port)
@@ -297,7 +304,7 @@ class Startup:
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""
-        exchange = self._station.exchange
+        exchange = self._exchange
         for _ in range(_SAMPLE_ATTEMPTS):
             exchange.request()
             (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)

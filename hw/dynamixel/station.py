@@ -11,17 +11,15 @@ EEPROM differs, or its tick or position in several samples in succession.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
 
-from haptic_wall.hw.dynamixel.codec import Instruction, encode
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.samples import PROOFS, SAMPLE_ADDRESS, ServoClock
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS, Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
+from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts
-
-if TYPE_CHECKING:
-    from haptic_wall.hw.dynamixel.exchange import Exchange
 
 REGISTER_SIZES: Final = range(28, 147)
 """Sizes of the blocks that read a register; samples are shorter"""
@@ -37,6 +35,28 @@ _TICKS_APART: Final = 3
 _COUNTS_APART: Final = 16
 """More than the change between two replies to one request, if the line repeats it"""
 _TICK_AND_POSITION: Final = struct.Struct("<H10xi")
+
+
+class Shared(Protocol):
+    """The part of the exchange that the servos on a line share; see ``Exchange``."""
+
+    line: Line
+    parser: Parser
+    blocks: dict[int, int]
+    number: int
+
+    @property
+    def by_id(self) -> Mapping[int, Station]:
+        """Return the servos on the line."""
+        ...
+
+    def set_aside(self) -> None:
+        """Discard the samples under way."""
+        ...
+
+    def wire_ns(self, count: int) -> int:
+        """Return the time of ``count`` bytes on the wire [ns]."""
+        ...
 
 
 class Station:
@@ -67,7 +87,7 @@ class Station:
         "twins",
     )
 
-    def __init__(self, exchange: Exchange, id_: int) -> None:
+    def __init__(self, exchange: Shared, id_: int) -> None:
         self.exchange = exchange
         self.id = id_
         self.counts = BusCounts()
