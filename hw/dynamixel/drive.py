@@ -26,6 +26,7 @@ _REPLY_PATIENCE: Final = 1.5
 """Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
 missed the timer comes with its next expiry"""
 _TRIES: Final = 3
+_NEVER_NS: Final = 1 << 62
 _PATIENCE_NS: Final = 100_000_000
 
 
@@ -97,10 +98,10 @@ class Drive:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
         for one in servos:
-            one.watchdog.patience_ns = exchange.patience_ns
+            one.watchdog.limit_ns += exchange.patience_ns
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
-        self.running = True
+        self._run(running=True)
         return [each.checks for each in ready]
 
     def request(self) -> None:
@@ -114,7 +115,7 @@ class Drive:
                 return
         for one in self.servos:
             watchdog = one.watchdog
-            if now_ns - watchdog.heard_ns > watchdog.most_ns + watchdog.patience_ns:
+            if now_ns - watchdog.heard_ns > watchdog.limit_ns:
                 if len(self.servos) > 1:  # nobody must push on while one is examined
                     exchange.send([0] * len(self.servos))
                 watchdog.resume(now_ns, under_torque=one.goal != 0)
@@ -126,27 +127,27 @@ class Drive:
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; see ``DynamixelServo.collect``."""
         # Do not wait within a period for replies that take several.
-        samples = self.exchange.collect(0 if self._reply_ns else deadline_ns)
-        polls, waited_ns, running = self._polls, self.exchange.waited_ns, self.running
-        polled: dict[str, int] = {}
+        exchange, polls = self.exchange, self._polls
+        samples = exchange.collect(0 if self._reply_ns else deadline_ns)
+        waited_ns = exchange.waited_ns
         readings = []
-        for one, sample in zip(self.servos, samples, strict=True):
+        polled = False
+        for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
             one.bus.waited_ns = waited_ns
             if one.station.twins:
                 one.be_one()
             if polls.asked and sample.outcome is _OK and not sample.alert:
                 # A latched error explains more than its consequences.
-                polled = polls.values(one.station.block)
-                one.judge(polled)
-            readings.append(one.reading(sample, running=running))
+                values = polls.values(one.station.block)
+                one.judge(values)
+                polled = polled or bool(values)
+            readings.append(one.reading(sample))
         if polled:
             polls.answered()
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
         """Send the torques of all servos in one frame; see ``DynamixelServo.write``."""
-        if not self.running:
-            raise RuntimeError("a torque was written while torque is off; call start first")
         servos = self.servos
         goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
         self.exchange.send(goals)
@@ -182,11 +183,17 @@ class Drive:
             self.line.idle()
 
     def pretend(self) -> None:
-        """Run without a start, on a line without servos."""
+        """Run without a start and without polls, on a line without servos."""
+        self._polls.due_ns = _NEVER_NS
         for one in self.servos:
             one.known = True
             one.watchdog.heard_ns = self._now_ns()
-        self.running = True
+        self._run(running=True)
+
+    def _run(self, *, running: bool) -> None:
+        self.running = running
+        for one in self.servos:
+            one.running = running
 
     def _choose_way(self) -> None:
         """Select the fastest instruction to which all servos reply.
@@ -221,7 +228,7 @@ class Drive:
             one.watchdog.end()
         with suppress(ServoLostError):
             if self.running:
-                self.running = False
+                self._run(running=False)
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self.exchange.send([0] * len(self.servos))
             left = torque_off(left)

@@ -61,6 +61,8 @@ class Driven:
         self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
         self.health = HealthWatch()
         self.watchdog = WatchdogMonitor(settings, station, exchange.line.clock, self._name)
+        self.running = False
+        """It has been started, and not stopped"""
         self.bus = Bus(station.counts)
         self._learn(self._facts(model.current_limit, model.voltage))
         self.forget()
@@ -117,7 +119,10 @@ class Driven:
 
         Raises:
             ValueError: The torque is not a finite number.
+            RuntimeError: The servo is not started.
         """
+        if not self.running:
+            raise RuntimeError("a torque was written while torque is off; call start first")
         if not math.isfinite(torque):
             raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
         most = self._most
@@ -147,7 +152,7 @@ class Driven:
         if self.station.twins:
             raise ServoHealthError(f"A second servo answers as the {self.facts.name}", advice=APART)
 
-    def reading(self, sample: Sample, *, running: bool) -> Reading:
+    def reading(self, sample: Sample) -> Reading:
         """Convert a sample; a position that implies a speed above ``max_speed`` is refused.
 
         Raises:
@@ -155,7 +160,7 @@ class Driven:
         """
         outcome, counts, current, alert, sampled_ns = sample
         if outcome is not _OK:
-            if running and self.station.clock.restarted:
+            if self.running and self.station.clock.restarted:
                 raise self.watchdog.explained(
                     TorqueLostError(
                         f"The {self.facts.name} has restarted, which its clock shows, so its "

@@ -28,6 +28,7 @@ class DynamixelServo:
         self._settings = settings
         self._drive = Drive([settings], line)
         (self._one,) = self._drive.servos
+        self._send = self._drive.exchange.send
         self.facts, self.bus, self.trouble = self._one.facts, self._one.bus, ""
 
     def start(self) -> list[Check]:
@@ -91,7 +92,10 @@ class DynamixelServo:
             ValueError: The torque is not a finite number.
             RuntimeError: The servo is not started.
         """
-        return self._drive.write((torque,))[0]
+        one = self._one
+        goal = one.goal_of(torque)
+        self._send((goal,))
+        return one.law.torque(goal)
 
     def stop(self) -> bool:
         """Send zero torque, switch torque off and read it back; safe to call at any time.

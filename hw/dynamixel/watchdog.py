@@ -101,8 +101,8 @@ class WatchdogMonitor:
         "_watchdog_s",
         "called_ns",
         "heard_ns",
+        "limit_ns",
         "most_ns",
-        "patience_ns",
     )
 
     def __init__(self, settings: DriverSettings, station: Station, clock: Clock, name: str) -> None:
@@ -116,27 +116,26 @@ class WatchdogMonitor:
         """When the last answered request was sent [ns]"""
         self.called_ns = 0
         """When the last request was sent, where a reply takes several periods [ns]"""
-        self.patience_ns = 0
-        """Additional time for an answer [ns]"""
         self.most_ns = _NEVER_NS
         """Pause after which the Bus Watchdog may have tripped [ns]; not reached before ``begin``"""
+        self.limit_ns = _NEVER_NS
+        """The same since the last answered request, with the time that an answer may take [ns]"""
 
     def begin(self) -> None:
         """Start monitoring: the torque is on from now."""
         self.called_ns = self._clock.now_ns()
-        self.patience_ns = 0
         self._suspension = Suspension(self._clock)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
-        self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
+        self.most_ns = self.limit_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def end(self) -> None:
         """Stop monitoring: the torque is off from now, and pauses may have any length."""
-        self.most_ns = _NEVER_NS
+        self.most_ns = self.limit_ns = _NEVER_NS
 
     def resume(self, now_ns: int, *, under_torque: bool) -> None:
         """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
         silence_ns = now_ns - self.heard_ns
-        if silence_ns > self.most_ns + self.patience_ns:
+        if silence_ns > self.limit_ns:
             self.look(silence_ns, under_torque=under_torque)
             self.heard_ns = now_ns
 
