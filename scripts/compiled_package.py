@@ -36,7 +36,7 @@ DRIVER = (
     "hw.dynamixel.watchdog",
     "hw.dynamixel.health",
     "hw.dynamixel.driven",
-    "hw.dynamixel.drive",
+    "hw.dynamixel.group",
     "hw.dynamixel.servo",
 )
 TICK = (

@@ -8,24 +8,43 @@ error or has lost its torque ends the run of all: zero torque in the next frame,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import Final
 
-from haptic_wall.hw.dynamixel.drive import Drive
+from haptic_wall.hw.dynamixel.cut import torque_off
+from haptic_wall.hw.dynamixel.driven import Driven
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.errors import ServoError, ServoHealthError, UnfitServoError
-from haptic_wall.hw.serialport.line import Line
-from haptic_wall.hw.servo import BusCounts, Check, Facts, Reading
+from haptic_wall.hw.dynamixel.startup import Ready
+from haptic_wall.hw.errors import (
+    ServoError,
+    ServoHealthError,
+    ServoLostError,
+    UnfitServoError,
+)
+from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
+
+_OK: Final = Outcome.OK
+_REPLY_PATIENCE: Final = 1.5
+"""Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
+missed the timer comes with its next expiry"""
+_TRIES: Final = 3
+_NEVER_NS: Final = 1 << 62
+_PATIENCE_NS: Final = 100_000_000
 
 
 class DynamixelGroup:
     """Servos on a line, in the order of their settings.
 
     Args:
-        settings: Settings of each servo; the ids must differ.
-        line: The bus; ``close`` closes it.
+        settings: Settings of each servo, with the same bus and period; the ids must differ.
+        line: The bus; ``close`` closes it. Nothing is sent yet.
 
     Raises:
-        UnfitServoError: Two servos have the same id, or a model has no current control.
+        UnfitServoError: Two servos have the same id, or see ``Driven``.
     """
 
     def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
@@ -35,27 +54,41 @@ class DynamixelGroup:
                 f"A group needs servos with an id each, but has {ids}",
                 advice="give each another one.",
             )
-        self._drive = Drive(settings, line)
+        first = settings[0]
+        self.line = line
+        self.exchange = Exchange(line, ids, baud=first.baud)
+        self.servos = [
+            Driven(one, station, self.exchange)
+            for one, station in zip(settings, self.exchange.stations, strict=True)
+        ]
+        self._period_s = first.period_s
+        self._polls = HealthPolls(self.exchange, first.baud, first.period_s)
+        self._now_ns = line.clock.now_ns
+        self._reply_ns = 0
+        """Time of a reply, where that is several periods [ns]; 0: replies are in time"""
+        self.running = False
+        self.left_on: list[Driven] = self.servos
+        """Servos whose torque off was not read back since the last start"""
 
     @property
     def way(self) -> Way:
         """Return how the servos are read; ``start`` determines it."""
-        return self._drive.exchange.way
+        return self.exchange.way
 
     @property
     def facts(self) -> list[Facts]:
         """Return the facts of each servo, constant while it is open."""
-        return [one.facts for one in self._drive.servos]
+        return [one.facts for one in self.servos]
 
     @property
     def counts(self) -> list[BusCounts]:
         """Return the counts of each servo's bus traffic since the start."""
-        return [one.bus.counts for one in self._drive.servos]
+        return [one.bus.counts for one in self.servos]
 
     @property
     def waited_ns(self) -> int:
         """Return the bus wait of the last ``collect`` [ns]."""
-        return self._drive.exchange.waited_ns
+        return self.exchange.waited_ns
 
     def start(self) -> list[list[Check]]:
         """Check and set up each servo in sequence; then determine how to read them.
@@ -67,7 +100,41 @@ class DynamixelGroup:
             ServoError: A servo could not be started; the torque of all servos is off, or the
                 message says of which it may not be.
         """
-        return self._drive.start()
+        exchange, servos = self.exchange, self.servos
+        self.left_on = servos
+        self._reply_ns = exchange.patience_ns = 0
+        ready: list[Ready] = []
+        for one in servos:
+            one.forget()
+        try:
+            for one in servos:
+                exchange.select([one.station])
+                ready.append(one.start(self._polls.describe()))
+            if len(servos) > 1:
+                self._choose_way()
+                for one in servos:
+                    one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
+        except ServoError as error:
+            if self._off():
+                raise
+            raise type(error)(
+                f"{error} Torque off{self._of_whom()} could not be read back",
+                advice="switch the servo's power off.",
+            ) from error
+        except BaseException:
+            self._off()
+            raise
+        if len(servos) == 1 or exchange.way is not Way.PLAIN:
+            self._reply_ns = max(each.reply_ns for each in ready)
+        if self._reply_ns:
+            jitter_ns = 2e9 * self._period_s
+            exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
+        for one in servos:
+            one.watchdog.limit_ns += exchange.patience_ns
+            one.bus.reply_s = self._reply_ns * 1e-9
+            one.bus.counts = one.station.counts = BusCounts()
+        self._run(running=True)
+        return [each.checks for each in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
@@ -76,25 +143,55 @@ class DynamixelGroup:
             ServoError: As ``collect``.
         """
         try:
-            self._drive.request()
+            now_ns = self._now_ns()
+            exchange = self.exchange
+            if self._reply_ns:
+                for one in self.servos:
+                    one.watchdog.call(now_ns, under_torque=one.goal != 0)
+                if exchange.waiting:
+                    return
+            for one in self.servos:
+                watchdog = one.watchdog
+                if now_ns - watchdog.heard_ns > watchdog.limit_ns:
+                    if len(self.servos) > 1:  # nobody must push on while one is examined
+                        exchange.send([0] * len(self.servos))
+                    watchdog.resume(now_ns, under_torque=one.goal != 0)
+            polls = self._polls
+            polls.asked = 0
+            wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
+            exchange.request(wide)
         except ServoError as error:
-            raise self._all_off(error) from error
+            raise self._all_off(error) from error.__cause__
 
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
 
         Raises:
             ServoError: The port is gone, or a servo is lost, has lost its torque or is in no state
-                to be driven any longer. The torque of all is off, or the message says of which it
-                may not be.
+                to be driven any longer. The torque of several is off then, or the message says of
+                which it may not be; a single one is left to the caller.
         """
+        exchange, polls, readings = self.exchange, self._polls, []
+        polled = False
         try:
-            readings = self._drive.collect(deadline_ns)
-            for one, reading in zip(self._drive.servos, readings, strict=True):
-                if reading.alert:
-                    raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
+            # Do not wait within a period for replies that take several.
+            samples = exchange.collect(0 if self._reply_ns else deadline_ns)
+            waited_ns = exchange.waited_ns
+            for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
+                one.bus.waited_ns = waited_ns
+                if one.station.twins:
+                    one.be_one()
+                if sample.alert:
+                    self._alert(one)
+                elif polls.asked and sample.outcome is _OK:
+                    values = polls.values(one.station.block)
+                    one.judge(values)
+                    polled = polled or bool(values)
+                readings.append(one.reading(sample))
         except ServoError as error:
-            raise self._all_off(error) from error
+            raise self._all_off(error) from error.__cause__
+        if polled:
+            polls.answered()
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
@@ -108,27 +205,113 @@ class DynamixelGroup:
             ValueError: A torque is not a finite number, or there is not one for each.
             RuntimeError: The group is not started.
         """
-        return self._drive.write(torques)
+        servos = self.servos
+        goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
+        self.exchange.send(goals)
+        return [one.law.torque(goal) for one, goal in zip(servos, goals, strict=True)]
 
     def stop(self) -> bool:
-        """Send zero torque to all at once, switch their torques off and read them back.
+        """Send zero torque to all, switch all torques off and read them back.
 
         Returns:
             Whether torque off was read back from all.
         """
-        return self._drive.stop()
+        if self.left_on:
+            for one in self.servos:
+                if not one.known:  # never started: its torque may belong to another program
+                    with suppress(ServoError):
+                        one.meet()
+            self._off()
+            for one in self.servos:
+                one.name_trouble()
+        return not self.left_on
 
     def close(self) -> None:
-        """Stop all servos, and close the line."""
-        self._drive.close()
+        """Stop the servos if they were started and not stopped, and close the line."""
+        try:
+            if self.running:
+                self.stop()
+        finally:
+            self.line.close()
+
+    def idle(self) -> None:
+        """Make the line's system calls without effect, to keep them quick."""
+        if isinstance(self.line, FdLine):
+            self.line.idle()
+
+    def pretend(self) -> None:
+        """Run without a start and without polls, on a line without servos."""
+        self._polls.due_ns = _NEVER_NS
+        for one in self.servos:
+            one.known = True
+            one.watchdog.heard_ns = self._now_ns()
+        self._run(running=True)
+
+    def _run(self, *, running: bool) -> None:
+        self.running = running
+        for one in self.servos:
+            one.running = running
+
+    def _choose_way(self) -> None:
+        """Select the fastest instruction to which all servos reply.
+
+        Raises:
+            UnfitServoError: There is none.
+        """
+        exchange = self.exchange
+        for way in Way:
+            exchange.select(exchange.stations, way)
+            for _ in range(_TRIES):
+                exchange.request()
+                samples = exchange.collect(self._now_ns() + _PATIENCE_NS)
+                if all(sample.outcome is _OK for sample in samples):
+                    return
+        raise UnfitServoError(
+            "The servos answer one by one but not in one cycle",
+            advice="check the cable, and that no two have the same id.",
+        )
+
+    def _off(self) -> bool:
+        """Send zero goals if this driver has the torque on; switch it off and read it back.
+
+        Nothing is written to a servo with an unknown control table.
+
+        Returns:
+            Whether torque off was read back from all others.
+        """
+        known = [one for one in self.servos if one.known]
+        left = [one.station for one in known]
+        for one in self.servos:
+            one.watchdog.end()
+        with suppress(ServoLostError):
+            if self.running:
+                self._run(running=False)
+                with suppress(ServoLostError):  # torque off, which follows, is what counts
+                    self.exchange.send([0] * len(self.servos))
+            left = torque_off(left)
+        self.left_on = [one for one in self.servos if not one.known or one.station in left]
+        return not left
+
+    def _of_whom(self) -> str:
+        if len(self.servos) == 1:
+            return ""
+        return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
+
+    def _alert(self, one: Driven) -> None:
+        """A latched error ends the run of several; who drives one servo decides."""
+        if len(self.servos) > 1:
+            one.alert = True
+            raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
 
     def _all_off(self, error: ServoError) -> ServoError:
-        """Switch all torques off; return the error, with what else is wrong."""
-        drive = self._drive
-        drive.stop()
+        """Switch the torques of several off; return the error, with what else is wrong."""
+        if len(self.servos) == 1:  # its driver's user stops it
+            return error
+        self.stop()
         told = [str(error)]
-        told += [f"T{one.trouble[1:]}." for one in drive.servos if one.trouble]
-        if drive.left_on:
-            names = ", ".join(one.facts.name for one in drive.left_on)
-            told.append(f"Torque off of {names} could not be read back: switch the power off.")
+        told += [f"T{one.trouble[1:]}." for one in self.servos if one.trouble]
+        if self.left_on:
+            told.append(
+                f"Torque off{self._of_whom()} could not be read back: switch the power off."
+            )
         return type(error)(" ".join(told))

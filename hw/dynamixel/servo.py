@@ -1,9 +1,9 @@
-"""Drives one Dynamixel servo: a drive of one."""
+"""Drives one Dynamixel servo: a group of one."""
 
 from __future__ import annotations
 
 from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.drive import Drive
+from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.stand_in import StandInLine
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Bus, Check, Facts, Reading
@@ -26,9 +26,9 @@ class DynamixelServo:
                 exceeds the torque limit.
         """
         self._settings = settings
-        self._drive = Drive([settings], line)
-        (self._one,) = self._drive.servos
-        self._send = self._drive.exchange.send
+        self._group = DynamixelGroup([settings], line)
+        (self._one,) = self._group.servos
+        self._send = self._group.exchange.send
         self.facts, self.bus, self.trouble = self._one.facts, self._one.bus, ""
 
     def start(self) -> list[Check]:
@@ -47,7 +47,7 @@ class DynamixelServo:
             ServoLostError: It stops answering; the message says whether torque is off.
         """
         self.trouble = ""
-        (checks,) = self._drive.start()
+        (checks,) = self._group.start()
         self.facts = self._one.facts
         return checks
 
@@ -61,7 +61,7 @@ class DynamixelServo:
             ServoLostError: The port is gone.
             TorqueLostError: The Bus Watchdog has ended a torque.
         """
-        self._drive.request()
+        self._group.request()
 
     def collect(self, deadline_ns: int) -> Reading:
         """Return the reply to the last ``request``; wait until ``deadline_ns`` [ns] at most.
@@ -76,7 +76,7 @@ class DynamixelServo:
             ServoHealthError: The servo is in no state to be driven any longer.
             RuntimeError: There was no request.
         """
-        return self._drive.collect(deadline_ns)[0]
+        return self._group.collect(deadline_ns)[0]
 
     def write(self, torque: float) -> float:
         """Send a torque [N·m], limited and rounded to the servo's current unit.
@@ -104,13 +104,13 @@ class DynamixelServo:
             Whether torque off was read back. False if the port is gone. False if no known model has
             replied: then nothing was written.
         """
-        off = self._drive.stop()
+        off = self._group.stop()
         self.trouble = self._one.trouble
         return off
 
     def close(self) -> None:
         """Stop the servo if it was started and not stopped, and close the line."""
-        self._drive.close()
+        self._group.close()
 
     def idle(self) -> None:
         """Make the line's system calls without effect, to keep them quick; see ``HasIdleWork``.
@@ -118,7 +118,7 @@ class DynamixelServo:
         Raises:
             ServoLostError: The port is gone.
         """
-        self._drive.idle()
+        self._group.idle()
 
     def health(self) -> tuple[float, float]:
         """Return the last known supply [V] and temperature [°C]; see ``HasHealth``."""
@@ -128,5 +128,5 @@ class DynamixelServo:
     def stand_in(self, clock: Clock) -> DynamixelServo:
         """Return the same driver on a line in memory, without a servo; see ``HasStandIn``."""
         other = DynamixelServo(self._settings, StandInLine(self._settings.id, clock))
-        other._drive.pretend()
+        other._group.pretend()
         return other
