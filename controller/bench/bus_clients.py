@@ -19,7 +19,6 @@ from typing import Final, NamedTuple, Protocol
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
-    ExpectedFastReply,
     ExpectedReplies,
     Instruction,
     SyncWrite,
@@ -102,15 +101,13 @@ def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
     return {"haptic-wall, codec alone": cycle}
 
 
-def _request(
-    ids: Sequence[int], block: Block, size: int
-) -> tuple[bytes, ExpectedReplies | ExpectedFastReply]:
+def _request(ids: Sequence[int], block: Block, size: int) -> tuple[bytes, ExpectedReplies]:
     """Return a request, and the pattern of its reply, which also decodes it."""
     params = struct.pack("<HH", block.address, size)
     if len(ids) == 1:
         return encode(ids[0], Instruction.READ, params), ExpectedReplies(ids, size, block.layout)
     request = encode(BROADCAST, Instruction.FAST_SYNC_READ, params + bytes(ids))
-    return request, ExpectedFastReply(ids, size, block.layout)
+    return request, ExpectedReplies(ids, size, block.layout, joint=True)
 
 
 def vendors(

@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.station import REGISTER_SIZES, Station
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import Model, Register
 from haptic_wall.hw.errors import (
     Problem,
@@ -62,7 +62,6 @@ def confirmed(
     register: Register,
     value: int,
     patience_ns: Sequence[int] = PATIENCE_NS,
-    sizes: Sequence[int] = REGISTER_SIZES,
 ) -> int | None:
     """Write a register until the value is read back.
 
@@ -71,7 +70,6 @@ def confirmed(
         register: The register.
         value: Its new value.
         patience_ns: Time allowed for each reply of each attempt [ns].
-        sizes: Sizes of the blocks that are read [bytes].
 
     Returns:
         The value read back, another one if the servo does not take it; None: no reply.
@@ -82,7 +80,7 @@ def confirmed(
     found: int | None = None
     for each_ns in patience_ns:
         station.refusal = 0
-        found = station.write_register(register, value, each_ns, sizes)
+        found = station.write_register(register, value, each_ns)
         if found == value:
             break
     return found

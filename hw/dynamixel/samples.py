@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
-    ExpectedFastReply,
     ExpectedReplies,
     Instruction,
     encode,
@@ -97,16 +96,15 @@ class SampleRequest:
         else:
             frames = [encode(BROADCAST, way.value, block + bytes(ids))]
         self.frame, *self.others = frames
-        self.expected: ExpectedReplies | ExpectedFastReply | None = None
+        self.expected: ExpectedReplies | None = None
         self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from
 
     @classmethod
     def usual(cls, way: Way, ids: Sequence[int], length: int) -> SampleRequest:
         """Return the request for the sample alone, with its replies prepared."""
         request = cls(way, ids, SAMPLE_ADDRESS, length)
-        kind = ExpectedFastReply if way is Way.FAST else ExpectedReplies
         if not request.others:
-            request.expected = kind(ids, length, _FIELDS)
+            request.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
         return request
 
 

@@ -126,13 +126,7 @@ class Station:
         parser = self.exchange.parser
         return parser.corrupt > 0 or not parser.idle
 
-    def write_register(
-        self,
-        register: Register,
-        value: int,
-        patience_ns: int,
-        sizes: Sequence[int] = REGISTER_SIZES,
-    ) -> int | None:
+    def write_register(self, register: Register, value: int, patience_ns: int) -> int | None:
         """Write a register; return the value that is read back, as ``read_register`` does.
 
         A confirmation only ends the wait: it may be a late one of another write.
@@ -142,7 +136,7 @@ class Station:
         """
         params = register.address.to_bytes(2, "little") + register.encode(value)
         self.ask(Instruction.WRITE, params, 0, patience_ns)
-        return self.read_register(register, patience_ns, sizes)
+        return self.read_register(register, patience_ns)
 
     def read_register(
         self, register: Register, patience_ns: int, sizes: Sequence[int] = REGISTER_SIZES

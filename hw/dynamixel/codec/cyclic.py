@@ -23,24 +23,33 @@ _FIXED: Final = 8
 
 
 class ExpectedReplies:
-    """Recognises the replies of some servos in their order, without a search.
+    """Recognises the replies of some servos in their order, or their joint reply, without a search.
 
     Args:
         ids: Ids of the requested servos, in the requested order.
         size: Requested bytes of each.
         fields: The layout of the first bytes, as ``struct`` has it.
+        joint: They reply to a fast sync read.
     """
 
-    __slots__ = ("_count", "_layout", "_prefix", "_prefixes", "_size", "_total", "_unpack")
+    __slots__ = ("_begin", "_ids", "_layout", "_marks", "_prefixes", "_size", "_total", "_unpack")
 
-    def __init__(self, ids: Sequence[int], size: int, fields: str) -> None:
-        self._prefixes = [_reply_prefix(id_, size + 4) for id_ in ids]
-        self._count = len(ids)
-        self._size = _FIXED + size + 3
-        self._total = self._count * self._size
-        self._layout = Struct(f"<{_FIXED}xB{fields}{size - calcsize('<' + fields) + 2}x")
+    def __init__(self, ids: Sequence[int], size: int, fields: str, *, joint: bool = False) -> None:
+        rest = size - calcsize("<" + fields) + 2
+        if joint:  # each part: error, id, data, CRC
+            self._begin = _FIXED
+            self._size = size + 4
+            self._prefixes = [_reply_prefix(BROADCAST, 1 + len(ids) * self._size)]
+            self._layout = Struct(f"<Bx{fields}{rest}x")
+        else:
+            self._begin = 0
+            self._size = _FIXED + size + 3
+            self._prefixes = [_reply_prefix(id_, size + 4) for id_ in ids]
+            self._layout = Struct(f"<{_FIXED}xB{fields}{rest}x")
         self._unpack = self._layout.unpack
-        self._prefix = self._prefixes[0]
+        self._ids = bytes(ids) if joint else None
+        self._marks = len(ids)
+        self._total = self._begin + len(ids) * self._size
 
     def match(self, data: bytes) -> Iterable[tuple[Any, ...]] | None:
         """Return error and fields of each if ``data`` is exactly these replies.
@@ -48,49 +57,21 @@ class ExpectedReplies:
         Returns:
             None: Use a ``Parser``; stuffed replies need one too.
         """
-        if len(data) != self._total or data.count(MARK) != self._count:
+        if len(data) != self._total or not data.startswith(self._prefixes[0]):
             return None
-        if self._count == 1:
-            right = crc16(data[:-2]) == data[-2] | data[-1] << 8 and data.startswith(self._prefix)
+        if self._ids is not None:  # the last CRC covers all parts
+            right = data[_FIXED + 1 :: self._size] == self._ids and _crc_is_right(data)
+            return self._layout.iter_unpack(data[_FIXED:]) if right else None
+        if data.count(MARK) != self._marks:
+            return None
+        if self._marks == 1:
+            right = crc16(data[:-2]) == data[-2] | data[-1] << 8
             return (self._unpack(data),) if right else None
         size = self._size
         for at, prefix in zip(range(0, self._total, size), self._prefixes, strict=True):
             if not data.startswith(prefix, at) or not _crc_is_right(data[at : at + size]):
                 return None
         return self._layout.iter_unpack(data)
-
-
-class ExpectedFastReply:
-    """Recognises the joint reply of all servos to a cyclic fast sync read.
-
-    Args:
-        ids: Ids of the requested servos, in the requested order.
-        size: Requested bytes of each.
-        fields: The layout of the first bytes, as ``struct`` has it.
-    """
-
-    __slots__ = ("_ids", "_layout", "_part", "_prefix", "_size")
-
-    def __init__(self, ids: Sequence[int], size: int, fields: str) -> None:
-        self._ids = bytes(ids)
-        self._part = size + 4
-        length = 1 + len(ids) * self._part
-        self._prefix = _reply_prefix(BROADCAST, length)
-        self._size = _FIXED - 1 + length
-        self._layout = Struct(f"<Bx{fields}{size - calcsize('<' + fields) + 2}x")
-
-    def match(self, data: bytes) -> Iterable[tuple[Any, ...]] | None:
-        """Return error and fields of each if ``data`` is exactly that; None: use a ``Parser``.
-
-        The parts begin at the ninth byte: error, id, data, CRC. The last CRC covers all of them.
-        """
-        right = (
-            len(data) == self._size
-            and data.startswith(self._prefix)
-            and data[_FIXED + 1 :: self._part] == self._ids
-            and _crc_is_right(data)
-        )
-        return self._layout.iter_unpack(data[_FIXED:]) if right else None
 
 
 class SyncWrite:

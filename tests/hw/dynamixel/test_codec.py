@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
-    ExpectedFastReply,
     ExpectedReplies,
     FastReply,
     Frame,
@@ -306,7 +305,7 @@ def test_a_cycle_recognises_the_replies_of_its_own_servos_and_no_others(
     replies = [
         FastReply(id_, id_ % 128, bytes((id_ + n) % 256 for n in range(size))) for id_ in ids
     ]
-    expected = (ExpectedFastReply if fast else ExpectedReplies)(ids, size, "H")
+    expected = ExpectedReplies(ids, size, "H", joint=fast)
     wire = encode_fast_status(replies) if fast else b"".join(encode_status(*one) for one in replies)
     found = expected.match(wire)
     assert found is not None
