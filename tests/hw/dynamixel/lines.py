@@ -49,11 +49,11 @@ class ClockLine:
             elif frame.instruction == Instruction.READ:
                 reply = encode_status(frame.id, 0, self.block(frame.id, frame.params, now))
             elif frame.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
-                data = {id_: self.block(id_, frame.params, now) for id_ in frame.params[4:]}
+                blocks = {id_: self.block(id_, frame.params, now) for id_ in frame.params[4:]}
                 if frame.instruction == Instruction.SYNC_READ:
-                    reply = b"".join(encode_status(id_, 0, block) for id_, block in data.items())
+                    reply = b"".join(encode_status(id_, 0, block) for id_, block in blocks.items())
                 else:
-                    parts = [FastReply(id_, 0, block) for id_, block in data.items()]
+                    parts = [FastReply(id_, 0, block) for id_, block in blocks.items()]
                     reply = encode_fast_status(parts)
             else:
                 self.written.append((frame.instruction, frame.id, frame.params))
