@@ -14,10 +14,10 @@ from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
-_QUICK_NS: Final = 4 * (4_000_000,)
-"""Time allowed for a reply in each attempt [ns]"""
-_SLOW_NS: Final = 2 * (20_000_000,)
-"""The same where nobody has replied: longer than an adapter's 16 ms timer"""
+_QUICK_NS: Final = 4_000_000
+"""Time allowed for a reply [ns]"""
+_SLOW_NS: Final = 20_000_000
+"""The same where replies took longer, or nobody replies: longer than an adapter's 16 ms timer"""
 _SIZES: Final = range(4, 16)
 """Sizes of the blocks that are read: of no other process's requests, whose replies may be late"""
 _GAP_NS: Final = 2_000_000
@@ -69,8 +69,10 @@ def torque_off(stations: Sequence[Station]) -> list[Station]:
         ServoLostError: The port is gone.
     """
     left = list(stations)
-    for patience_ns in (*_QUICK_NS, *_SLOW_NS):
-        if not left or (patience_ns in _SLOW_NS and len(left) < len(stations)):
+    slow = any(station.longest_ns > _QUICK_NS for station in stations)
+    for patience_ns in 4 * (_SLOW_NS if slow else _QUICK_NS,) + 2 * (_SLOW_NS,):
+        heard = len(left) < len(stations)
+        if not left or (patience_ns == _SLOW_NS and heard and not slow):
             break
         off = b"".join(struct.pack("<BB", station.id, 0) for station in left)
         params = struct.pack("<HH", _TORQUE_ENABLE.address, 1) + off

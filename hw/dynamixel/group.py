@@ -114,6 +114,7 @@ class DynamixelGroup:
                 self._choose_way()
                 for one in servos:
                     one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
+                    one.watchdog.called_ns = self._now_ns()
         except ServoError as error:
             if self._off():
                 raise

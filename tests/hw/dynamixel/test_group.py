@@ -14,6 +14,7 @@ from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
 from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
@@ -67,6 +68,7 @@ class Bench:
         models: Sequence[str] = (),
         probes: bool = False,
         period_ns: int = PERIOD_NS,
+        watchdog_s: float = 0.2,
     ) -> None:
         self.clock = SimulatedClock(start_ns=123_456_789)
         self.period_ns = period_ns
@@ -87,7 +89,13 @@ class Bench:
         self.line = Spy(MemoryLine(self.bus, self.clock))
         settings = [
             DriverSettings(
-                "", 4_000_000, n, model, max_speed=15.0, watchdog_s=0.2, period_s=period_ns * 1e-9
+                "",
+                4_000_000,
+                n,
+                model,
+                max_speed=15.0,
+                watchdog_s=watchdog_s,
+                period_s=period_ns * 1e-9,
             )
             for n, model in enumerate(models, start=1)
         ]
@@ -404,3 +412,16 @@ def test_a_short_absence_costs_the_servo_its_own_readings_alone() -> None:
             assert all(row[n].outcome is Outcome.OK for row in rows[1:])
         assert 20 <= sum(row[gone].outcome is not Outcome.OK for row in rows) <= 22
         bench.assert_true(rows[-1])
+
+
+@pytest.mark.parametrize("timer_ms", [4, 16])
+def test_behind_an_adapter_that_holds_replies_for_periods_nothing_is_lost(timer_ms: int) -> None:
+    bench = Bench([48] * 3, watchdog_s=1.0)
+    bench.bus._adapter = Adapter(timer_ms * PERIOD_NS, 62, 0)
+    bench.group.start()
+    rows = [bench.cycle([0.1, 0.1, 0.1]) for _ in range(200)]
+    for row in zip(*rows, strict=True):
+        outcomes = [reading.outcome for reading in row]
+        assert set(outcomes) == {Outcome.OK, Outcome.WAITING}
+        assert outcomes.count(Outcome.OK) >= 200 // (timer_ms + 2)
+    assert bench.group.stop() is True
