@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 from haptic_wall.hw.dynamixel.drivable import drivable
@@ -129,19 +130,17 @@ class Driven:
         goal = self.goal = self.law.goal(max(-most, min(most, torque)))
         return goal
 
-    def judge(self, values: dict[str, int]) -> None:
-        """Judge polled values; see ``HealthWatch``.
+    def is_good(self, values: Mapping[str, int]) -> bool:
+        """Judge polled values; see ``HealthWatch.judge``.
 
         Raises:
             TorqueLostError: The torque is gone.
             ServoHealthError: The servo must not be driven any longer.
         """
         try:
-            good = self.health.judge(values, self.facts.name)
+            return self.health.judge(values, self.facts.name)
         except TorqueLostError as error:
             raise self.watchdog.explained(error) from error
-        if not good:
-            self.watchdog.look(0, under_torque=self.goal != 0)
 
     def be_one(self) -> None:
         """Refuse a second servo with this id.

@@ -154,8 +154,7 @@ class DynamixelGroup:
             for one in self.servos:
                 watchdog = one.watchdog
                 if now_ns - watchdog.heard_ns > watchdog.limit_ns:
-                    if len(self.servos) > 1:  # nobody must push on while one is examined
-                        exchange.send([0] * len(self.servos))
+                    self._hold()
                     watchdog.resume(now_ns, under_torque=one.goal != 0)
             polls = self._polls
             polls.asked = 0
@@ -186,7 +185,9 @@ class DynamixelGroup:
                     self._alert(one)
                 elif polls.asked and sample.outcome is _OK:
                     values = polls.values(one.station.block)
-                    one.judge(values)
+                    if not one.is_good(values):
+                        self._hold()
+                        one.watchdog.look(0, under_torque=one.goal != 0)
                     polled = polled or bool(values)
                 readings.append(one.reading(sample))
         except ServoError as error:
@@ -297,6 +298,11 @@ class DynamixelGroup:
         if len(self.servos) == 1:
             return ""
         return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
+
+    def _hold(self) -> None:
+        """Send zero to several: none must push on while one is examined."""
+        if len(self.servos) > 1:
+            self.exchange.send([0] * len(self.servos))
 
     def _alert(self, one: Driven) -> None:
         """A latched error ends the run of several; who drives one servo decides."""
