@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final
 
 from haptic_wall.hw.dynamixel.cut import torque_off
@@ -16,7 +17,7 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.dynamixel.startup import Ready
+from haptic_wall.hw.dynamixel.startup import WATCHED, Ready
 from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
@@ -61,8 +62,8 @@ class DynamixelGroup:
             Driven(one, station, self.exchange)
             for one, station in zip(settings, self.exchange.stations, strict=True)
         ]
-        self._period_s = first.period_s
-        self._polls = HealthPolls(self.exchange, first.baud, first.period_s)
+        self._baud, self._period_s = first.baud, first.period_s
+        self._polls = self._plan()
         self._now_ns = line.clock.now_ns
         self._reply_ns = 0
         """Time of a reply, where that is several periods [ns]; 0: replies are in time"""
@@ -112,6 +113,7 @@ class DynamixelGroup:
                 ready.append(one.start(self._polls.describe()))
             if len(servos) > 1:
                 self._choose_way()
+                self._polls = self._plan()
                 for one in servos:
                     one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
                     one.watchdog.called_ns = self._now_ns()
@@ -135,7 +137,11 @@ class DynamixelGroup:
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
         self._run(running=True)
-        return [each.checks for each in ready]
+        watched, _ = self._polls.describe()
+        return [
+            [replace(one, found=watched) if one.name == WATCHED else one for one in each.checks]
+            for each in ready
+        ]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
@@ -253,6 +259,9 @@ class DynamixelGroup:
         self.running = running
         for one in self.servos:
             one.running = running
+
+    def _plan(self) -> HealthPolls:
+        return HealthPolls(self.exchange, self._baud, self._period_s)
 
     def _choose_way(self) -> None:
         """Select the fastest instruction to which all servos reply.

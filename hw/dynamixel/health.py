@@ -18,9 +18,14 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
+from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END, Way
 from haptic_wall.hw.dynamixel.tables import REGISTERS
-from haptic_wall.hw.dynamixel.wire import EMPTY_REPLY_BYTES, READ_REQUEST_BYTES
+from haptic_wall.hw.dynamixel.wire import (
+    EMPTY_REPLY_BYTES,
+    JOINT_HEAD_BYTES,
+    JOINT_PART_BYTES,
+    READ_REQUEST_BYTES,
+)
 from haptic_wall.hw.errors import Problem, ServoError, ServoHealthError, TorqueLostError
 
 EVERY_NS: Final = 200_000_000
@@ -104,7 +109,8 @@ class HealthPolls:
     """Decides which request asks for a wider block.
 
     Args:
-        exchange: Reads the servos; the lengths of the blocks are registered with it.
+        exchange: Reads the servos, in its present way; the lengths of the blocks are registered
+            with it.
         baud: The bus's rate [bit/s].
         period_s: Period of the loop [s].
     """
@@ -112,7 +118,10 @@ class HealthPolls:
     def __init__(self, exchange: Exchange, baud: int, period_s: float) -> None:
         count = len(exchange.stations)
         most = int(_SHARE * period_s * baud / 10) - READ_REQUEST_BYTES - (count if count > 1 else 0)
-        most = most // count - EMPTY_REPLY_BYTES
+        if exchange.way is Way.FAST:
+            most = (most - JOINT_HEAD_BYTES) // count - JOINT_PART_BYTES
+        else:
+            most = most // count - EMPTY_REPLY_BYTES
         blocks = next(
             (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
         )

@@ -36,6 +36,7 @@ from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
+WATCHED: Final = "watched while it runs"
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _LISTENINGS: Final = 3
@@ -136,7 +137,7 @@ class Startup:
         self._judge_constant(seen.law)
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
         longest_ns, reply_ns = self._measure_reply()
-        self._report("watched while it runs", *watch)
+        self._report(WATCHED, *watch)
         self._refuse_if_unfit()
         self._torque_on()
         current_limit = seen["current_limit"]
