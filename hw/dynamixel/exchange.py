@@ -108,7 +108,9 @@ class Exchange:
         self._selected = self._order = tuple(stations)
         ids = [station.id for station in stations]
         self.parser.joint = len(ids) if way is Way.FAST else 0
-        self._usual = {each: SampleRequest.usual(way, ids, each) for each in LENGTHS}
+        self._usual = {
+            each: SampleRequest(way, ids, SAMPLE_ADDRESS, each, prepared=True) for each in LENGTHS
+        }
         self._goals = SyncWrite(_GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
         """The frames of a single servo by its goal; there are as many as current units"""

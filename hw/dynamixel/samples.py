@@ -77,6 +77,7 @@ class SampleRequest:
         ids: The servos, in the order of their replies.
         address: First register of the block, at 120 at most.
         length: Number of bytes; no other block has as many.
+        prepared: Prepare the pattern of the replies; the block begins with the sample.
 
     Attributes:
         length: Number of bytes.
@@ -88,7 +89,9 @@ class SampleRequest:
 
     __slots__ = ("expected", "frame", "length", "others", "unpack")
 
-    def __init__(self, way: Way, ids: Sequence[int], address: int, length: int) -> None:
+    def __init__(
+        self, way: Way, ids: Sequence[int], address: int, length: int, *, prepared: bool = False
+    ) -> None:
         self.length = length
         block = struct.pack("<HH", address, length)
         if way is Way.PLAIN:
@@ -97,15 +100,9 @@ class SampleRequest:
             frames = [encode(BROADCAST, way.value, block + bytes(ids))]
         self.frame, *self.others = frames
         self.expected: ExpectedReplies | None = None
+        if prepared and not self.others:
+            self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
         self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from
-
-    @classmethod
-    def usual(cls, way: Way, ids: Sequence[int], length: int) -> SampleRequest:
-        """Return the request for the sample alone, with its replies prepared."""
-        request = cls(way, ids, SAMPLE_ADDRESS, length)
-        if not request.others:
-            request.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
-        return request
 
 
 class _Seen(NamedTuple):
