@@ -177,8 +177,8 @@ class DynamixelGroup:
                 to be driven any longer. The torque of several is off then, or the message says of
                 which it may not be; a single one is left to the caller.
         """
-        exchange, polls, readings = self.exchange, self._polls, []
-        polled = False
+        exchange, readings = self.exchange, []
+        asked = self._polls.asked
         try:
             # Do not wait within a period for replies that take several.
             samples = exchange.collect(0 if self._reply_ns else deadline_ns)
@@ -187,19 +187,14 @@ class DynamixelGroup:
                 one.bus.waited_ns = waited_ns
                 if one.station.twins:
                     one.be_one()
-                if sample.alert:
-                    self._alert(one)
-                elif polls.asked and sample.outcome is _OK:
-                    values = polls.values(one.station.block)
-                    if not one.is_good(values):
-                        self._hold()
-                        one.watchdog.look(0, under_torque=one.goal != 0)
-                    polled = polled or bool(values)
+                if asked and sample.outcome is _OK and not sample.alert:
+                    # A latched error explains more than its consequences.
+                    self._judge(one)
                 readings.append(one.reading(sample))
+            if len(readings) > 1:
+                self._refuse_alerts()
         except ServoError as error:
             raise self._all_off(error) from error.__cause__
-        if polled:
-            polls.answered()
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
@@ -313,11 +308,19 @@ class DynamixelGroup:
         if len(self.servos) > 1:
             self.exchange.send([0] * len(self.servos))
 
-    def _alert(self, one: Driven) -> None:
+    def _judge(self, one: Driven) -> None:
+        """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
+        if values := self._polls.values(one.station.block):
+            if not one.is_good(values):
+                self._hold()
+                one.watchdog.look(0, under_torque=one.goal != 0)
+            self._polls.answered()
+
+    def _refuse_alerts(self) -> None:
         """A latched error ends the run of several; who drives one servo decides."""
-        if len(self.servos) > 1:
-            one.alert = True
-            raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
+        for one in self.servos:
+            if one.alert:
+                raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
 
     def _all_off(self, error: ServoError) -> ServoError:
         """Switch the torques of several off; return the error, with what else is wrong."""

@@ -137,7 +137,7 @@ class HealthPolls:
             ]
             for address, end in blocks
         }
-        self._turn = 0
+        self._turn = self._next = 0  # places in the list of lengths
         self.asked = 0
         """Length of the block in the last request; 0: the sample only"""
         self.due_ns = 0
@@ -161,6 +161,7 @@ class HealthPolls:
         """Return the length of the block to request at ``now_ns`` [ns]; 0: the sample only."""
         self.due_ns = now_ns + EVERY_NS
         if self._lengths:
+            self._turn = self._next
             self.asked = self._lengths[self._turn]
         return self.asked
 
@@ -174,8 +175,8 @@ class HealthPolls:
         }
 
     def answered(self) -> None:
-        """Go on to the next block; an unanswered poll is repeated."""
-        self._turn = (self._turn + 1) % len(self._lengths)
+        """Go on to the next block with the next poll; an unanswered one is repeated."""
+        self._next = (self._turn + 1) % len(self._lengths)
 
 
 class HealthWatch:
