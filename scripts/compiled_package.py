@@ -29,11 +29,14 @@ DRIVER = (
     "hw.dynamixel.codec.parser",
     "hw.dynamixel.samples",
     "hw.serialport.line",
-    "hw.dynamixel.link",
+    "hw.dynamixel.station",
+    "hw.dynamixel.exchange",
     "hw.dynamixel.jump_filter",
     "hw.dynamixel.torque_law",
     "hw.dynamixel.watchdog",
     "hw.dynamixel.health",
+    "hw.dynamixel.driven",
+    "hw.dynamixel.group",
     "hw.dynamixel.servo",
 )
 TICK = (

@@ -25,7 +25,7 @@ ROLES = {
         "controller/runtime/loop.py",
     ),
     "codec": ("hw/dynamixel/codec/*.py",),
-    "link": ("hw/dynamixel/link.py",),
+    "exchange": ("hw/dynamixel/exchange.py", "hw/dynamixel/station.py"),
     "safety": (
         "controller/runtime/safety.py",
         "controller/runtime/overspeed.py",

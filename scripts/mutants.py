@@ -1,4 +1,4 @@
-"""Puts small defects into guard, detector, tick, codec, link and safety, and runs their tests.
+"""Puts small defects into guard, detector, tick, codec, exchange and safety, and runs their tests.
 
     scripts/study mutants [--sample N] [--seed S] [--role ROLE ...] [--out FILE] [--like FILE]
     scripts/study mutants --compare BEFORE.json AFTER.json

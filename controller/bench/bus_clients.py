@@ -19,14 +19,13 @@ from typing import Final, NamedTuple, Protocol
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
-    ExpectedFastReply,
-    ExpectedReply,
+    ExpectedReplies,
     Instruction,
     SyncWrite,
     encode,
 )
-from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.together import Together, Way
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
@@ -66,32 +65,18 @@ class _Rustypot(Protocol):
 
 def driver(line: Line, ids: Sequence[int]) -> dict[str, Cycle]:
     """Return the cycles of our driver: every reply is matched to its request."""
-    return {"haptic-wall, driver": _link(line, ids[0]) if len(ids) == 1 else _together(line, ids)}
-
-
-def _link(line: Line, id_: int) -> Cycle:
-    link = Link(line, id_)
-
-    def cycle() -> bool:
-        link.request()
-        sample = link.collect(time.monotonic_ns() + _PATIENCE_NS)
-        link.send_current(0)
-        return sample.outcome is Outcome.OK
-
-    return cycle
-
-
-def _together(line: Line, ids: Sequence[int]) -> Cycle:
-    together = Together(line, ids, Way.FAST)
-    goals = [0] * len(ids)
+    exchange = Exchange(line, ids)
+    if len(ids) > 1:
+        exchange.select(exchange.stations, Way.FAST)
+    goals = (0,) * len(ids)
 
     def cycle() -> bool:
-        together.request()
-        samples = together.collect(time.monotonic_ns() + _PATIENCE_NS)
-        together.send_currents(goals)
+        exchange.request()
+        samples = exchange.collect(time.monotonic_ns() + _PATIENCE_NS)
+        exchange.send(goals)
         return all(sample.outcome is Outcome.OK for sample in samples)
 
-    return cycle
+    return {"haptic-wall, driver": cycle}
 
 
 def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
@@ -101,42 +86,28 @@ def codec(line: Line, ids: Sequence[int], block: Block) -> dict[str, Cycle]:
     asked = in_turn([_request(ids, block, size) for size in block.sizes])
 
     def cycle() -> bool:
-        request, decode = next(asked)
+        request, expected = next(asked)
         line.write(request)
         deadline_ns = time.monotonic_ns() + _PATIENCE_NS
         come = b""
         good = False
         while not good and line.wait(deadline_ns):
             come += line.read()
-            good = decode(come) is not None
+            found = expected.match(come)
+            good = found is not None and not any(error for error, *_ in found)
         line.write(goals.encode(zeros))
         return good
 
     return {"haptic-wall, codec alone": cycle}
 
 
-def _request(
-    ids: Sequence[int], block: Block, size: int
-) -> tuple[bytes, Callable[[bytes], tuple[int, ...] | None]]:
-    """Return a request, and the decoder of its reply."""
+def _request(ids: Sequence[int], block: Block, size: int) -> tuple[bytes, ExpectedReplies]:
+    """Return a request, and the pattern of its reply, which also decodes it."""
     params = struct.pack("<HH", block.address, size)
-    skipped = size - struct.calcsize(f"<{block.layout}")
     if len(ids) == 1:
-        alone = ExpectedReply(ids[0], size)
-        layout = struct.Struct(f"<x{block.layout}{skipped}x")
-
-        def of_one(data: bytes) -> tuple[int, ...] | None:
-            body = alone.match(data)
-            return None if body is None or body[0] else layout.unpack(body)
-
-        return encode(ids[0], Instruction.READ, params), of_one
-    joint = ExpectedFastReply(ids, size)
-    shares = struct.Struct("<8x" + f"Bx{block.layout}{skipped + 2}x" * len(ids))
-
-    def of_all(data: bytes) -> tuple[int, ...] | None:
-        return shares.unpack(data) if joint.match(data) else None
-
-    return encode(BROADCAST, Instruction.FAST_SYNC_READ, params + bytes(ids)), of_all
+        return encode(ids[0], Instruction.READ, params), ExpectedReplies(ids, size, block.layout)
+    request = encode(BROADCAST, Instruction.FAST_SYNC_READ, params + bytes(ids))
+    return request, ExpectedReplies(ids, size, block.layout, joint=True)
 
 
 def vendors(

@@ -25,7 +25,7 @@ from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import Instruction
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.servo import Outcome
@@ -138,12 +138,12 @@ def _clients(path: str, stack: ExitStack) -> dict[str, Read]:
     """Return one read of each client, as a loop of this period would use it."""
     line = FdLine(os.open(path, os.O_RDWR | os.O_NOCTTY), MonotonicClock())
     stack.callback(line.close)
-    link = Link(line, 1)
+    exchange = Exchange(line, [1])
 
     def of_ours() -> bool:
-        link.request()
+        exchange.request()
         deadline_ns = time.monotonic_ns() + int(COLLECT_SHARE * _PERIOD_NS)
-        return link.collect(deadline_ns).outcome is Outcome.OK
+        return exchange.collect(deadline_ns)[0].outcome is Outcome.OK
 
     sdk = importlib.import_module("dynamixel_sdk")
     port = sdk.PortHandler(path)

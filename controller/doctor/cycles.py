@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Final, get_args
 
 from haptic_wall.controller.doctor.replies import percentile
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import Schedule
@@ -141,7 +141,7 @@ class _Runner:
     ) -> None:
         self.lateness: list[int] = []
         self.skipped = 0
-        self._link = Link(line, servo_id)
+        self._exchange = Exchange(line, [servo_id])
         self._now_ns = line.clock.now_ns
         self._pipelined = schedule == "pipelined"
         self._wait = wait
@@ -151,7 +151,7 @@ class _Runner:
 
     def run(self, offset_ns: int, cycles: int) -> Phase:
         """Run one series on the grid at ``offset_ns`` after the first one."""
-        link, now_ns, period_ns = self._link, self._now_ns, self._period_ns
+        exchange, now_ns, period_ns = self._exchange, self._now_ns, self._period_ns
         behind_ns = now_ns() + period_ns - self._origin_ns - offset_ns
         deadline_ns = self._origin_ns + offset_ns + -(-behind_ns // period_ns) * period_ns
         ages: list[int] = []
@@ -159,7 +159,7 @@ class _Runner:
         sampled_ns: int | None = None
         collect_ns, other_ns = self._collect_ns
         if self._pipelined:
-            link.request()
+            exchange.request()
         valid = not self._pipelined  # the first reply has had more than a period
         for _ in range(cycles + 1):
             woke_ns = self._wait(deadline_ns)
@@ -167,11 +167,11 @@ class _Runner:
             punctual = woke_ns - deadline_ns < period_ns // _LATE_SHARE
             self.skipped += not punctual
             if not self._pipelined:
-                link.request()
-            sample = link.collect(woke_ns + collect_ns)
+                exchange.request()
+            (sample,) = exchange.collect(woke_ns + collect_ns)
             used_ns = now_ns()
             if self._pipelined:
-                link.request()
+                exchange.request()
             good = sample.outcome is Outcome.OK
             if good:
                 sampled_ns = sample.sampled_ns
@@ -186,5 +186,5 @@ class _Runner:
             passed = max(1, -(-(now_ns() - deadline_ns) // period_ns))
             deadline_ns += passed * period_ns
         if self._pipelined:
-            link.collect(now_ns() + collect_ns)
+            exchange.collect(now_ns() + collect_ns)
         return Phase(offset_ns, counted, missed, sorted(ages))

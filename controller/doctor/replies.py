@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
@@ -107,18 +107,18 @@ class _Stopwatch:
         self.asked = 0
         self.failures = {Outcome.LOST: 0, Outcome.CORRUPT: 0}
         self.positions: list[int] = []
-        self._link = Link(line, servo_id)
+        self._exchange = Exchange(line, [servo_id])
         self._clock = line.clock
 
     def run(self, pauses_ns: Iterable[int]) -> list[int]:
         """Return the sorted durations of reads, each sent a pause after the last one's end."""
-        clock, link = self._clock, self._link
+        clock, exchange = self._clock, self._exchange
         took = []
         for pause_ns in pauses_ns:
             clock.wait_until(clock.now_ns() + pause_ns)
             sent_ns = clock.now_ns()
-            link.request()
-            sample = link.collect(sent_ns + _PATIENCE_NS)
+            exchange.request()
+            (sample,) = exchange.collect(sent_ns + _PATIENCE_NS)
             self.asked += 1
             if sample.outcome is Outcome.OK:
                 took.append(clock.now_ns() - sent_ns)

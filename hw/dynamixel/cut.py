@@ -1,18 +1,23 @@
-"""Switches the torque off and reads it back: when the driver stops, and after its process died."""
+"""Switches torques off and reads them back: when the driver stops, and after its process died."""
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
 from typing import Final
 
-from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed
+from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
 
 _TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
-_PATIENCE_NS: Final = (*QUICK_NS[2:], QUICK_NS[-1])
-"""Time allowed for each reply of each attempt [ns]; two attempts outlast a 16 ms timer"""
+_QUICK_NS: Final = 4_000_000
+"""Time allowed for a reply [ns]"""
+_SLOW_NS: Final = 20_000_000
+"""The same where replies took longer, or nobody replies: longer than an adapter's 16 ms timer"""
 _SIZES: Final = range(4, 16)
 """Sizes of the blocks that are read: of no other process's requests, whose replies may be late"""
 _GAP_NS: Final = 2_000_000
@@ -42,21 +47,39 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
         line.read()
         while line.wait(min(now_ns() + _GAP_NS, end)) and now_ns() < end:
             line.read()
-        return torque_off(Link(line, servo_id, baud=baud))
+        return not torque_off(Exchange(line, [servo_id], baud=baud).stations)
     except ServoLostError:
         return False
 
 
-def torque_off(link: Link) -> bool:
-    """Write Torque Enable 0 and read it back; try several times.
+def torque_off(stations: Sequence[Station]) -> list[Station]:
+    """Write Torque Enable 0 to all at once, twice, and read it back from each; try several times.
 
-    It takes at most 100 ms; a slow bus adds its wire time. Only what is read back counts, in a
-    block of a size that no other request has: a late reply must not be taken for the answer.
+    Only what is read back counts, in a block of a size that no other request has: a late reply must
+    not be taken for the answer. A lost one among many takes 16 ms, a single one 56 ms, as its
+    adapter may be slow; a slow bus adds its wire time.
+
+    Args:
+        stations: The servos, on one line.
 
     Returns:
-        Whether torque off was read back.
+        Those whose torque off was not read back.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    return confirmed(link, _TORQUE_ENABLE, 0, _PATIENCE_NS, _SIZES) == 0
+    left = list(stations)
+    slow = any(station.longest_ns > _QUICK_NS for station in stations)
+    for patience_ns in 4 * (_SLOW_NS if slow else _QUICK_NS,) + 2 * (_SLOW_NS,):
+        heard = len(left) < len(stations)
+        if not left or (patience_ns == _SLOW_NS and heard and not slow):
+            break
+        off = b"".join(struct.pack("<BB", station.id, 0) for station in left)
+        params = struct.pack("<HH", _TORQUE_ENABLE.address, 1) + off
+        frame = encode(BROADCAST, Instruction.SYNC_WRITE, params)
+        exchange = left[0].exchange
+        for _ in range(2):
+            exchange.line.write(frame)
+        allowed_ns = patience_ns + exchange.wire_ns(2 * len(frame))
+        left = [one for one in left if one.read_register(_TORQUE_ENABLE, allowed_ns, _SIZES) != 0]
+    return left

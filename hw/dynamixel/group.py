@@ -1,26 +1,39 @@
 """Drives several servos on one bus: reads all in one cycle, commands all in one frame.
 
-Each servo is started and stopped by its own driver, with checks and probe. In between the group
-reads them by the fastest instruction that all of them support; if a servo does not reply, only its
-own reading is lost. While a group runs, health is not polled; only the alert in a reply shows a
-latched hardware error.
+They are read by the fastest instruction that all of them support; if a servo does not reply, only
+its own reading is lost. Any servo that is lost for too long, is hot, has restarted, has latched an
+error or has lost its torque ends the run of all: zero torque in the next frame, then torque off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.together import Together, Way
-from haptic_wall.hw.errors import ServoError, UnfitServoError
-from haptic_wall.hw.serialport.line import Line
+from haptic_wall.hw.dynamixel.cut import torque_off
+from haptic_wall.hw.dynamixel.driven import Driven
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.health import HealthPolls
+from haptic_wall.hw.dynamixel.samples import Way
+from haptic_wall.hw.dynamixel.startup import WATCHED, Ready
+from haptic_wall.hw.errors import (
+    ServoError,
+    ServoHealthError,
+    ServoLostError,
+    UnfitServoError,
+)
+from haptic_wall.hw.serialport.line import FdLine, Line
 from haptic_wall.hw.servo import BusCounts, Check, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
+_OK: Final = Outcome.OK
+_REPLY_PATIENCE: Final = 1.5
+"""Factor on the usual reply time after which a slow adapter's reply is given up: one that has just
+missed the timer comes with its next expiry"""
 _TRIES: Final = 3
+_NEVER_NS: Final = 1 << 62
 _PATIENCE_NS: Final = 100_000_000
 
 
@@ -28,11 +41,11 @@ class DynamixelGroup:
     """Servos on a line, in the order of their settings.
 
     Args:
-        settings: Settings of each servo; the ids must differ.
-        line: The bus; ``close`` closes it.
+        settings: Settings of each servo, with the same bus and period; the ids must differ.
+        line: The bus; ``close`` closes it. Nothing is sent yet.
 
     Raises:
-        UnfitServoError: Two servos have the same id, or a model has no current control.
+        UnfitServoError: Two servos have the same id, or see ``Driven``.
     """
 
     def __init__(self, settings: Sequence[DriverSettings], line: Line) -> None:
@@ -42,40 +55,41 @@ class DynamixelGroup:
                 f"A group needs servos with an id each, but has {ids}",
                 advice="give each another one.",
             )
-        self._line = line
-        self._shared = _SharedLine(line)
-        self._ids = ids
-        self._servos = [DynamixelServo(one, self._shared) for one in settings]
-        self._together = Together(line, ids, Way.SYNC)
-        self._running = False
+        first = settings[0]
+        self.line = line
+        self.exchange = Exchange(line, ids, baud=first.baud)
+        self.servos = [
+            Driven(one, station, self.exchange)
+            for one, station in zip(settings, self.exchange.stations, strict=True)
+        ]
+        self._baud, self._period_s = first.baud, first.period_s
+        self._polls = self._plan()
+        self._now_ns = line.clock.now_ns
+        self._reply_ns = 0
+        """Time of a reply, where that is several periods [ns]; 0: replies are in time"""
+        self.running = False
+        self.left_on: list[Driven] = self.servos
+        """Servos whose torque off was not read back since the last start"""
 
     @property
     def way(self) -> Way:
         """Return how the servos are read; ``start`` determines it."""
-        return self._together.way
+        return self.exchange.way
 
     @property
     def facts(self) -> list[Facts]:
         """Return the facts of each servo, constant while it is open."""
-        return [servo.facts for servo in self._servos]
+        return [one.facts for one in self.servos]
 
     @property
     def counts(self) -> list[BusCounts]:
         """Return the counts of each servo's bus traffic since the start."""
-        return self._together.counts
-
-    @property
-    def restarted(self) -> list[int]:
-        """Return the ids of servos that have restarted, so that their torque is off.
-
-        The other servos go on. Stop and start the group to use all again.
-        """
-        return self._together.restarted
+        return [one.bus.counts for one in self.servos]
 
     @property
     def waited_ns(self) -> int:
         """Return the bus wait of the last ``collect`` [ns]."""
-        return self._together.waited_ns
+        return self.exchange.waited_ns
 
     def start(self) -> list[list[Check]]:
         """Check and set up each servo in sequence; then determine how to read them.
@@ -84,45 +98,103 @@ class DynamixelGroup:
             The checks of each servo.
 
         Raises:
-            ServoError: A servo could not be started; the torque of all servos is off.
+            ServoError: A servo could not be started; the torque of all servos is off, or the
+                message says of which it may not be.
         """
-        checks: list[list[Check]] = []
+        exchange, servos = self.exchange, self.servos
+        self.left_on = servos
+        self._reply_ns = exchange.patience_ns = 0
+        ready: list[Ready] = []
+        for one in servos:
+            one.forget()
         try:
-            for servo in self._servos:
-                checks.append(servo.start())  # a failed start switches its torque off
-            self._together = self._quickest()
-            for servo in self._servos:
-                servo.resume()  # the first ones may have been idle for long
-        except BaseException as error:
-            if not _stopped(self._servos[: len(checks)]) and isinstance(error, ServoError):
-                raise type(error)(
-                    f"{error} Torque off of another could not be read back: switch the power off."
-                ) from error
+            for one in servos:
+                exchange.select([one.station])
+                ready.append(one.start(self._polls.describe()))
+            if len(servos) > 1:
+                self._choose_way()
+                self._polls = self._plan()
+                for one in servos:
+                    one.watchdog.resume(self._now_ns(), under_torque=False)  # idle meanwhile
+                    one.watchdog.called_ns = self._now_ns()
+        except ServoError as error:
+            if self._off():
+                raise
+            raise type(error)(
+                f"{error} Torque off{self._of_whom()} could not be read back",
+                advice="switch the servo's power off.",
+            ) from error
+        except BaseException:
+            self._off()
             raise
-        self._running = True
-        return checks
+        if len(servos) == 1 or exchange.way is not Way.PLAIN:
+            self._reply_ns = max(each.reply_ns for each in ready)
+        if self._reply_ns:
+            jitter_ns = 2e9 * self._period_s
+            exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
+        for one in servos:
+            one.watchdog.limit_ns += exchange.patience_ns
+            one.bus.reply_s = self._reply_ns * 1e-9
+            one.bus.counts = one.station.counts = BusCounts()
+        self._run(running=True)
+        watched, _ = self._polls.describe()
+        return [
+            [replace(one, found=watched) if one.name == WATCHED else one for one in each.checks]
+            for each in ready
+        ]
 
     def request(self) -> None:
-        """Request all positions, without waiting.
+        """Request all positions, without waiting unless a Bus Watchdog may have tripped.
 
         Raises:
-            ServoLostError: The port is gone.
+            ServoError: As ``collect``.
         """
-        self._together.request()
+        try:
+            now_ns = self._now_ns()
+            exchange = self.exchange
+            if self._reply_ns:
+                for one in self.servos:
+                    one.watchdog.call(now_ns, under_torque=one.goal != 0)
+                if exchange.waiting:
+                    return
+            for one in self.servos:
+                watchdog = one.watchdog
+                if now_ns - watchdog.heard_ns > watchdog.limit_ns:
+                    self._hold()
+                    watchdog.resume(now_ns, under_torque=one.goal != 0)
+            polls = self._polls
+            polls.asked = 0
+            wide = polls.length(now_ns) if now_ns >= polls.due_ns and self.running else 0
+            exchange.request(wide)
+        except ServoError as error:
+            raise self._all_off(error) from error.__cause__
 
     def collect(self, deadline_ns: int) -> list[Reading]:
         """Return the replies to the last ``request``; wait until ``deadline_ns`` [ns] at most.
 
         Raises:
-            ServoLostError: The port is gone.
-            TorqueLostError: A servo that did not reply for a while has lost its torque.
+            ServoError: The port is gone, or a servo is lost, has lost its torque or is in no state
+                to be driven any longer. The torque of several is off then, or the message says of
+                which it may not be; a single one is left to the caller.
         """
-        samples = self._together.collect(deadline_ns)
-        readings = []
-        for servo, sample, counts in zip(self._servos, samples, self._together.counts, strict=True):
-            reading = servo.read_from(sample)
-            counts.refused += reading.outcome is Outcome.REFUSED
-            readings.append(reading)
+        exchange, readings = self.exchange, []
+        asked = self._polls.asked
+        try:
+            # Do not wait within a period for replies that take several.
+            samples = exchange.collect(0 if self._reply_ns else deadline_ns)
+            waited_ns = exchange.waited_ns
+            for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
+                one.bus.waited_ns = waited_ns
+                if one.station.twins:
+                    one.be_one()
+                if asked and sample.outcome is _OK and not sample.alert:
+                    # A latched error explains more than its consequences.
+                    self._judge(one)
+                readings.append(one.reading(sample))
+            if len(readings) > 1:
+                self._refuse_alerts()
+        except ServoError as error:
+            raise self._all_off(error) from error.__cause__
         return readings
 
     def write(self, torques: Sequence[float]) -> list[float]:
@@ -136,59 +208,129 @@ class DynamixelGroup:
             ValueError: A torque is not a finite number, or there is not one for each.
             RuntimeError: The group is not started.
         """
-        goals = [servo.goal(torque) for servo, torque in zip(self._servos, torques, strict=True)]
-        self._together.send_currents(goals)
-        return [servo.torque(goal) for servo, goal in zip(self._servos, goals, strict=True)]
+        servos = self.servos
+        goals = [one.goal_of(torque) for one, torque in zip(servos, torques, strict=True)]
+        self.exchange.send(goals)
+        return [one.law.torque(goal) for one, goal in zip(servos, goals, strict=True)]
 
     def stop(self) -> bool:
-        """Send zero torque to all at once; then switch each torque off and read it back.
+        """Send zero torque to all, switch all torques off and read them back.
 
         Returns:
             Whether torque off was read back from all.
         """
-        if self._running:
-            self._running = False
-            with suppress(ServoError):  # torque off, which follows, is what counts
-                self._together.send_currents([0] * len(self._servos))
-        return _stopped(self._servos)
+        if self.left_on:
+            for one in self.servos:
+                if not one.known:  # never started: its torque may belong to another program
+                    with suppress(ServoError):
+                        one.meet()
+            self._off()
+            for one in self.servos:
+                one.name_trouble()
+        return not self.left_on
 
     def close(self) -> None:
-        """Stop all servos, and close the line."""
+        """Stop the servos if they were started and not stopped, and close the line."""
         try:
-            self.stop()
+            if self.running:
+                self.stop()
         finally:
-            self._line.close()
+            self.line.close()
 
-    def _quickest(self) -> Together:
-        """Return the fastest instruction to which all servos reply."""
+    def idle(self) -> None:
+        """Make the line's system calls without effect, to keep them quick."""
+        if isinstance(self.line, FdLine):
+            self.line.idle()
+
+    def pretend(self) -> None:
+        """Run without a start and without polls, on a line without servos."""
+        self._polls.due_ns = _NEVER_NS
+        for one in self.servos:
+            one.known = True
+            one.watchdog.heard_ns = self._now_ns()
+        self._run(running=True)
+
+    def _run(self, *, running: bool) -> None:
+        self.running = running
+        for one in self.servos:
+            one.running = running
+
+    def _plan(self) -> HealthPolls:
+        return HealthPolls(self.exchange, self._baud, self._period_s)
+
+    def _choose_way(self) -> None:
+        """Select the fastest instruction to which all servos reply.
+
+        Raises:
+            UnfitServoError: There is none.
+        """
+        exchange = self.exchange
         for way in Way:
-            together = Together(self._line, self._ids, way)
+            exchange.select(exchange.stations, way)
             for _ in range(_TRIES):
-                together.request()
-                samples = together.collect(self._line.clock.now_ns() + _PATIENCE_NS)
-                if all(sample.outcome is Outcome.OK for sample in samples):
-                    together.counts = [BusCounts() for _ in self._ids]
-                    return together
+                exchange.request()
+                samples = exchange.collect(self._now_ns() + _PATIENCE_NS)
+                if all(sample.outcome is _OK for sample in samples):
+                    return
         raise UnfitServoError(
             "The servos answer one by one but not in one cycle",
             advice="check the cable, and that no two have the same id.",
         )
 
+    def _off(self) -> bool:
+        """Send zero goals if this driver has the torque on; switch it off and read it back.
 
-class _SharedLine:
-    """A line that several drivers use in turn; the group closes it."""
+        Nothing is written to a servo with an unknown control table.
 
-    def __init__(self, line: Line) -> None:
-        self.clock: Clock = line.clock
-        self.write = line.write
-        self.read = line.read
-        self.wait = line.wait
+        Returns:
+            Whether torque off was read back from all others.
+        """
+        known = [one for one in self.servos if one.known]
+        left = [one.station for one in known]
+        for one in self.servos:
+            one.watchdog.end()
+        with suppress(ServoLostError):
+            if self.running:
+                self._run(running=False)
+                with suppress(ServoLostError):  # torque off, which follows, is what counts
+                    self.exchange.send([0] * len(self.servos))
+            left = torque_off(left)
+        self.left_on = [one for one in self.servos if not one.known or one.station in left]
+        return not left
 
-    def close(self) -> None:
-        """Do nothing: the group closes the line."""
+    def _of_whom(self) -> str:
+        if len(self.servos) == 1:
+            return ""
+        return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
 
+    def _hold(self) -> None:
+        """Send zero to several: none must push on while one is examined."""
+        if len(self.servos) > 1:
+            self.exchange.send([0] * len(self.servos))
 
-def _stopped(servos: Sequence[DynamixelServo]) -> bool:
-    """Stop every servo, even if another one fails; return whether all read back torque off."""
-    stopped = [servo.stop() for servo in servos]
-    return all(stopped)
+    def _judge(self, one: Driven) -> None:
+        """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
+        if values := self._polls.values(one.station.block):
+            if not one.is_good(values):
+                self._hold()
+                one.watchdog.look(0, under_torque=one.goal != 0)
+            self._polls.answered()
+
+    def _refuse_alerts(self) -> None:
+        """A latched error ends the run of several; who drives one servo decides."""
+        for one in self.servos:
+            if one.alert:
+                raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
+
+    def _all_off(self, error: ServoError) -> ServoError:
+        """Switch the torques of several off; return the error, with what else is wrong."""
+        if len(self.servos) == 1:  # its driver's user stops it
+            return error
+        self.stop()
+        told = [str(error)]
+        told += [f"T{one.trouble[1:]}." for one in self.servos if one.trouble]
+        if self.left_on:
+            told.append(
+                f"Torque off{self._of_whom()} could not be read back: switch the power off."
+            )
+        return type(error)(" ".join(told))

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, read_patiently
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 
@@ -38,10 +38,10 @@ def what_to_do(error: int) -> str:
     return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
 
 
-def latched(link: Link, name: str) -> str:
+def latched(station: Station, name: str) -> str:
     """Read the latched errors of a servo; return names and advice, or an empty text."""
     try:
-        error = read_patiently(link, _STATUS, QUICK_NS)
+        error = read_patiently(station, _STATUS, QUICK_NS)
     except ServoLostError:
         return ""
     if not error:

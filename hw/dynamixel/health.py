@@ -1,4 +1,4 @@
-"""Polls the health of a running servo: torque enable, Bus Watchdog, supply and temperature.
+"""Polls the health of running servos: torque enable, Bus Watchdog, supply and temperature.
 
 Every 200 ms the request for a sample reads a wider block, which also contains these registers. This
 needs no additional request, but its bytes delay the torque of that period, so the widest block is
@@ -17,10 +17,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.link import Link
-from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END
-from haptic_wall.hw.dynamixel.tables import Register
-from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END, Way
+from haptic_wall.hw.dynamixel.tables import REGISTERS
+from haptic_wall.hw.dynamixel.wire import (
+    EMPTY_REPLY_BYTES,
+    JOINT_HEAD_BYTES,
+    JOINT_PART_BYTES,
+    READ_REQUEST_BYTES,
+)
 from haptic_wall.hw.errors import Problem, ServoError, ServoHealthError, TorqueLostError
 
 EVERY_NS: Final = 200_000_000
@@ -47,10 +52,12 @@ _ITEMS: Final = (
     _Item("present_temperature", "temperature"),
 )
 _EVERYTHING: Final = (64, 147)
+_TORQUE_AND_WATCHDOG: Final = (64, SAMPLE_END)
 _WATCHDOG: Final = (98, SAMPLE_END)
 _SUPPLY_AND_HEAT: Final = (SAMPLE_ADDRESS, 147)
 _BLOCKS: Final = (
     (_EVERYTHING, *4 * (_SUPPLY_AND_HEAT,)),
+    (_TORQUE_AND_WATCHDOG, *4 * (_SUPPLY_AND_HEAT,)),
     (_WATCHDOG, _SUPPLY_AND_HEAT),
     (_SUPPLY_AND_HEAT,),
 )
@@ -98,56 +105,48 @@ class DrivingRange:
         )
 
 
-class HealthWatch:
-    """Decides which request asks for a wider block, and judges its reply.
+class HealthPolls:
+    """Decides which request asks for a wider block.
 
     Args:
-        link: Link to the servo; the lengths of the blocks are registered with it.
-        registers: The model's.
+        exchange: Reads the servos, in its present way; the lengths of the blocks are registered
+            with it.
         baud: The bus's rate [bit/s].
         period_s: Period of the loop [s].
     """
 
-    def __init__(
-        self, link: Link, registers: Mapping[str, Register], baud: int, period_s: float
-    ) -> None:
-        most = int(_SHARE * period_s * baud / 10) - ASKING_BYTES
+    def __init__(self, exchange: Exchange, baud: int, period_s: float) -> None:
+        count = len(exchange.stations)
+        most = int(_SHARE * period_s * baud / 10) - READ_REQUEST_BYTES - (count if count > 1 else 0)
+        if exchange.way is Way.FAST:
+            most = (most - JOINT_HEAD_BYTES) // count - JOINT_PART_BYTES
+        else:
+            most = most // count - EMPTY_REPLY_BYTES
         blocks = next(
             (way for way in _BLOCKS if all(end - address <= most for address, end in way)), ()
         )
-        self._lengths = [end - address for address, end in blocks]
-        for address, end in blocks:
-            if end - address not in LENGTHS:  # else it has an ordinary length
-                link.widen(address, end)
+        self._lengths = [
+            end - address if end - address in LENGTHS else exchange.widen(address, end)
+            for address, end in blocks
+        ]
         self._wanted = {
             end - address: [
-                (item, registers[item.register])
+                (item, register.address - address, register.size)
                 for item in _ITEMS
-                if address <= registers[item.register].address < end
+                if address <= (register := REGISTERS[item.register]).address < end
             ]
             for address, end in blocks
         }
-        self._addresses = {end - address: address for address, end in blocks}
-        self._turn = 0
-        self.last = dict.fromkeys(("supply", "temperature"), 0)
-        """Last readings [0.1 V], [°C]; 0: none yet"""
+        self._turn = self._next = 0  # places in the list of lengths
         self.asked = 0
         """Length of the block in the last request; 0: the sample only"""
-        self._strikes = dict.fromkeys(("supply", "temperature"), 0)
         self.due_ns = 0
         """Time of the next poll [ns]"""
-        self.bounds: DrivingRange | None = None
-        """The servo's limits; None until the start has read them, and until then there are no
-        polls"""
-
-    def forget(self) -> None:
-        """Restart: faults of an earlier run no longer count."""
-        self._strikes = dict.fromkeys(self._strikes, 0)
 
     def describe(self) -> tuple[str, str]:
         """Describe the watched values with their intervals; also list all that could be watched."""
         everything = ", ".join(item.name for item in _ITEMS)
-        turns = [{item.name for item, _ in self._wanted[length]} for length in self._lengths]
+        turns = [{item.name for item, *_ in self._wanted[length]} for length in self._lengths]
         looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}
         groups = [
             f"{', '.join(names)} every {EVERY_NS * len(turns) / count * 1e-9:g} s"
@@ -161,16 +160,44 @@ class HealthWatch:
     def length(self, now_ns: int) -> int:
         """Return the length of the block to request at ``now_ns`` [ns]; 0: the sample only."""
         self.due_ns = now_ns + EVERY_NS
-        if not self._lengths or self.bounds is None:
-            return 0
-        self.asked = self._lengths[self._turn]
+        if self._lengths:
+            self._turn = self._next
+            self.asked = self._lengths[self._turn]
         return self.asked
 
-    def judge(self, block: bytes, name: str) -> bool:
-        """Check the values in a valid reply to the last request, if the request was a poll.
+    def values(self, block: bytes) -> dict[str, int]:
+        """Return the watched values in a reply to the last request; empty if that was no poll."""
+        if len(block) != self.asked:
+            return {}
+        wanted = self._wanted[self.asked]
+        return {
+            item.name: int.from_bytes(block[at : at + size], "little") for item, at, size in wanted
+        }
+
+    def answered(self) -> None:
+        """Go on to the next block with the next poll; an unanswered one is repeated."""
+        self._next = (self._turn + 1) % len(self._lengths)
+
+
+class HealthWatch:
+    """Judges the polled values of one servo."""
+
+    def __init__(self) -> None:
+        self.last = {"supply": 0, "temperature": 0}
+        """Last readings [0.1 V], [°C]; 0: none yet"""
+        self.bounds: DrivingRange | None = None
+        """The servo's limits; None until the start has read them"""
+        self.forget()
+
+    def forget(self) -> None:
+        """Restart: faults of an earlier run no longer count."""
+        self._strikes = dict.fromkeys(self.last, 0)
+
+    def judge(self, values: Mapping[str, int], name: str) -> bool:
+        """Check polled values.
 
         Args:
-            block: The reply's data.
+            values: From ``HealthPolls``.
             name: Name of the servo, for messages.
 
         Returns:
@@ -180,33 +207,21 @@ class HealthWatch:
             TorqueLostError: The servo's torque is off.
             ServoHealthError: The servo must not be driven any longer.
         """
-        asked, bounds = self.asked, self.bounds
-        if not asked or len(block) != asked or bounds is None:
+        bounds = self.bounds
+        if bounds is None:
             return True
-        self._turn = (self._turn + 1) % len(self._lengths)  # an unanswered poll is repeated
-        quiet = True
-        for item, register in self._wanted[asked]:
-            at = register.address - self._addresses[asked]
-            value = int.from_bytes(block[at : at + register.size], "little")
-            if item.name == "torque enable":
-                _refuse_torque_off(value, name)
-            elif item.name == "bus watchdog":
-                quiet = value == bounds.watchdog
-            else:
-                fault = bounds.supply_fault if item.name == "supply" else bounds.heat_fault
-                self.last[item.name] = value
-                self._strike(item.name, fault(value), name)
-        return quiet
+        if values.get("torque enable") == 0:
+            raise TorqueLostError(
+                f"The torque of the {name} is off, but this program has not switched it off",
+                advice="look for another program on this bus, or for a failed supply.",
+            )
+        for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
+            if kind in values:
+                value = self.last[kind] = values[kind]
+                self._strike(kind, find(value), name)
+        return values.get("bus watchdog", bounds.watchdog) == bounds.watchdog
 
     def _strike(self, kind: str, fault: Problem | None, name: str) -> None:
         self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
         if fault is not None and self._strikes[kind] >= _TWICE:
             raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
-
-
-def _refuse_torque_off(torque_enable: int, name: str) -> None:
-    if not torque_enable:
-        raise TorqueLostError(
-            f"The torque of the {name} is off, but this program has not switched it off",
-            advice="look for another program on this bus, or for a failed supply.",
-        )

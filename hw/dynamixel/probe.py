@@ -14,8 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.register_access import (
     UNHELD,
     Table,
@@ -24,6 +23,7 @@ from haptic_wall.hw.dynamixel.register_access import (
     lost,
     read_patiently,
 )
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
@@ -79,7 +79,7 @@ def prove_the_sign(
     law: TorqueLaw,
     current_limit: int,
     table: Table,
-    clock: Clock,
+    exchange: Exchange,
     name: str,
 ) -> Verdict:
     """Check that a small torque away from the wall moves the shaft away from the wall.
@@ -89,7 +89,7 @@ def prove_the_sign(
         law: Converts torque to goal current.
         current_limit: Current limit of the servo.
         table: The servo, with torque on at zero torque.
-        clock: Tells the time.
+        exchange: Exchanges samples and goals with it alone.
         name: Name of the servo, for messages.
 
     Raises:
@@ -104,10 +104,10 @@ def prove_the_sign(
     limit = max(1, min(law.within(most), current_limit))
     direction = 1 if settings.probe_direction > 0 else -1
     for _ in range(_PUSHES):
-        push = probe_sign(table.link, clock, direction * limit, name)
+        push = probe_sign(table.station, exchange, direction * limit, name)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         units = watchdog_units(settings)
-        if not tripped or rearm(table.link, units, under_torque=False) is not Armed.YES:
+        if not tripped or rearm(table.station, units, under_torque=False) is not Armed.YES:
             break
     torque = law.torque(push.peak)
     found = f"no motion at {torque:+.3f} N·m"
@@ -121,21 +121,21 @@ def prove_the_sign(
         found = "no motion, because the Bus Watchdog tripped"
         why = f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the probe of the sign"
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
-        if late := lateness(table.link):
+        if late := lateness(table.station):
             why, advice = why + late, UNHELD
     return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
 
 
-def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
+def probe_sign(station: Station, exchange: Exchange, limit: int, name: str) -> Push:
     """Push until the shaft moves; torque must be enabled, and is zero afterwards.
 
     A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
     is repeated once. So is one in which the line was silent for a while.
 
     Args:
-        link: The servo.
-        clock: Tells the time; the probe cycles at 1 kHz, or as fast as the bus can, which also
-            keeps the Bus Watchdog from tripping.
+        station: The servo.
+        exchange: Exchanges samples and goals with it alone, at 1 kHz or as fast as the bus can,
+            which also keeps the Bus Watchdog from tripping.
         limit: Largest goal current, with the sign of the push [current units].
         name: Name of the servo, for messages.
 
@@ -143,7 +143,7 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
         UnfitServoError: The shaft does not rest.
         ServoLostError: The servo stops replying.
     """
-    prober = _Prober(link, clock, name)
+    prober = _Prober(station, exchange, name)
     wrong = silent = False
     while True:
         try:
@@ -151,7 +151,7 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
             push = prober.push(limit)
         except ServoLostError as error:
             if silent or not prober.ended():
-                raise lost(link, error.problem.what) from None
+                raise lost(station, error.problem.what) from None
             silent = True
             continue
         if wrong or push.sign_is_right:
@@ -160,13 +160,14 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
 
 
 class _Prober:
-    def __init__(self, link: Link, clock: Clock, name: str) -> None:
-        self._link = link
-        self._clock = clock
+    def __init__(self, station: Station, exchange: Exchange, name: str) -> None:
+        self._station = station
+        self._exchange = exchange
+        self._clock = exchange.line.clock
         self._name = name
         self._losses = 0
         self._position = 0
-        cycle_ns = link.wire_ns(CYCLE_BYTES)
+        cycle_ns = exchange.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
 
@@ -217,11 +218,11 @@ class _Prober:
 
     def ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
-        link, self._losses = self._link, 0
-        if confirmed(link, REGISTERS["goal_current"], 0) == 0:
+        station, self._losses = self._station, 0
+        if confirmed(station, REGISTERS["goal_current"], 0) == 0:
             return True
         # A tripped one accepts no goal, and has no torque.
-        return read_patiently(link, REGISTERS["bus_watchdog"]) == WATCHDOG_TRIPPED
+        return read_patiently(station, REGISTERS["bus_watchdog"]) == WATCHDOG_TRIPPED
 
     def _end(self) -> None:
         if not self.ended():
@@ -232,11 +233,11 @@ class _Prober:
 
     def _cycle(self, goal: int) -> int:
         """Execute one period at a goal current; return its end [ns]."""
-        link, clock = self._link, self._clock
+        exchange, clock = self._exchange, self._clock
         begun = clock.now_ns()
-        link.send_current(goal)
-        link.request()
-        sample = link.collect(begun + self._patience_ns)
+        exchange.send((goal,))
+        exchange.request()
+        (sample,) = exchange.collect(begun + self._patience_ns)
         if sample.outcome is Outcome.OK:
             self._position = sample.counts
             self._losses = 0

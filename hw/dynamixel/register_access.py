@@ -1,6 +1,6 @@
 """Reads and writes a servo's registers by name, and tries again; every failure raises.
 
-``Link`` matches the replies to their requests. Here a lost, late or damaged request or reply costs
+Replies are matched to requests elsewhere. Here a lost, late or damaged request or reply costs
 another attempt, with more patience each time. Only a value that is read back counts as written.
 """
 
@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
-from haptic_wall.hw.dynamixel.link import REGISTER_SIZES, Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import Model, Register
 from haptic_wall.hw.errors import (
     Problem,
@@ -40,37 +41,35 @@ UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
 _Found = TypeVar("_Found")
 
 
-def lateness(link: Link) -> str:
+def lateness(station: Station) -> str:
     """Return how late replies came, as the end of a sentence; empty: all came in time."""
-    late_ms = link.longest_ns * 1e-6
+    late_ms = station.longest_ns * 1e-6
     return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
 
 def lost(
-    link: Link, what: str, advice: str = "check the cable and the power supply."
+    station: Station, what: str, advice: str = "check the cable and the power supply."
 ) -> ServoLostError:
     """Return the error for a servo that stops answering; it names late replies, if any came."""
-    if late := lateness(link):
+    if late := lateness(station):
         what += late
         advice = f"{UNHELD}, and {advice}"
     return ServoLostError(what, advice=advice)
 
 
 def confirmed(
-    link: Link,
+    station: Station,
     register: Register,
     value: int,
     patience_ns: Sequence[int] = PATIENCE_NS,
-    sizes: Sequence[int] = REGISTER_SIZES,
 ) -> int | None:
     """Write a register until the value is read back.
 
     Args:
-        link: The servo.
+        station: The servo.
         register: The register.
         value: Its new value.
         patience_ns: Time allowed for each reply of each attempt [ns].
-        sizes: Sizes of the blocks that are read [bytes].
 
     Returns:
         The value read back, another one if the servo does not take it; None: no reply.
@@ -80,34 +79,34 @@ def confirmed(
     """
     found: int | None = None
     for each_ns in patience_ns:
-        link.refusal = 0
-        found = link.write_register(register, value, each_ns, sizes)
+        station.refusal = 0
+        found = station.write_register(register, value, each_ns)
         if found == value:
             break
     return found
 
 
 def read_patiently(
-    link: Link, register: Register, patience_ns: Sequence[int] = PATIENCE_NS
+    station: Station, register: Register, patience_ns: Sequence[int] = PATIENCE_NS
 ) -> int | None:
     """Read a register until there is a reply; None: there was none.
 
     Args:
-        link: The servo.
+        station: The servo.
         register: The register.
         patience_ns: Time allowed for each attempt [ns].
 
     Raises:
         ServoLostError: The port is gone.
     """
-    return _until_answered(link, lambda each: link.read_register(register, each), patience_ns)
+    return _until_answered(station, lambda each: station.read_register(register, each), patience_ns)
 
 
 def _until_answered(
-    link: Link, ask: Callable[[int], _Found | None], patience_ns: Sequence[int] = PATIENCE_NS
+    station: Station, ask: Callable[[int], _Found | None], patience_ns: Sequence[int] = PATIENCE_NS
 ) -> _Found | None:
     for each_ns in patience_ns:
-        link.refusal = 0
+        station.refusal = 0
         found = ask(each_ns)
         if found is not None:
             return found
@@ -118,13 +117,13 @@ class Table:
     """One servo's registers by name.
 
     Args:
-        link: The servo.
+        station: The servo.
         name: Its id and bus, for messages.
         registers: The registers of its model.
     """
 
-    def __init__(self, link: Link, name: str, registers: Mapping[str, Register]) -> None:
-        self.link = link
+    def __init__(self, station: Station, name: str, registers: Mapping[str, Register]) -> None:
+        self.station = station
         self.name = name
         self.registers = registers
 
@@ -139,12 +138,14 @@ class Table:
             where: Names the bus in messages.
             model: Its model.
         """
-        link = Link(line, servo_id, baud=baud)
-        return cls(link, f"id {servo_id} at {baud} baud on {where}", model.registers)
+        exchange = Exchange(line, [servo_id], baud=baud)
+        return cls(
+            exchange.stations[0], f"id {servo_id} at {baud} baud on {where}", model.registers
+        )
 
     def at(self, registers: Mapping[str, Register]) -> Table:
         """Return the same servo with other registers, those of its firmware."""
-        return Table(self.link, self.name, registers)
+        return Table(self.station, self.name, registers)
 
     def ping(self) -> int:
         """Return the servo's model number.
@@ -153,16 +154,16 @@ class Table:
             ServoMissingError: No reply.
             UnfitServoError: The servo refuses.
         """
-        link = self.link
+        station = self.station
         data = _until_answered(
-            link, lambda patience: link.ask(Instruction.PING, b"", _PING_BYTES, patience)
+            station, lambda patience: station.ask(Instruction.PING, b"", _PING_BYTES, patience)
         )
         if data is not None:
             return int.from_bytes(data[:2], "little")
         failure = self._failure("a ping")
         if isinstance(failure, UnfitServoError):
             raise failure
-        for_a_second = ", and for a second servo with this id" if self.link.damaged else ""
+        for_a_second = ", and for a second servo with this id" if self.station.damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
             advice=f"check its power and cable{for_a_second}; `haptic-wall scan` lists what answers"
@@ -176,7 +177,7 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        found = read_patiently(self.link, self.registers[name])
+        found = read_patiently(self.station, self.registers[name])
         self.be_one()
         if found is None:
             raise self._failure(f"to read {self.label(name)}")
@@ -189,9 +190,9 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        found = confirmed(self.link, self.registers[name], value)
+        found = confirmed(self.station, self.registers[name], value)
         self.be_one()
-        if found is None or (found != value and self.link.refusal):
+        if found is None or (found != value and self.station.refusal):
             raise self._failure(f"to write {value} to {self.label(name)}")
         return found
 
@@ -201,7 +202,7 @@ class Table:
         Raises:
             UnfitServoError: Two have replied.
         """
-        if self.link.twins:
+        if self.station.twins:
             raise UnfitServoError(f"Two servos answer as {self.name}", advice=APART)
 
     def reboot(self) -> None:
@@ -211,8 +212,8 @@ class Table:
             ServoLostError: No confirmation.
             UnfitServoError: The servo refuses.
         """
-        self.link.refusal = 0
-        if self.link.ask(Instruction.REBOOT, b"", 0, PATIENCE_NS[-1]) is None:
+        self.station.refusal = 0
+        if self.station.ask(Instruction.REBOOT, b"", 0, PATIENCE_NS[-1]) is None:
             raise self._failure("to reboot")
 
     def label(self, name: str) -> str:
@@ -221,15 +222,15 @@ class Table:
 
     def _reason(self) -> str:
         """Describe the refusal of the last attempt, if there was one."""
-        code = self.link.refusal
+        code = self.station.refusal
         if code:
             return f" ({_REASONS.get(code, f'error {code}')})"
-        if self.link.echoes:
+        if self.station.echoes:
             return f" ({ECHOES})"
-        return " (damaged replies came)" if self.link.damaged else ""
+        return " (damaged replies came)" if self.station.damaged else ""
 
     def _failure(self, doing: str) -> ServoError:
-        if self.link.refusal and self.link.refusal not in _GARBLED:
+        if self.station.refusal and self.station.refusal not in _GARBLED:
             return UnfitServoError(
                 Problem(
                     f"The servo {self.name} refuses {doing}{self._reason()}",
@@ -237,7 +238,7 @@ class Table:
                 )
             )
         return lost(
-            self.link,
+            self.station,
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
             "check the cable and for a second servo with this id.",
         )

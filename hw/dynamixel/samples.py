@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from enum import Enum
 from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.codec import ExpectedReply, Instruction, encode
+from haptic_wall.hw.dynamixel.codec import (
+    BROADCAST,
+    ExpectedReplies,
+    Instruction,
+    encode,
+)
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")
 """From 120: tick, moving, moving status, PWM, current, velocity, position"""
-SAMPLE_FIELDS: Final = "H4xh4xi"
+_FIELDS: Final = "H4xh4xi"
 """Of these only tick, current and position"""
 SAMPLE_ADDRESS: Final = 120
 SAMPLE_END: Final = SAMPLE_ADDRESS + SAMPLE.size
@@ -51,30 +58,51 @@ class Sample(NamedTuple):
     """When the request was sent [ns]"""
 
 
+class Way(Enum):
+    """Ways to read several servos, from the fastest."""
+
+    FAST = Instruction.FAST_SYNC_READ
+    """One request, one joint reply; firmware 45 or later, X330 46"""
+    SYNC = Instruction.SYNC_READ
+    """One request, a reply of each"""
+    PLAIN = Instruction.READ
+    """A request and a reply of each; the way of a single servo"""
+
+
 class SampleRequest:
-    """A request for the sample, perhaps in a wider block, and what is known of its reply.
+    """A request for the samples of some servos, perhaps in a wider block.
 
     Args:
-        servo_id: The servo.
+        way: How they are read.
+        ids: The servos, in the order of their replies.
         address: First register of the block, at 120 at most.
         length: Number of bytes; no other block has as many.
+        prepared: Prepare the pattern of the replies; the block begins with the sample.
 
     Attributes:
         length: Number of bytes.
-        frame: The request on the wire.
-        expected: Recognises the reply.
-        layout: Error byte, tick, current and position in the reply's error byte and data.
-        free_at: Number of the first request that may have this length: a reply may still come.
+        frame: The request on the wire; of the first servo with ``PLAIN``.
+        others: Those of the other servos.
+        expected: Recognises the undisturbed replies; None: each is searched for.
+        unpack: Takes tick, current and position from a reply's data.
     """
 
-    __slots__ = ("expected", "frame", "free_at", "layout", "length")
+    __slots__ = ("expected", "frame", "length", "others", "unpack")
 
-    def __init__(self, servo_id: int, address: int, length: int) -> None:
+    def __init__(
+        self, way: Way, ids: Sequence[int], address: int, length: int, *, prepared: bool = False
+    ) -> None:
         self.length = length
-        self.frame = encode(servo_id, Instruction.READ, struct.pack("<HH", address, length))
-        self.expected = ExpectedReply(servo_id, length)
-        self.layout = struct.Struct(f"<B{SAMPLE_ADDRESS - address}x{SAMPLE_FIELDS}")
-        self.free_at = 0
+        block = struct.pack("<HH", address, length)
+        if way is Way.PLAIN:
+            frames = [encode(id_, Instruction.READ, block) for id_ in ids]
+        else:
+            frames = [encode(BROADCAST, way.value, block + bytes(ids))]
+        self.frame, *self.others = frames
+        self.expected: ExpectedReplies | None = None
+        if prepared and not self.others:
+            self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
+        self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from
 
 
 class _Seen(NamedTuple):
@@ -109,6 +137,11 @@ class ServoClock:
 
         Not seen if the old clock began at 0 within 0.2 s of the restart, or since the last accepted
         sample: the new clock then reads what a held reply would."""
+
+    @property
+    def tick(self) -> int:
+        """Return the tick of the last accepted sample."""
+        return self._last.tick
 
     def age_ns(self, tick: int, now_ns: int) -> int:
         """Return how long ago the servo's clock was at ``tick`` [ns]."""
@@ -148,6 +181,8 @@ class ServoClock:
             return self._accept(_Seen(seen.tick, since_ns, until_ns))
         explained = _explained(last, seen)
         if newer or not explained:
+            if self._doubts and seen[:2] == self._doubted[:2]:
+                return False  # the same reply again
             again = self._doubts and _explained(self._doubted, seen)
             self._doubts = self._doubts + 1 if again else 1
             self._doubted = seen

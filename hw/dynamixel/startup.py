@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
-from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
 from haptic_wall.hw.dynamixel.rules import (
@@ -25,16 +25,18 @@ from haptic_wall.hw.dynamixel.rules import (
     read_status_level,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.serialport.line import FdLine, Line
+from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
+WATCHED: Final = "watched while it runs"
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _LISTENINGS: Final = 3
@@ -72,26 +74,31 @@ class Startup:
     Args:
         settings: The wanted settings.
         model: The configured model.
-        line: The bus, for the set-up.
-        link: The same bus, for positions and the probe.
+        exchange: Exchanges samples with this servo alone.
+        station: The servo.
         constant: Torque per current of the motor [N·m/A].
     """
 
     def __init__(
-        self, settings: DriverSettings, model: Model, line: Line, link: Link, constant: float
+        self,
+        settings: DriverSettings,
+        model: Model,
+        exchange: Exchange,
+        station: Station,
+        constant: float,
     ) -> None:
         where = settings.port or "the emulated bus in memory"
         self._settings = settings
         self._model = model
-        self._line = line
-        self._link = link
-        self._clock = line.clock
+        self._exchange = exchange
+        self._station = station
+        self._clock = exchange.line.clock
         self._constant = constant
         self._name = f"servo with id {settings.id} on {where}"
         self._checks: list[Check] = []
         self._faults: list[Verdict] = []
         name = f"id {settings.id} at {settings.baud} baud on {where}"
-        self.table = Table(link, name, model.registers)
+        self.table = Table(station, name, model.registers)
 
     def model_number(self) -> int:
         """Return the model number; nothing else is requested from a servo of unknown kind.
@@ -114,7 +121,7 @@ class Startup:
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self._report_adapter()
-        if self._link.echoes:
+        if self._station.echoes:
             self._report("echo", f"{ECHOES}: switch its echo off", "none")
         self._identify(number)
         self._be_alone()
@@ -130,12 +137,12 @@ class Startup:
         self._judge_constant(seen.law)
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
         longest_ns, reply_ns = self._measure_reply()
-        self._report("watched while it runs", *watch)
+        self._report(WATCHED, *watch)
         self._refuse_if_unfit()
         self._torque_on()
         current_limit = seen["current_limit"]
         proof = prove_the_sign(
-            self._settings, seen.law, current_limit, self.table, self._clock, self._name
+            self._settings, seen.law, current_limit, self.table, self._exchange, self._name
         )
         self._judge("torque sign", proof)
         self._refuse_if_unfit()
@@ -149,8 +156,9 @@ class Startup:
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
         port, found = self._settings.port, "none"
+        line = self._exchange.line
         if port:
-            descriptor = self._line.descriptor if isinstance(self._line, FdLine) else None
+            descriptor = line.descriptor if isinstance(line, FdLine) else None
             found = describe(port, descriptor=descriptor)
             if (timer_ms(port) or 0) > 1:
                 file = timer_file(port)
@@ -180,7 +188,7 @@ class Startup:
         """
         for _ in range(_LISTENINGS):
             self.table.read("return_delay_time")
-            self._link.listen(self._clock.now_ns() + _LISTEN_NS)
+            self._station.listen(self._clock.now_ns() + _LISTEN_NS)
         self.table.be_one()
 
     def _report_speed(self, volts: float) -> None:
@@ -297,14 +305,15 @@ class Startup:
 
     def _sample(self) -> Sample:
         """Return a position, over the same path as the running cycle."""
+        exchange = self._exchange
         for _ in range(_SAMPLE_ATTEMPTS):
-            self._link.request()
-            sample = self._link.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
+            exchange.request()
+            (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
         self.table.read("torque_enable")  # it may show how late replies are
         raise lost(
-            self._link,
+            self._station,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
         )

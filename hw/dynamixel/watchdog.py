@@ -6,8 +6,8 @@ from enum import Enum
 from typing import Final
 
 from haptic_wall.hw.clock import Clock, Suspension
-from haptic_wall.hw.dynamixel.link import Link
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed, lost, read_patiently
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
@@ -46,7 +46,7 @@ def watchdog_units(settings: DriverSettings) -> int:
     return units
 
 
-def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
+def rearm(station: Station, units: int, *, under_torque: bool) -> Armed:
     """Check whether the servo still accepts goals; arm it again if no torque was lost.
 
     A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return of
@@ -56,14 +56,14 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     nothing to end it: so torque is off meanwhile. Every write is read back.
 
     Args:
-        link: The servo.
+        station: The servo.
         units: Its setting [20 ms].
         under_torque: The last goal was not zero.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    found = read_patiently(link, _BUS_WATCHDOG, QUICK_NS)
+    found = read_patiently(station, _BUS_WATCHDOG, QUICK_NS)
     if found is None:  # unknown whether there is a torque to lose
         return Armed.UNKNOWN
     if found == units:
@@ -74,7 +74,7 @@ def rearm(link: Link, units: int, *, under_torque: bool) -> Armed:
     if found == WATCHDOG_TRIPPED:
         steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
     armed = all(
-        confirmed(link, register, value, 3 * QUICK_NS[-1:]) == value for register, value in steps
+        confirmed(station, register, value, 3 * QUICK_NS[-1:]) == value for register, value in steps
     )
     return Armed.YES if armed else Armed.UNKNOWN
 
@@ -84,7 +84,7 @@ class WatchdogMonitor:
 
     Args:
         settings: Contains the time of the Bus Watchdog.
-        link: The servo.
+        station: The servo.
         clock: Tells the time.
         name: Name of the servo, for messages.
 
@@ -94,20 +94,21 @@ class WatchdogMonitor:
 
     __slots__ = (
         "_clock",
-        "_link",
         "_name",
+        "_station",
         "_suspension",
         "_units",
         "_watchdog_s",
         "called_ns",
         "heard_ns",
+        "limit_ns",
         "most_ns",
     )
 
-    def __init__(self, settings: DriverSettings, link: Link, clock: Clock, name: str) -> None:
+    def __init__(self, settings: DriverSettings, station: Station, clock: Clock, name: str) -> None:
         self._units = watchdog_units(settings)
         self._watchdog_s = settings.watchdog_s
-        self._link = link
+        self._station = station
         self._clock = clock
         self._name = name
         self._suspension = Suspension(clock)
@@ -117,22 +118,24 @@ class WatchdogMonitor:
         """When the last request was sent, where a reply takes several periods [ns]"""
         self.most_ns = _NEVER_NS
         """Pause after which the Bus Watchdog may have tripped [ns]; not reached before ``begin``"""
+        self.limit_ns = _NEVER_NS
+        """The same since the last answered request, with the time that an answer may take [ns]"""
 
     def begin(self) -> None:
         """Start monitoring: the torque is on from now."""
         self.called_ns = self._clock.now_ns()
         self._suspension = Suspension(self._clock)
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
-        self.most_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
+        self.most_ns = self.limit_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
     def end(self) -> None:
         """Stop monitoring: the torque is off from now, and pauses may have any length."""
-        self.most_ns = _NEVER_NS
+        self.most_ns = self.limit_ns = _NEVER_NS
 
     def resume(self, now_ns: int, *, under_torque: bool) -> None:
         """Examine the Bus Watchdog if the last answered request is too long ago; see ``look``."""
         silence_ns = now_ns - self.heard_ns
-        if silence_ns > self.most_ns + self._link.patience_ns:
+        if silence_ns > self.limit_ns:
             self.look(silence_ns, under_torque=under_torque)
             self.heard_ns = now_ns
 
@@ -159,7 +162,7 @@ class WatchdogMonitor:
             ServoLostError: The port is gone, or there is no reply.
             TorqueLostError: The torque is gone.
         """
-        armed = rearm(self._link, self._units, under_torque=under_torque)
+        armed = rearm(self._station, self._units, under_torque=under_torque)
         if armed is not Armed.YES:
             raise self.explained(self._lost(armed, silence_ns))
 
@@ -182,7 +185,7 @@ class WatchdogMonitor:
         silence = f"{silence_ns * 1e-6:.0f} ms"
         if found is Armed.UNKNOWN:
             return lost(
-                self._link,
+                self._station,
                 f"The {self._name} no longer answers, after {silence} without an answered request",
                 "check the cable and the power supply: a servo that restarts is silent meanwhile.",
             )

@@ -16,6 +16,10 @@ READ_REQUEST_BYTES: Final = _FRAME + 2 + 2
 """Address and length"""
 EMPTY_REPLY_BYTES: Final = _FRAME + 1
 """With an error byte; data adds to it"""
+JOINT_HEAD_BYTES: Final = 8
+"""Of a fast sync read's reply, before the first servo's part"""
+JOINT_PART_BYTES: Final = 1 + 1 + 2
+"""Error, id, CRC; data adds to it"""
 ASKING_BYTES: Final = READ_REQUEST_BYTES + EMPTY_REPLY_BYTES
 """A read and its reply, without the data; a byte's write and its reply are shorter"""
 SAMPLE_BYTES: Final = 16

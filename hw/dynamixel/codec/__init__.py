@@ -5,18 +5,19 @@ Shared by the driver and the emulated bus.
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 """
 
-from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedFastReply, ExpectedReply, SyncWrite
-from haptic_wall.hw.dynamixel.codec.fast import FastReply, decode_fast_status, encode_fast_status
+from haptic_wall.hw.dynamixel.codec.cyclic import ExpectedReplies, SyncWrite
 from haptic_wall.hw.dynamixel.codec.frames import (
     ALERT,
     BROADCAST,
     MAX_ID,
     MAX_LENGTH,
     ErrorCode,
+    FastReply,
     Frame,
     Instruction,
     crc16,
     encode,
+    encode_fast_status,
     encode_status,
 )
 from haptic_wall.hw.dynamixel.codec.parser import Parser
@@ -27,15 +28,13 @@ __all__ = [
     "MAX_ID",
     "MAX_LENGTH",
     "ErrorCode",
-    "ExpectedFastReply",
-    "ExpectedReply",
+    "ExpectedReplies",
     "FastReply",
     "Frame",
     "Instruction",
     "Parser",
     "SyncWrite",
     "crc16",
-    "decode_fast_status",
     "encode",
     "encode_fast_status",
     "encode_status",

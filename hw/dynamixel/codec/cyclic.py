@@ -5,9 +5,9 @@ Any other frame is left to the ``Parser``; the frames built here equal those of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from struct import Struct, pack
-from typing import Final
+from collections.abc import Iterable, Sequence
+from struct import Struct, calcsize, pack
+from typing import Any, Final
 
 from haptic_wall.hw.dynamixel.codec.frames import (
     BROADCAST,
@@ -22,55 +22,56 @@ _FIXED: Final = 8
 """Bytes of a reply before its error byte: header, id, length, instruction"""
 
 
-class ExpectedReply:
-    """Recognises the one reply that a cyclic request expects, without a search."""
-
-    __slots__ = ("_prefix", "_size")
-
-    def __init__(self, id: int, size: int) -> None:  # noqa: A002
-        self._prefix = _reply_prefix(id, size + 4)
-        self._size = _FIXED + size + 3
-
-    def match(self, data: bytes) -> bytes | None:
-        """Return error byte and data of the reply if ``data`` is exactly that.
-
-        Returns:
-            ``size`` + 1 bytes; None: use a ``Parser``.
-        """
-        if len(data) != self._size or not data.startswith(self._prefix):
-            return None
-        body = data[_FIXED:-2]
-        return body if _crc_is_right(data) and MARK not in body else None
-
-
-class ExpectedFastReply:
-    """Recognises the expected joint reply of all servos to a cyclic fast sync read.
+class ExpectedReplies:
+    """Recognises the replies of some servos in their order, or their joint reply, without a search.
 
     Args:
         ids: Ids of the requested servos, in the requested order.
         size: Requested bytes of each.
+        fields: The layout of the first bytes, as ``struct`` has it.
+        joint: They reply to a fast sync read.
     """
 
-    __slots__ = ("_ids", "_prefix", "_share", "_size")
+    __slots__ = ("_begin", "_ids", "_layout", "_marks", "_prefixes", "_size", "_total", "_unpack")
 
-    def __init__(self, ids: Sequence[int], size: int) -> None:
-        self._ids = bytes(ids)
-        self._share = size + 4
-        length = 1 + len(ids) * self._share
-        self._prefix = _reply_prefix(BROADCAST, length)
-        self._size = _FIXED - 1 + length
+    def __init__(self, ids: Sequence[int], size: int, fields: str, *, joint: bool = False) -> None:
+        rest = size - calcsize("<" + fields) + 2
+        if joint:  # each part: error, id, data, CRC
+            self._begin = _FIXED
+            self._size = size + 4
+            self._prefixes = [_reply_prefix(BROADCAST, 1 + len(ids) * self._size)]
+            self._layout = Struct(f"<Bx{fields}{rest}x")
+        else:
+            self._begin = 0
+            self._size = _FIXED + size + 3
+            self._prefixes = [_reply_prefix(id_, size + 4) for id_ in ids]
+            self._layout = Struct(f"<{_FIXED}xB{fields}{rest}x")
+        self._unpack = self._layout.unpack
+        self._ids = bytes(ids) if joint else None
+        self._marks = len(ids)
+        self._total = self._begin + len(ids) * self._size
 
-    def match(self, data: bytes) -> bool:
-        """Whether ``data`` is exactly that, with a part of each servo; else it needs a parser.
+    def match(self, data: bytes) -> Iterable[tuple[Any, ...]] | None:
+        """Return error and fields of each if ``data`` is exactly these replies.
 
-        The parts begin at the ninth byte: error, id, data, CRC. The last CRC covers all of them.
+        Returns:
+            None: Use a ``Parser``; stuffed replies need one too.
         """
-        return (
-            len(data) == self._size
-            and data.startswith(self._prefix)
-            and data[_FIXED + 1 :: self._share] == self._ids
-            and _crc_is_right(data)
-        )
+        if len(data) != self._total or not data.startswith(self._prefixes[0]):
+            return None
+        if self._ids is not None:  # the last CRC covers all parts
+            right = data[_FIXED + 1 :: self._size] == self._ids and _crc_is_right(data)
+            return self._layout.iter_unpack(data[_FIXED:]) if right else None
+        if data.count(MARK) != self._marks:
+            return None
+        if self._marks == 1:
+            right = crc16(data[:-2]) == data[-2] | data[-1] << 8
+            return (self._unpack(data),) if right else None
+        size = self._size
+        for at, prefix in zip(range(0, self._total, size), self._prefixes, strict=True):
+            if not data.startswith(prefix, at) or not _crc_is_right(data[at : at + size]):
+                return None
+        return self._layout.iter_unpack(data)
 
 
 class SyncWrite:

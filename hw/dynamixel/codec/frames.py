@@ -9,6 +9,7 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final, NamedTuple
 
@@ -98,6 +99,38 @@ def encode_status(id: int, error: int, params: bytes = b"") -> bytes:  # noqa: A
         ValueError: The id is not one (0 to 252, 254), or the parameters do not fit in a frame.
     """
     return _frame(id, bytes((Instruction.STATUS, error)) + params)
+
+
+class FastReply(NamedTuple):
+    """One servo's part of the joint reply."""
+
+    id: int
+    error: int
+    data: bytes
+
+
+def encode_fast_status(replies: Iterable[FastReply]) -> bytes:
+    """Return the joint reply to a fast read, as if every servo had appended its part.
+
+    It is never stuffed, and each part ends with the CRC of everything before it.
+
+    Raises:
+        ValueError: The replies do not fit in a frame.
+    """
+    items = list(replies)
+    length = 1 + sum(len(item.data) + 4 for item in items)
+    if length > MAX_LENGTH:
+        raise ValueError(f"a reply of {length} bytes does not fit in a frame of {MAX_LENGTH}")
+    frame = bytearray(HEADER)
+    frame += bytes((BROADCAST, length & 0xFF, length >> 8, Instruction.STATUS))
+    crc = crc16(frame)
+    for item in items:
+        share = bytes((item.error, item.id)) + item.data
+        crc = crc16(share, crc)
+        share += crc.to_bytes(2, "little")
+        frame += share
+        crc = crc16(share[-2:], crc)
+    return bytes(frame)
 
 
 def _frame(id: int, body: bytes) -> bytes:  # noqa: A002

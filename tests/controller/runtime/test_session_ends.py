@@ -37,7 +37,7 @@ class Scene:
     def open(self, *arguments: Any) -> DynamixelServo:
         servo = open_servo(*arguments)
         assert isinstance(servo, DynamixelServo)
-        line = servo._line
+        line = servo._group.line
         assert isinstance(line, MemoryLine)
         self.line = line
         self._read, self._write = line.read, line.write

@@ -15,6 +15,7 @@ from haptic_wall.hw.settings import DriverSettings
 from haptic_wall.hw.truth import TrueServo
 
 BAUD = 4_000_000
+GOAL_CURRENT = 102
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09, position=-0.3)
 SETTINGS = DriverSettings(port="", baud=BAUD, id=1, model="XM430-W350")
 
@@ -50,7 +51,7 @@ class SpyLine:
 def _reversed(data: bytes) -> bytes:
     """A goal current with the other sign; every other frame as it is."""
     (frame,) = Parser().feed(data)
-    if frame.instruction != Instruction.SYNC_WRITE:
+    if frame.instruction != Instruction.SYNC_WRITE or frame.params[0] != GOAL_CURRENT:
         return data
     goal = -int.from_bytes(frame.params[5:7], "little", signed=True)
     return encode(
@@ -117,3 +118,20 @@ class Bench:
         self.servo.write(torque)
         self.clock.wait_until(begun + 1_000_000)
         return reading.position
+
+
+def pin(truth: EmulatedServo, register: str, value: int) -> None:
+    """Have the servo give this value for a register, whatever its emulation computes."""
+    address = MODELS["XM430-W350"].registers[register].address
+    size = 2 if register == "present_input_voltage" else 1
+    real = type(truth).read
+
+    def read(at: int, length: int, now_ns: int) -> bytes | None:
+        data = real(truth, at, length, now_ns)
+        if data is None or not at <= address < at + length:
+            return data
+        image = bytearray(data)
+        image[address - at : address - at + size] = value.to_bytes(size, "little")
+        return bytes(image)
+
+    truth.read = read  # type: ignore[assignment, method-assign]

@@ -1,4 +1,4 @@
-"""Lines for tests: a servo that answers at once with the time as its position, and trouble."""
+"""Lines for tests: servos that answer at once with the time as their position, and trouble."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ from collections.abc import Callable
 import pytest
 
 from haptic_wall.hw.clock import Clock, SimulatedClock
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
+from haptic_wall.hw.dynamixel.codec import (
+    FastReply,
+    Instruction,
+    Parser,
+    encode_fast_status,
+    encode_status,
+)
 from haptic_wall.hw.serialport.line import Line
 
 US = 1_000
 MS = 1_000_000
+APART = 100_000_000
+"""Distance of the positions of two servos [counts]"""
 
 
 class ClockLine:
-    """A servo, and the line to it, whose position is the time: a count per microsecond.
+    """Servos, and the line to them, whose position is the time: a count per microsecond.
 
     A sample's position is the instant it was taken, so one that is taken for another shows.
     """
@@ -39,10 +47,14 @@ class ClockLine:
             if frame.instruction == Instruction.PING:
                 reply = encode_status(frame.id, 0, bytes([0xFC, 0x03, 48]))  # an XM430-W350
             elif frame.instruction == Instruction.READ:
-                address, size = struct.unpack("<HH", frame.params)
-                tick = (int(now * self.tick_rate / MS) + self.tick_offset) % 32768
-                self.registers[120:136] = struct.pack("<HHhhii", tick, 0, 0, -7, 0, now // US)
-                reply = encode_status(frame.id, 0, bytes(self.registers[address : address + size]))
+                reply = encode_status(frame.id, 0, self.block(frame.id, frame.params, now))
+            elif frame.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
+                blocks = {id_: self.block(id_, frame.params, now) for id_ in frame.params[4:]}
+                if frame.instruction == Instruction.SYNC_READ:
+                    reply = b"".join(encode_status(id_, 0, block) for id_, block in blocks.items())
+                else:
+                    parts = [FastReply(id_, 0, block) for id_, block in blocks.items()]
+                    reply = encode_fast_status(parts)
             else:
                 self.written.append((frame.instruction, frame.id, frame.params))
                 if frame.instruction != Instruction.WRITE:
@@ -51,6 +63,14 @@ class ClockLine:
                 self.registers[address : address + len(frame.params) - 2] = frame.params[2:]
                 reply = encode_status(frame.id, 0)
             self._replies.append((now + self.reply_ns, reply))
+
+    def block(self, id_: int, params: bytes, now: int) -> bytes:
+        """Registers of a servo, whose position is the time and its id."""
+        address, size = struct.unpack("<HH", params[:4])
+        tick = (int(now * self.tick_rate / MS) + self.tick_offset) % 32768
+        counts = now // US + (id_ - 1) * APART
+        self.registers[120:136] = struct.pack("<HHhhii", tick, 0, 0, -7, 0, counts)
+        return bytes(self.registers[address : address + size])
 
     def read(self) -> bytes:
         now = self.clock.now_ns()

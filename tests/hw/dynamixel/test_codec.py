@@ -8,14 +8,12 @@ from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import (
     BROADCAST,
-    ExpectedFastReply,
-    ExpectedReply,
+    ExpectedReplies,
     FastReply,
     Frame,
     Instruction,
     Parser,
     crc16,
-    decode_fast_status,
     encode,
     encode_fast_status,
     encode_status,
@@ -41,8 +39,7 @@ FAST_SHARES = [
 
 def test_published_fast_sync_reply() -> None:
     assert encode_fast_status(FAST_SHARES) == FAST_REPLY
-    (frame,) = Parser().feed(FAST_REPLY)
-    assert decode_fast_status(frame, 4) == FAST_SHARES
+    assert parts(Parser(joint=3).feed(FAST_REPLY)) == FAST_SHARES
     # Every servo's CRC covers everything before it, so each prefix checks on its own.
     for end in (14, 22, 30):
         assert crc16(FAST_REPLY[:end]) == int.from_bytes(FAST_REPLY[end : end + 2], "little")
@@ -161,15 +158,30 @@ def test_fast_sync_reply_is_not_stuffed(items: list[tuple[int, bytes]]) -> None:
     shares = [FastReply(i, 0, p.ljust(size, b"\xff")) for i, p in items]
     wire = encode_fast_status(shares)
     assert len(wire) == 8 + len(shares) * (size + 4)
-    (frame,) = Parser().feed(wire)
-    assert decode_fast_status(frame, size) == shares
+    assert parts(Parser(joint=len(shares)).feed(wire)) == shares
 
 
-def test_fast_sync_reply_of_another_size_is_refused() -> None:
-    (frame,) = Parser().feed(FAST_REPLY)
-    assert decode_fast_status(frame, 5) == []
-    (other,) = Parser().feed(encode_status(1, 0, b"\x00" * 5))
-    assert decode_fast_status(other, 4) == []
+def parts(frames: list[Frame]) -> list[FastReply]:
+    """What a joint reply holds of each servo."""
+    assert all(frame.instruction == Instruction.STATUS for frame in frames)
+    return [FastReply(frame.id, frame.error, frame.params) for frame in frames]
+
+
+@given(st.integers(0, 25), st.booleans(), st.integers(1, 40))
+def test_of_a_joint_reply_that_ends_early_or_is_damaged_the_parts_in_front_are_found(
+    at: int, cut: bool, piece: int
+) -> None:
+    """And the frames behind it, joint or not."""
+    at += 7
+    damaged = FAST_REPLY[:at] if cut else FAST_REPLY[:at] + b"\x5a" + FAST_REPLY[at + 1 :]
+    assume(damaged != FAST_REPLY)
+    stream = damaged + FAST_REPLY + encode_status(9, 0, b"abcd")
+    parser = Parser(joint=3)
+    found = [f for n in range(0, len(stream), piece) for f in parser.feed(stream[n : n + piece])]
+    front = [one for n, one in enumerate(FAST_SHARES) if at >= 16 + 8 * n]
+    assert parts(found) == [*front, *FAST_SHARES, FastReply(9, 0, b"abcd")]
+    assert parser.corrupt == (not cut or at % 8 > 0)
+    assert parser.idle
 
 
 @pytest.mark.parametrize("id_", [-1, 253, 255])
@@ -180,18 +192,18 @@ def test_impossible_id_is_refused(id_: int) -> None:
 
 @given(st.binary(min_size=20, max_size=20), st.integers(0, 255))
 def test_the_expected_reply_is_known_without_a_search(data: bytes, error: int) -> None:
-    expected = ExpectedReply(3, 20)
+    expected = ExpectedReplies([3], 20, "20s")
     reply = encode_status(3, error, data)
     (parsed,) = Parser().feed(reply)
     found = expected.match(reply)
     if found is None:
         assert len(reply) > 31, "a stuffed one is left to search"
     else:
-        assert (found[0], found[1:]) == (parsed.error, parsed.params)
+        assert list(found) == [(parsed.error, parsed.params)]
 
 
 def test_what_is_not_quite_the_expected_reply_is_left_to_the_parser() -> None:
-    expected = ExpectedReply(3, 4)
+    expected = ExpectedReplies([3], 4, "H")
     reply = encode_status(3, 0, b"abcd")
     assert expected.match(reply) is not None
     for other in (
@@ -209,18 +221,15 @@ def test_a_stuffed_reply_is_not_taken_for_the_longer_one_it_looks_like() -> None
     """A late reply of 16 bytes, one stuffed in, is as long on the wire as one of 17."""
     late = encode_status(1, 0, b"\xff\xff\xfd" + bytes(13))
     assert len(late) == len(encode_status(1, 0, bytes(17)))
-    assert ExpectedReply(1, 17).match(late) is None
+    assert ExpectedReplies([1], 17, "H").match(late) is None
 
 
 def test_a_fast_reply_that_holds_a_header_arrives_in_pieces() -> None:
     """It is not stuffed, so that a header in it is data."""
     wire = encode_fast_status([FastReply(1, 0, b"\xff\xff\xfd\x00"), FastReply(2, 0, bytes(4))])
-    parser = Parser()
+    parser = Parser(joint=2)
     frames = [frame for byte in wire for frame in parser.feed(bytes([byte]))]
-    assert [reply.data for reply in decode_fast_status(frames[0], 4)] == [
-        b"\xff\xff\xfd\x00",
-        bytes(4),
-    ]
+    assert [frame.params for frame in frames] == [b"\xff\xff\xfd\x00", bytes(4)]
 
 
 @given(st.integers(0, 255), st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=6).map(bytes))
@@ -284,23 +293,29 @@ def test_behind_a_frame_that_is_cut_short_ids_are_judged_and_lengths_are_not(
     assert found == ([Frame(id_, Instruction.WRITE, 0, params)] if whole else [])
 
 
-@given(st.lists(st.integers(0, 252), min_size=1, max_size=40, unique=True), st.integers(1, 20))
-def test_a_fast_cycle_recognises_its_own_joint_reply_and_no_other(
-    ids: list[int], size: int
+@given(
+    st.lists(st.integers(0, 252), min_size=1, max_size=40, unique=True),
+    st.integers(2, 20),
+    st.booleans(),
+)
+def test_a_cycle_recognises_the_replies_of_its_own_servos_and_no_others(
+    ids: list[int], size: int, fast: bool
 ) -> None:
+    """One after the other, or in a joint one."""
     replies = [
         FastReply(id_, id_ % 128, bytes((id_ + n) % 256 for n in range(size))) for id_ in ids
     ]
-    wire = encode_fast_status(replies)
-    expected = ExpectedFastReply(ids, size)
-    assert expected.match(wire)
-    assert not expected.match(wire[:-1])
-    assert not expected.match(wire + b"\x00")
+    expected = ExpectedReplies(ids, size, "H", joint=fast)
+    wire = encode_fast_status(replies) if fast else b"".join(encode_status(*one) for one in replies)
+    found = expected.match(wire)
+    assert found is not None
+    values = [(one.error, int.from_bytes(one.data[:2], "little")) for one in replies]
+    assert list(found) == values
+    for other in (wire[:-1], wire + b"\x00", b""):
+        assert expected.match(other) is None
     for at in {*range(9), len(wire) // 2, len(wire) - 2, len(wire) - 1}:
         for flip in (0x01, 0x80):
             damaged = bytearray(wire)
             damaged[at] ^= flip
-            assert not expected.match(bytes(damaged)), f"byte {at} is another"
-    (frame,) = Parser().feed(wire)
-    assert frame is not None
-    assert decode_fast_status(frame, size) == replies
+            assert expected.match(bytes(damaged)) is None, f"byte {at} is another"
+    assert parts(Parser(joint=len(ids) if fast else 0).feed(wire)) == replies

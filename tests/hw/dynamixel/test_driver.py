@@ -167,9 +167,10 @@ def test_stopping_zeroes_the_torque_first_and_reads_back_that_it_is_off() -> Non
     begun = bench.clock.now_ns()
     assert bench.servo.stop() is True
     (goal,) = Parser().feed(bench.line.frames[frames])
-    (off,) = Parser().feed(bench.line.frames[frames + 1])
+    off, again = (Parser().feed(bench.line.frames[frames + n])[0] for n in (1, 2))
     assert (goal.instruction, goal.params[-2:]) == (Instruction.SYNC_WRITE, b"\0\0")
-    assert (off.instruction, off.params) == (Instruction.WRITE, bytes([64, 0, 0]))
+    assert (off.instruction, off.params) == (Instruction.SYNC_WRITE, bytes([64, 0, 1, 0, 1, 0]))
+    assert again == off
     assert bench.clock.now_ns() - begun < 1_000_000
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
@@ -218,7 +219,7 @@ def test_stopping_before_the_start_sends_no_goal() -> None:
     who, *others = [frame for data in bench.line.frames for frame in Parser().feed(data)]
     assert who.instruction == Instruction.PING  # a servo of another kind is not written to
     for frame in others:
-        assert frame.instruction in (Instruction.WRITE, Instruction.READ)
+        assert frame.instruction in (Instruction.SYNC_WRITE, Instruction.READ)
         assert frame.params[:2] == bytes([64, 0])
 
 
@@ -432,7 +433,7 @@ def test_a_goal_kept_through_the_watchdog_does_not_come_back_with_its_arming() -
     bench.cycle(1.0)
     assert bench.state.torque > 0.9
     kept = bench.truth.memory["goal_current"]
-    bench.servo._goal = 0  # what the driver sent last was lost on its way
+    bench.servo._one.goal = 0  # what the driver sent last was lost on its way
     bench.wait(0.06)
     bench.memory_line.wait(bench.clock.now_ns())
     assert bench.truth.table.tripped

@@ -15,12 +15,12 @@ import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome, Reading
 from tests.cases import sampled
-from tests.hw.dynamixel.bench import TRUE, Bench
+from tests.hw.dynamixel.bench import TRUE, Bench, pin
 from tests.hw.dynamixel.lines import tapped
 
 FREE = replace(TRUE, coulomb=0.0, damping=0.0)
@@ -240,7 +240,7 @@ def test_a_watchdog_that_another_program_changed_is_armed_again_at_zero_torque()
 )
 def test_a_supply_out_of_its_limits_ends_the_run(volts: int, message: str) -> None:
     bench = started()
-    _pin(bench, "present_input_voltage", volts)
+    pin(bench.truth, "present_input_voltage", volts)
     with pytest.raises(ServoHealthError, match=message):
         until_it_ends(bench)
     assert bench.took_ns <= 2 * WATCHED_NS + PERIOD_NS  # type: ignore[attr-defined]
@@ -248,36 +248,19 @@ def test_a_supply_out_of_its_limits_ends_the_run(volts: int, message: str) -> No
 
 def test_a_dip_of_the_supply_is_nothing() -> None:
     bench = started()
-    _pin(bench, "present_input_voltage", 80)
+    pin(bench.truth, "present_input_voltage", 80)
     until_it_ends(bench, seconds=0.19)
-    _pin(bench, "present_input_voltage", 120)
+    pin(bench.truth, "present_input_voltage", 120)
     until_it_ends(bench)
 
 
 def test_heat_ends_the_run_before_the_servo_does() -> None:
     bench = started()
-    _pin(bench, "present_temperature", 78)
+    pin(bench.truth, "present_temperature", 78)
     until_it_ends(bench, seconds=0.5)
-    _pin(bench, "present_temperature", 79)
+    pin(bench.truth, "present_temperature", 79)
     with pytest.raises(ServoHealthError, match="has 79 °C, wanted at most 78 °C"):
         until_it_ends(bench)
-
-
-def _pin(bench: Bench, register: str, value: int) -> None:
-    """Have the servo give this value for a register, whatever its emulation computes."""
-    address = MODELS["XM430-W350"].registers[register].address
-    size = 2 if register == "present_input_voltage" else 1
-    real = type(bench.truth).read
-
-    def read(at: int, length: int, now_ns: int) -> bytes | None:
-        data = real(bench.truth, at, length, now_ns)
-        if data is None or not at <= address < at + length:
-            return data
-        image = bytearray(data)
-        image[address - at : address - at + size] = value.to_bytes(size, "little")
-        return bytes(image)
-
-    bench.truth.read = read  # type: ignore[assignment, method-assign]
 
 
 class Suspended(SimulatedClock):

@@ -9,20 +9,30 @@ from dataclasses import replace
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
+from haptic_wall.hw.dynamixel.codec import FastReply, Instruction, Parser, encode_fast_status
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
-from haptic_wall.hw.dynamixel.together import Together, Way
+from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
-from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
+from haptic_wall.hw.errors import (
+    ServoError,
+    ServoHealthError,
+    ServoLostError,
+    ServoMissingError,
+    TorqueLostError,
+    UnfitServoError,
+)
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
-from tests.hw.dynamixel.lines import US, Fate, TroubledLine, tapped
+from tests.hw.dynamixel.bench import pin
+from tests.hw.dynamixel.lines import tapped
 
 MODEL = "XM430-W350"
 TRUE = TrueServo(inertia=0.012, damping=0.012, coulomb=0.09)
@@ -53,9 +63,16 @@ class Bench:
     """
 
     def __init__(
-        self, firmwares: Sequence[int], *, models: Sequence[str] = (), probes: bool = False
+        self,
+        firmwares: Sequence[int],
+        *,
+        models: Sequence[str] = (),
+        probes: bool = False,
+        period_ns: int = PERIOD_NS,
+        watchdog_s: float = 0.2,
     ) -> None:
         self.clock = SimulatedClock(start_ns=123_456_789)
+        self.period_ns = period_ns
         models = models or [MODEL] * len(firmwares)
         self.truths = [
             EmulatedServo(
@@ -72,7 +89,15 @@ class Bench:
         self.bus = EmulatedBus(self.truths, baud=4_000_000, start_ns=self.clock.now_ns())
         self.line = Spy(MemoryLine(self.bus, self.clock))
         settings = [
-            DriverSettings("", 4_000_000, n, model, max_speed=15.0, watchdog_s=0.2)
+            DriverSettings(
+                "",
+                4_000_000,
+                n,
+                model,
+                max_speed=15.0,
+                watchdog_s=watchdog_s,
+                period_s=period_ns * 1e-9,
+            )
             for n, model in enumerate(models, start=1)
         ]
         if not probes:
@@ -82,9 +107,9 @@ class Bench:
     def cycle(self, torques: Sequence[float] | None = None) -> list[Reading]:
         begun = self.clock.now_ns()
         self.group.request()
-        readings = self.group.collect(begun + 800_000)
+        readings = self.group.collect(begun + self.period_ns * 4 // 5)
         self.group.write(torques or [0.0] * len(self.truths))
-        self.clock.wait_until(begun + PERIOD_NS)
+        self.clock.wait_until(begun + self.period_ns)
         return readings
 
     def assert_true(self, readings: Sequence[Reading]) -> None:
@@ -99,14 +124,23 @@ class Bench:
                 assert math.isnan(reading.position)
 
 
-def started(*firmwares: int, models: Sequence[str] = (), probes: bool = False) -> Bench:
-    bench = Bench(firmwares, models=models, probes=probes)
+def started(
+    *firmwares: int, models: Sequence[str] = (), probes: bool = False, period_ns: int = PERIOD_NS
+) -> Bench:
+    bench = Bench(firmwares, models=models, probes=probes, period_ns=period_ns)
     checks = bench.group.start()
     assert len(checks) == len(firmwares)
     return bench
 
 
-@pytest.mark.parametrize("count", [1, 3, 6])
+def exchange_of(bench: Bench, way: Way) -> Exchange:
+    """Another exchange with the same servos, in this way."""
+    exchange = Exchange(bench.line, [truth.id for truth in bench.truths])
+    exchange.select(exchange.stations, way)
+    return exchange
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
 def test_servos_of_new_firmware_are_read_by_one_request_and_one_joint_reply(count: int) -> None:
     bench = started(*[48] * count, probes=count < 6)
     assert bench.group.way is Way.FAST
@@ -141,51 +175,6 @@ def test_models_may_differ() -> None:
     bench.assert_true(bench.cycle())
 
 
-@pytest.mark.parametrize("firmwares", [(48, 48, 48), (48, 44, 48)], ids=["fast", "sync"])
-@pytest.mark.parametrize("gone", sampled([0, 1, 2], 3))
-def test_an_unplugged_servo_costs_its_own_readings_alone_and_comes_back(
-    firmwares: tuple[int, ...], gone: int
-) -> None:
-    """In a fast read those behind it are not heard in the first period: it is asked last then."""
-    bench = started(*firmwares)
-    for _ in range(10):
-        bench.cycle()
-    bench.truths[gone].answers_from_ns = bench.clock.now_ns() + 50 * PERIOD_NS
-    readings = [bench.cycle() for _ in range(100)]
-    for row in readings:
-        assert row[gone].outcome in (Outcome.OK, Outcome.LOST)
-    fast = bench.group.way is Way.FAST
-    for n in {0, 1, 2} - {gone}:
-        bad = [k for k, row in enumerate(readings) if row[n].outcome is not Outcome.OK]
-        assert bad in ([], [0]) if fast else bad == []
-    lost = [row[gone].outcome is not Outcome.OK for row in readings]
-    assert 49 <= sum(lost) <= 52
-    assert not any(lost[53:])
-    bench.assert_true(readings[-1])
-    assert bench.group.restarted == []
-
-
-def test_a_servo_that_lost_its_power_is_told_and_the_others_go_on() -> None:
-    """Back on its feet it answers, but has no torque: as good as away."""
-    bench = started(48, 48, 48)
-    bench.bus.inject("brown-out:id=2", bench.clock.now_ns())
-    rows = [bench.cycle() for _ in range(300)]
-    assert all(row[n].outcome is Outcome.OK for row in rows[1:] for n in (0, 2))
-    assert not any(row[1].outcome is Outcome.OK for row in rows)
-    assert bench.group.restarted == [2]
-
-
-def test_a_group_that_is_stopped_and_started_has_a_servo_that_restarted_again() -> None:
-    bench = started(48, 48)
-    bench.bus.inject("brown-out:id=2", bench.clock.now_ns())
-    while not bench.group.restarted:
-        bench.cycle()
-    assert bench.group.stop()
-    bench.group.start()
-    assert all(reading.outcome is Outcome.OK for reading in bench.cycle())
-    assert bench.group.restarted == []
-
-
 def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> None:
     bench = Bench([48, 48, 48])
     bench.bus.inject("unplug:id=2", bench.clock.now_ns())
@@ -195,39 +184,20 @@ def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> N
     assert bench.truths[0].memory["torque_enable"] == 0
 
 
-def test_all_that_are_back_are_heard_again_after_several_were_gone() -> None:
-    """None stands for ever behind one that is still missing."""
-    bench = started(48, 48, 48, 48)
-    bench.bus.inject("unplug:id=1", bench.clock.now_ns())
-    bench.truths[2].answers_from_ns = bench.clock.now_ns() + 20 * PERIOD_NS
-    rows = [bench.cycle() for _ in range(60)]
-    later = [[reading.outcome is Outcome.OK for reading in row] for row in rows[25:]]
-    assert later[-1] == [False, True, True, True]
-    assert all(row == later[-1] for row in later)
-
-
-def test_missing_servos_do_not_keep_the_others_waiting() -> None:
-    bench = started(48, 48, 48)
-    bench.bus.inject("unplug:id=2", bench.clock.now_ns())
-    for _ in range(20):
-        bench.cycle()
-    assert bench.group.waited_ns < 500_000
-
-
 @pytest.mark.parametrize("way", list(Way))
 @pytest.mark.parametrize(
     "fault", sampled(["corrupt:p=0.05", "drop:p=0.05", "late:ms=1.5,p=0.05", "truncate:p=0.05"], 4)
 )
 def test_a_damaged_reply_never_becomes_somebodys_position(way: Way, fault: str) -> None:
     bench = started(48, 48, 48)
-    together = Together(bench.line, [1, 2, 3], way)
+    exchange = exchange_of(bench, way)
     bench.bus.inject(f"{fault},way=reply", bench.clock.now_ns())
     bad = 0
     for _ in range(250):
         begun = bench.clock.now_ns()
-        together.request()
-        samples = together.collect(begun + 800_000)
-        together.send_currents([100, -100, 0])
+        exchange.request()
+        samples = exchange.collect(begun + 800_000)
+        exchange.send([100, -100, 0])
         bench.clock.wait_until(begun + PERIOD_NS)
         bench.bus.transmit(bench.clock.now_ns())
         for truth, sample in zip(bench.truths, samples, strict=True):
@@ -238,7 +208,8 @@ def test_a_damaged_reply_never_becomes_somebodys_position(way: Way, fault: str) 
                 assert position == pytest.approx(state.position, abs=slack)
             else:
                 bad += 1
-    assert bad == sum(counts.lost + counts.corrupt for counts in together.counts)
+    counts = [station.counts for station in exchange.stations]
+    assert bad == sum(one.lost + one.corrupt for one in counts)
     assert 0 < bad < 250
 
 
@@ -268,120 +239,6 @@ def test_two_servos_with_one_id_are_refused() -> None:
         DynamixelGroup([settings, settings], bench.line)
 
 
-def cut_off(bench: Bench, keep: int) -> None:
-    """Let only the first bytes of the next answers through; then there is silence."""
-    inner = bench.line.read
-
-    def read() -> bytes:
-        data = inner()
-        return data[:keep] if len(data) > keep else data
-
-    bench.line.read = read
-
-
-@pytest.mark.parametrize("keep", [30, 40, 60])
-def test_what_a_truncated_joint_reply_costs_is_counted_by_what_arrived(keep: int) -> None:
-    """Shares in front are good, the one that was cut is broken, those behind it never came."""
-    bench = started(48, 48, 48)
-    together = Together(bench.line, [1, 2, 3], Way.FAST)
-    cut_off(bench, keep)
-    together.request()
-    samples = together.collect(bench.clock.now_ns() + 800_000)
-    good, rest = divmod(keep - 8, 20)
-    wanted = [Outcome.OK] * good + [Outcome.CORRUPT] * (rest > 0) + [Outcome.LOST] * 3
-    assert [sample.outcome for sample in samples] == wanted[:3]
-
-
-@pytest.mark.parametrize("way", [Way.SYNC, Way.PLAIN])
-def test_a_truncated_reply_of_one_servo_is_its_own_broken_one(way: Way) -> None:
-    bench = started(48, 48, 48)
-    together = Together(bench.line, [1, 2, 3], way)
-    bench.bus.inject("truncate:p=1,way=reply,id=2", bench.clock.now_ns())
-    together.request()
-    samples = together.collect(bench.clock.now_ns() + 1_600_000)
-    wanted = [Outcome.OK, Outcome.CORRUPT, Outcome.OK]
-    assert [sample.outcome for sample in samples] == wanted
-    assert [counts.corrupt for counts in together.counts] == [0, 1, 0]
-
-
-def struck(way: Way, fate: Fate) -> tuple[list[list[Outcome]], list[tuple[int, int, int]]]:
-    """40 cycles of three servos of which one reply meets a fate, in the sixth.
-
-    Returns:
-        The outcomes of each cycle; what was counted of each servo: lost, late, corrupt.
-    """
-    bench = started(48, 48, 48)
-    struck = 5 if way is Way.FAST else 3 * 5
-    line = TroubledLine(
-        bench.line, lambda n, reply: fate(n, reply) if n == struck else [(0, reply)]
-    )
-    together = Together(line, [1, 2, 3], way)
-    outcomes = []
-    for _ in range(40):
-        begun = bench.clock.now_ns()
-        together.request()
-        outcomes.append([sample.outcome for sample in together.collect(begun + 800 * US)])
-        bench.clock.wait_until(begun + PERIOD_NS)
-    return outcomes, [(one.lost, one.late, one.corrupt) for one in together.counts]
-
-
-@pytest.mark.parametrize("way", list(Way))
-@pytest.mark.parametrize("late_us", [850, 1200, 2500])
-def test_a_late_reply_is_one_loss_and_one_late_of_each_whose_it_was(way: Way, late_us: int) -> None:
-    """Whether it comes before the next request, along with its answer, or later."""
-    outcomes, counted = struck(way, lambda _, reply: [(late_us * US, reply)])
-    hit = 3 if way is Way.FAST else 1
-    assert [sum(map(bool, row)) for row in outcomes] == [0] * 5 + [hit] + [0] * 34
-    assert counted == [(1, 1, 0)] * hit + [(0, 0, 0)] * (3 - hit)
-
-
-@pytest.mark.parametrize("way", list(Way))
-@pytest.mark.parametrize("later_us", sampled([100, 0, 900, 1100, 2500], 4))
-def test_a_copy_of_a_reply_costs_nothing_and_is_counted_as_late(way: Way, later_us: int) -> None:
-    outcomes, counted = struck(way, lambda _, reply: [(0, reply), (later_us * US, reply)])
-    hit = 3 if way is Way.FAST else 1
-    assert not any(any(row) for row in outcomes)
-    assert counted == [(0, 1, 0)] * hit + [(0, 0, 0)] * (3 - hit)
-
-
-@pytest.mark.parametrize("way", [Way.SYNC, Way.PLAIN])
-def test_a_refusal_is_a_broken_reply_also_among_several(way: Way) -> None:
-    outcomes, counted = struck(way, lambda _, reply: [(0, encode_status(reply[4], 3))])
-    assert outcomes[5] == [Outcome.CORRUPT, Outcome.OK, Outcome.OK]
-    assert counted == [(0, 0, 1), (0, 0, 0), (0, 0, 0)]
-
-
-@pytest.mark.parametrize("at", range(8))
-def test_a_joint_reply_with_a_broken_head_is_broken_and_not_lost(at: int) -> None:
-    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
-        return [(0, reply[:at] + bytes([reply[at] ^ 0x40]) + reply[at + 1 :])]
-
-    outcomes, counted = struck(Way.FAST, fate)
-    assert [row != [Outcome.OK] * 3 for row in outcomes] == [n == 5 for n in range(40)]
-    assert counted == [(0, 0, 1)] * 3
-
-
-def test_a_restarted_clock_is_proved_by_several_replies_and_not_by_one() -> None:
-    bench = started(48, 48, 48)
-    together = Together(bench.line, [1, 2, 3], Way.FAST)
-
-    def cycle() -> list[Outcome]:
-        begun = bench.clock.now_ns()
-        together.request()
-        samples = together.collect(begun + 800_000)
-        bench.clock.wait_until(begun + PERIOD_NS)
-        return [sample.outcome for sample in samples]
-
-    assert cycle() == [Outcome.OK] * 3
-    bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
-    bench.truths[1]._boot_ns -= 7_000_000_000
-    assert cycle() == [Outcome.OK, Outcome.CORRUPT, Outcome.OK]
-    assert together.restarted == []
-    cycle()
-    cycle()
-    assert together.restarted == [2]
-
-
 def test_a_zero_that_cannot_be_sent_keeps_nobody_from_being_switched_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -407,20 +264,175 @@ def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
 ) -> None:
     """Current -1 and velocity -3 are FF FF FD side by side, which a joint reply does not stuff."""
     bench = started(48, 48, 48, 48)
-    together = Together(bench.line, [1, 2, 3, 4], way)
+    exchange = exchange_of(bench, way)
     received = tapped(bench.line, monkeypatch)
     for id_ in (1, 3, 4):
         bench.bus.inject(f"stuffing:id={id_}", bench.clock.now_ns())
     for _ in range(50):
         begun = bench.clock.now_ns()
-        together.request()
-        samples = together.collect(begun + 800_000)
-        together.send_currents([0, 0, 0, 0])
+        exchange.request()
+        samples = exchange.collect(begun + 800_000)
+        exchange.send([0, 0, 0, 0])
         bench.clock.wait_until(begun + PERIOD_NS)
         for truth, sample in zip(bench.truths, samples, strict=True):
             assert sample.outcome is Outcome.OK
             assert sample.counts == truth.drive.position()  # at rest since the start
         assert [sample.current for sample in samples] == [-1, 0, -1, -1]
-    assert together.counts == [BusCounts(cycles=50)] * 4
+    assert [station.counts for station in exchange.stations] == [BusCounts(cycles=50)] * 4
     stuffed = b"".join(received).count(b"\xff\xff\xfd\xfd")
     assert stuffed == (0 if way is Way.FAST else 150)
+
+
+def until_it_ends(bench: Bench, error: type[ServoError], match: str, seconds: float = 1.3) -> int:
+    """Push with all until an error; then no torque is on. How long that took [ns]."""
+    begun = bench.clock.now_ns()
+    with pytest.raises(error, match=match) as caught:
+        for _ in range(round(seconds * 1000)):
+            bench.cycle([0.3] * len(bench.truths))
+    ended = bench.clock.now_ns()
+    bench.bus.transmit(ended)
+    for truth in bench.truths:
+        if "could not be read back" in str(caught.value):
+            continue
+        assert truth.memory["torque_enable"] == 0
+    assert bench.group.stop() is ("could not be read back" not in str(caught.value))
+    return ended - begun
+
+
+@pytest.mark.parametrize("who", [1, 3])
+@pytest.mark.parametrize(
+    ("fault", "error", "message"),
+    [
+        ("unplug", ServoLostError, r"id {} .*no longer answers.*Torque off of .*id {}"),
+        ("brown-out", ServoLostError, r"id {} .*(restart|no longer answers)"),
+        ("hardware-error:bits=overload", ServoHealthError, r"id {} .*latched: overload"),
+        ("present_input_voltage=80", ServoHealthError, r"id {} .*is supplied with 8 V"),
+        ("present_temperature=79", ServoHealthError, r"id {} .*wanted at most 78 °C"),
+    ],
+)
+def test_any_servo_in_trouble_ends_the_torque_of_all_and_is_named(
+    who: int, fault: str, error: type[ServoError], message: str
+) -> None:
+    bench = started(48, 48, 48)
+    for _ in range(5):
+        bench.cycle([0.3, 0.3, 0.3])
+    if fault.startswith("present"):
+        register, value = fault.split("=")
+        pin(bench.truths[who - 1], register, int(value))
+    else:
+        kind, _, options = fault.partition(":")
+        given = ",".join(filter(None, (options, f"id={who}")))
+        bench.bus.inject(f"{kind}:{given}", bench.clock.now_ns())
+    took_ns = until_it_ends(bench, error, message.format(who, who))
+    assert took_ns <= 700_000_000
+
+
+@pytest.mark.parametrize(("count", "periods"), [(2, 1), (3, 1), (6, 2)])
+@pytest.mark.parametrize("register", ["torque_enable", "bus_watchdog"])
+def test_the_registers_of_every_servo_are_watched(count: int, periods: int, register: str) -> None:
+    for who in (1, count):
+        bench = started(*[48] * count, period_ns=periods * PERIOD_NS)
+        bench.cycle([0.3] * count)
+        bench.truths[who - 1].memory[register] = 0
+        message = f"id {who} .*(is off, but this program|another setting)"
+        begun, frames = bench.clock.now_ns(), bench.line.frames
+        with pytest.raises(TorqueLostError, match=message):
+            while True:
+                del frames[:]
+                bench.cycle([0.3] * count)
+        took_ns = bench.clock.now_ns() - begun
+        (zero,) = Parser().feed(frames[1])
+        assert zero.params == bytes([102, 0, 2, 0]) + b"".join(
+            bytes([n, 0, 0]) for n in range(1, count + 1)
+        )
+        assert bench.group.stop() is True
+        assert took_ns <= 1_010_000_000
+
+
+def test_a_second_servo_with_the_id_of_one_is_named() -> None:
+    bench = started(48, 48, 48)
+    line = bench.line
+    bench.bus.inject("duplicate:p=1,way=reply", bench.clock.now_ns())
+    read = line.read
+
+    def other() -> bytes:
+        data = bytearray(read())
+        at = data.find(b"\xff\xff\xfd\x00", 1)
+        if at > 0:  # the copy of the joint reply, with another position of the second servo
+            frames = Parser(joint=3).feed(bytes(data[at:]))
+            parts = [
+                FastReply(one.id, one.error, one.params[:12] + b"\x7f" + one.params[13:])
+                for one in frames
+            ]
+            data[at:] = encode_fast_status(parts)
+        return bytes(data)
+
+    line.read = other
+    until_it_ends(bench, ServoHealthError, "A second servo answers as the .* id 1")
+
+
+def test_when_one_is_lost_all_are_told_zero_before_anything_else() -> None:
+    bench = started(48, 48, 48)
+    for _ in range(5):
+        bench.cycle([0.3, 0.3, 0.3])
+    bench.bus.inject("unplug:id=2", bench.clock.now_ns())
+    with pytest.raises(ServoLostError):
+        for _ in range(300):
+            frames = len(bench.line.frames)
+            bench.cycle([0.3, 0.3, 0.3])
+    (first, *_), *others = [Parser().feed(data) for data in bench.line.frames[frames:]]
+    assert first.params == bytes([102, 0, 2, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0])
+    offs = [one.params for (one,) in others if one.params[:1] == bytes([64])]
+    assert offs[0] == bytes([64, 0, 1, 0, 1, 0, 2, 0, 3, 0])
+
+
+@pytest.mark.parametrize("lost", [None, 1, 6])
+def test_six_are_cut_in_20_ms_with_one_lost_and_quicker_with_all(lost: int | None) -> None:
+    bench = started(*[48] * 6)
+    bench.cycle([0.3] * 6)
+    if lost:
+        bench.bus.inject(f"unplug:id={lost}", bench.clock.now_ns())
+    begun = bench.clock.now_ns()
+    assert bench.group.stop() is (lost is None)
+    assert bench.clock.now_ns() - begun <= (20_000_000 if lost else 3_000_000)
+    for truth in bench.truths:
+        if truth.id != lost:
+            assert truth.memory["torque_enable"] == 0
+
+
+def test_a_pause_is_got_over_by_every_servo_at_zero_torque() -> None:
+    bench = started(48, 48, 48)
+    bench.cycle()
+    bench.clock.wait_until(bench.clock.now_ns() + 1_000_000_000)
+    bench.bus.transmit(bench.clock.now_ns())
+    assert all(truth.table.tripped for truth in bench.truths)
+    rows = [bench.cycle([0.3, 0.3, 0.3]) for _ in range(9)]
+    assert all(reading.outcome is Outcome.OK for row in rows[1:] for reading in row)
+    for truth in bench.truths:
+        assert truth.state(bench.clock.now_ns()).torque > 0.25
+
+
+def test_a_short_absence_costs_the_servo_its_own_readings_alone() -> None:
+    """In a fast read those behind it are not heard in the first period: it is asked last then."""
+    bench = started(48, 48, 48)
+    for gone in range(3):
+        bench.cycle()
+        bench.truths[gone].answers_from_ns = bench.clock.now_ns() + 20 * PERIOD_NS
+        rows = [bench.cycle() for _ in range(40)]
+        for n in {0, 1, 2} - {gone}:
+            assert all(row[n].outcome is Outcome.OK for row in rows[1:])
+        assert 20 <= sum(row[gone].outcome is not Outcome.OK for row in rows) <= 22
+        bench.assert_true(rows[-1])
+
+
+@pytest.mark.parametrize("timer_ms", [4, 16])
+def test_behind_an_adapter_that_holds_replies_for_periods_nothing_is_lost(timer_ms: int) -> None:
+    bench = Bench([48] * 3, watchdog_s=1.0)
+    bench.bus._adapter = Adapter(timer_ms * PERIOD_NS, 62, 0)
+    bench.group.start()
+    rows = [bench.cycle([0.1, 0.1, 0.1]) for _ in range(200)]
+    for row in zip(*rows, strict=True):
+        outcomes = [reading.outcome for reading in row]
+        assert set(outcomes) == {Outcome.OK, Outcome.WAITING}
+        assert outcomes.count(Outcome.OK) >= 200 // (timer_ms + 2)
+    assert bench.group.stop() is True

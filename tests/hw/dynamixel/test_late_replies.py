@@ -87,7 +87,7 @@ class Started:
         found = {each.name: each.found.split("set to ")[-1] for each in checks}
         values = {name: value for name, value in found.items() if name not in ignored}
         truth = [bench.truth.memory[name] for name in SET], bench.truth.table.tripped
-        self.outcome = values, servo._health.bounds, servo.facts.torque_limit, truth
+        self.outcome = values, servo._one.health.bounds, servo.facts.torque_limit, truth
 
     @property
     def names_the_line(self) -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Parser, encode_status
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.samples import ServoClock
 from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
@@ -105,7 +105,8 @@ class HoldingLine:
 
 class CountingClock(ServoClock):
     refused = 0
-    """In succession"""
+    """Requests in succession"""
+    sent_ns = 0
 
     def __init__(self, line: HoldingLine) -> None:
         super().__init__()
@@ -117,7 +118,8 @@ class CountingClock(ServoClock):
 
     def accept(self, tick: int, sent_ns: int, now_ns: int) -> bool:
         accepted = super().accept(tick, sent_ns, now_ns)
-        self.refused = 0 if accepted else self.refused + 1
+        self.refused = 0 if accepted else self.refused + (sent_ns != self.sent_ns)
+        self.sent_ns = sent_ns
         if self.line.began_ns is None or now_ns < self.line.began_ns:
             self.old = (tick, sent_ns) if accepted else self.old
         elif self.old is not None:
@@ -143,22 +145,24 @@ class Run:
 
 
 def drive(line: HoldingLine, seconds: float, period_ns: int, *, pipelined: bool) -> Run:
-    link, clock, run = Link(line, 1), line.clock, Run()
-    link._servo_clock = servo_clock = CountingClock(line)
+    exchange, clock, run = Exchange(line, [1]), line.clock, Run()
+    (station,) = exchange.stations
+    station.clock = servo_clock = CountingClock(line)
+    station.accept = servo_clock.accept
     end_ns = START_NS + round(seconds * 1e9)
     if pipelined:
-        link.request()
+        exchange.request()
     while (begun_ns := clock.now_ns()) < end_ns:
         if pipelined:
             clock.wait_until(begun_ns + period_ns)
-            sample = link.collect(clock.now_ns() + period_ns // 5)
-            link.request()
+            (sample,) = exchange.collect(clock.now_ns() + period_ns // 5)
+            exchange.request()
         else:
-            link.request()
-            sample = link.collect(begun_ns + period_ns * 4 // 5)
+            exchange.request()
+            (sample,) = exchange.collect(begun_ns + period_ns * 4 // 5)
             clock.wait_until(begun_ns + period_ns)
         run.outcomes.append(sample.outcome)
-        if link.restarted:
+        if servo_clock.restarted:
             run.named, run.refused = True, servo_clock.refused
             break
     run.telling = len(servo_clock.telling)
@@ -239,7 +243,7 @@ def test_a_restart_at_any_phase_of_the_clock_ends_a_run_within_a_second(phase_ms
     bench.cycle(0.0)
     now_ms = (bench.clock.now_ns() - bench.truth._boot_ns) // MS
     bench.truth._tick = (phase_ms - now_ms - 1000) % TICK_MODULUS
-    bench.servo._link.forget()
+    bench.servo._one.station.forget()
     for _ in range(1000):
         bench.cycle(0.0)
     bench.truth.reboot(bench.clock.now_ns())

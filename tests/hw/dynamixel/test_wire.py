@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.link import Link
+from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.wire import (
     CYCLE_BYTES,
     EMPTY_REPLY_BYTES,
@@ -34,11 +34,11 @@ class CountingLine(ClockLine):
 
 def test_a_cycle_is_what_the_driver_sends_and_hears() -> None:
     line = CountingLine(SimulatedClock(start_ns=1_000 * MS))
-    link = Link(line, 1)
-    link.request()
-    link.collect(line.clock.now_ns() + MS)
+    exchange = Exchange(line, [1])
+    exchange.request()
+    exchange.collect(line.clock.now_ns() + MS)
     assert (line.sent, line.heard) == (READ_REQUEST_BYTES, EMPTY_REPLY_BYTES + 16)
-    link.send_current(-3)
+    exchange.send((-3,))
     assert line.sent + line.heard == CYCLE_BYTES
 
 

@@ -12,7 +12,6 @@ from haptic_wall.hw.dynamixel.codec import (
     Instruction,
     Parser,
     crc16,
-    decode_fast_status,
     encode,
 )
 from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, TORQUE_UNIT, Client
@@ -120,8 +119,7 @@ def test_fast_sync_read_is_one_frame_with_a_crc_behind_every_share() -> None:
     assert client.line.wait(start + MS)
     wire = client.line.read()
     assert client.clock.now_ns() - start == (17 + len(wire)) * BYTE_NS
-    (frame,) = Parser().feed(wire)
-    shares = decode_fast_status(frame, 4)
+    shares = [(one.id, one.error, one.params) for one in Parser(joint=3).feed(wire)]
     counts = round(FREE.position * 4096 / (2 * math.pi)).to_bytes(4, "little")
     assert shares == [(i, 0, counts) for i in (3, 7, 4)]
     for end in (14, 22, 30):
@@ -137,7 +135,7 @@ def test_fast_sync_read_breaks_off_at_a_missing_servo(
     client.line.wait(client.clock.now_ns() + MS)
     wire = client.line.read()
     assert len(wire) == (8 + 8 * whole if whole else 0)
-    assert Parser().feed(wire) == []
+    assert [frame.id for frame in Parser(joint=3).feed(wire)] == list(ids[:whole])
 
 
 def test_fast_sync_read_needs_the_firmware() -> None:

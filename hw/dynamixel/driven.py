@@ -1,0 +1,203 @@
+"""One servo as its driver knows it: model, limits, goal, health; converts torques and readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from haptic_wall.hw.dynamixel.drivable import drivable
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.hardware_errors import latched
+from haptic_wall.hw.dynamixel.health import HealthWatch
+from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
+from haptic_wall.hw.dynamixel.register_access import APART
+from haptic_wall.hw.dynamixel.samples import Sample
+from haptic_wall.hw.dynamixel.startup import Ready, Startup
+from haptic_wall.hw.dynamixel.station import Station
+from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
+from haptic_wall.hw.dynamixel.torque_law import torque_law
+from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
+from haptic_wall.hw.errors import (
+    ServoHealthError,
+    StrangeServoError,
+    TorqueLostError,
+    UnfitServoError,
+)
+from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
+from haptic_wall.hw.settings import DriverSettings
+
+_NAN: Final = math.nan
+_OK: Final = Outcome.OK
+
+
+class Driven:
+    """One servo of a drive.
+
+    Args:
+        settings: Its settings.
+        station: The servo on the line.
+        exchange: The line.
+
+    Raises:
+        UnfitServoError: The model is unknown, has no current control, or its smallest torque
+            exceeds the torque limit.
+    """
+
+    def __init__(self, settings: DriverSettings, station: Station, exchange: Exchange) -> None:
+        model, constant = drivable(settings)
+        self._settings = settings
+        self._model = model
+        self._constant = constant
+        self._exchange = exchange
+        self.station = station
+        self.law = torque_law(model, constant, model.voltage)
+        if settings.torque_limit > 0.0 and not self.law.within(settings.torque_limit):
+            raise UnfitServoError(
+                advice="raise it above that.",
+                field="servo.torque_limit",
+                given=f"is {settings.torque_limit:g} N·m, but the smallest torque of the "
+                f"{model.name} is {self.law.step:.2g} N·m",
+            )
+        self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
+        self.health = HealthWatch()
+        self.watchdog = WatchdogMonitor(settings, station, exchange.line.clock, self._name)
+        self.running = False
+        """It has been started, and not stopped"""
+        self.bus = Bus(station.counts)
+        self._learn(self._facts(model.current_limit, model.voltage))
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard what an earlier run has left."""
+        self.goal = 0
+        """The last goal current"""
+        self.known = False
+        """It has replied as a model with a known control table"""
+        self.alert = False
+        """A hardware error was latched"""
+        self.trouble = ""
+        """See ``HasTrouble``"""
+        self._jump_filter.forget()
+        self.station.forget()
+        self.health.forget()
+
+    def meet(self) -> tuple[Startup, int]:
+        """Read the model number; record whether its control table is known."""
+        startup = Startup(self._settings, self._model, self._exchange, self.station, self._constant)
+        number = startup.model_number()
+        self.known = model_by_number(number) is not None
+        return startup, number
+
+    def start(self, watch: tuple[str, str]) -> Ready:
+        """Check and set up the servo; torque is on at a goal of zero then.
+
+        Args:
+            watch: Descriptions of what is watched, and of what would be with enough time.
+
+        Raises:
+            ServoError: See ``DynamixelServo.start``; the caller switches the torque off.
+        """
+        startup, number = self.meet()
+        try:
+            ready = startup.run(number, watch)
+        except UnfitServoError as error:
+            if self.known:
+                raise
+            raise StrangeServoError(error.problem) from error
+        self.law = ready.law
+        self.health.bounds = ready.bounds
+        self.watchdog.heard_ns = self._exchange.line.clock.now_ns()
+        if startup.table.read("bus_watchdog") != ready.bounds.watchdog:
+            self.watchdog.look(0, under_torque=False)  # a stall in the start has tripped it
+        self._learn(self._facts(ready.current_limit, ready.volts))
+        self.bus.longest_s = ready.longest_ns * 1e-9
+        self.watchdog.begin()
+        return ready
+
+    def goal_of(self, torque: float) -> int:
+        """Return the goal current for a torque [N·m]; the caller must send it at once.
+
+        Raises:
+            ValueError: The torque is not a finite number.
+            RuntimeError: The servo is not started.
+        """
+        if not self.running:
+            raise RuntimeError("a torque was written while torque is off; call start first")
+        if not math.isfinite(torque):
+            raise ValueError(f"a torque of {torque} N·m was commanded; a finite one is wanted")
+        most = self._most
+        goal = self.goal = self.law.goal(max(-most, min(most, torque)))
+        return goal
+
+    def is_good(self, values: Mapping[str, int]) -> bool:
+        """Judge polled values; see ``HealthWatch.judge``.
+
+        Raises:
+            TorqueLostError: The torque is gone.
+            ServoHealthError: The servo must not be driven any longer.
+        """
+        try:
+            return self.health.judge(values, self.facts.name)
+        except TorqueLostError as error:
+            raise self.watchdog.explained(error) from error
+
+    def be_one(self) -> None:
+        """Refuse a second servo with this id.
+
+        Raises:
+            ServoHealthError: Two have replied.
+        """
+        if self.station.twins:
+            raise ServoHealthError(f"A second servo answers as the {self.facts.name}", advice=APART)
+
+    def reading(self, sample: Sample) -> Reading:
+        """Convert a sample; a position that implies a speed above ``max_speed`` is refused.
+
+        Raises:
+            TorqueLostError: The servo has restarted.
+        """
+        outcome, counts, current, alert, sampled_ns = sample
+        if outcome is not _OK:
+            if self.running and self.station.clock.restarted:
+                raise self.watchdog.explained(
+                    TorqueLostError(
+                        f"The {self.facts.name} has restarted, which its clock shows, so its "
+                        "torque is off",
+                        advice="check the supply, its current limit and the plugs.",
+                    )
+                )
+            return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
+        self.watchdog.heard_ns = sampled_ns
+        if not self._jump_filter.accepts(counts, sampled_ns):
+            self.bus.counts.refused += 1
+            return Reading(Outcome.REFUSED, _NAN, 0, sampled_ns, _NAN, False)
+        self.alert = self.alert or alert
+        return Reading(
+            outcome, counts * POSITION_UNIT, counts, sampled_ns, self.law.torque(current), alert
+        )
+
+    def name_trouble(self) -> None:
+        """Read what the servo has latched, if it has."""
+        if self.alert and not self.trouble:
+            self.trouble = latched(self.station, self.facts.name)
+
+    def _learn(self, facts: Facts) -> None:
+        self.facts = facts
+        self._most = facts.torque_limit
+        most = self._settings.max_speed
+        self._jump_filter = JumpFilter(facts.fastest if most is None else most)
+
+    def _facts(self, current_limit: int, volts: float) -> Facts:
+        """Return the facts; the torque limit is rounded down to a whole number of torque steps."""
+        steps = current_limit
+        if self._settings.torque_limit > 0.0:
+            steps = min(steps, self.law.within(self._settings.torque_limit))
+        return Facts(
+            name=self._name,
+            counts_per_rev=COUNTS_PER_REV,
+            torque_limit=self.law.torque(steps),
+            torque_step=self.law.step,
+            stall_torque=self._model.stall_torque or self.law.torque(self._model.current_limit),
+            no_load_speed=self._model.no_load_at(volts),
+        )

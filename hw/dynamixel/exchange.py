@@ -1,0 +1,381 @@
+"""Exchanges samples and goal currents with the servos on a line; matches replies to requests.
+
+All servos are read by one request, in the fastest way that they support, and commanded by one
+frame. A servo that does not reply loses only its own reading.
+
+The protocol has no sequence number, so a reply must be recognised as the answer to *this* request:
+otherwise a loop that once misses a reply would from then on use the reply of the previous period.
+Three cheap checks do it:
+
+1. **Length.** Requests ask for the same block in different lengths (16 to 27 bytes). A length whose
+   request was not answered is not used again for the next ten requests, so a late reply is
+   recognised by its length, in any order of replies. Undisturbed, lengths alternate between 16 and
+   17.
+2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
+3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
+   advanced by the time that passed since the last accepted sample. A clock that no stall explains
+   means that the servo has restarted.
+
+A request may ask for a wider block around the sample, of a length that no other request has.
+Registers are read in blocks of other sizes still; see ``station``.
+
+Two lengths would not do: a reply two periods late has the right one. The clock alone cannot tell
+periods of 1 ms. A late reply may arrive after the receive buffer was drained. The longer replies
+cost 1.25 µs a cycle and servo at 4 Mbit/s.
+
+The replies of an undisturbed bus are compared with a prepared pattern; all others are searched for.
+In a fast sync read a missing servo silences those after it, so it is requested last next time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from haptic_wall.hw.dynamixel.codec import Frame, Instruction, Parser, SyncWrite
+from haptic_wall.hw.dynamixel.samples import (
+    LENGTHS,
+    QUARANTINE,
+    SAMPLE_ADDRESS,
+    SAMPLE_END,
+    Sample,
+    SampleRequest,
+    Way,
+)
+from haptic_wall.hw.dynamixel.station import REFUSED, Station
+from haptic_wall.hw.dynamixel.wire import wire_ns
+from haptic_wall.hw.serialport.line import Line
+from haptic_wall.hw.servo import Outcome
+
+_GOAL_CURRENT: Final = 102
+_SHORTEST: Final = LENGTHS.start
+_GONE: Final = 3
+"""Consecutive lost readings after which a servo is hardly waited for"""
+_GRACE_NS: Final = 200_000
+"""Wait for such servos when all others have replied"""
+_NO_TIME: Final = -1
+_OK: Final = Outcome.OK  # a lookup takes as long as making a sample
+
+
+class Exchange:
+    """Exchanges samples and goal currents with the servos on a line.
+
+    Args:
+        line: The bus.
+        ids: Ids of the servos.
+        baud: The bus's rate [bit/s], for the time that bytes take; 0: negligible.
+    """
+
+    def __init__(self, line: Line, ids: Sequence[int], *, baud: int = 0) -> None:
+        self.line = line
+        self.parser = Parser()
+        self.blocks = dict.fromkeys(LENGTHS, SAMPLE_ADDRESS)
+        """First register of a sample's block, by its length"""
+        self.number = 0
+        """Of the next request"""
+        self.waited_ns = 0
+        """Waiting time of the last ``collect`` [ns]"""
+        self.patience_ns = 0
+        """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
+        one"""
+        self._now_ns = line.clock.now_ns
+        self._baud = baud
+        self._free_at = dict.fromkeys(LENGTHS, 0)
+        """First request that may have a length again: until then a reply may come"""
+        self._asked: SampleRequest | None = None
+        """The request that waits for its answers; None: none does"""
+        self._missing: Sequence[Station] = ()
+        """Servos whose answers it waits for"""
+        self._found: dict[Station, Sample] = {}
+        """Answers since the last ``collect``"""
+        self._refused: set[Station] = set()
+        """Servos that refused a request meanwhile"""
+        self._sent_ns = 0
+        self._sent_later_ns: dict[Station, int] = {}
+        """When a servo was requested that was not requested along with the first [ns]"""
+        self._begun = False  # any byte has come since the last request
+        self._excused = 0  # broken frames that are no broken replies to the last request
+        self._undecided: Station | None = None
+        """A servo whose reply had begun when it was given up: it may still be completed"""
+        self.stations = [Station(self, id_) for id_ in ids]
+        self.by_id = {station.id: station for station in self.stations}
+        self.select(self.stations, Way.PLAIN if len(ids) == 1 else Way.SYNC)
+
+    def select(self, stations: Sequence[Station], way: Way = Way.PLAIN) -> None:
+        """Exchange samples and goals with these servos from now on, in this order."""
+        self.set_aside()
+        self.way = way
+        self._selected = self._order = tuple(stations)
+        ids = [station.id for station in stations]
+        self.parser.joint = len(ids) if way is Way.FAST else 0
+        self._usual = {
+            each: SampleRequest(way, ids, SAMPLE_ADDRESS, each, prepared=True) for each in LENGTHS
+        }
+        self._goals = SyncWrite(_GOAL_CURRENT, ids)
+        self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
+        """The frames of a single servo by its goal; there are as many as current units"""
+        self._calm = True
+        """All have replied to the last request"""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a request is outstanding."""
+        return self._asked is not None
+
+    def wire_ns(self, count: int) -> int:
+        """Return the time of ``count`` bytes on the wire [ns]."""
+        return wire_ns(count, self._baud) if self._baud else 0
+
+    def widen(self, address: int, end: int) -> int:
+        """Register a block around the sample; return its length, for ``request``.
+
+        Args:
+            address: Its begin, at 120 at most.
+            end: After its last register, at 136 at least.
+
+        Raises:
+            ValueError: It does not contain the sample, or another block has its length.
+        """
+        length = end - address
+        if (
+            address > SAMPLE_ADDRESS
+            or end < SAMPLE_END
+            or self.blocks.setdefault(length, address) != address
+        ):
+            raise ValueError(f"a block from {address} to {end} does not contain the sample")
+        self._free_at.setdefault(length, 0)
+        return length
+
+    def request(self, wide: int = 0) -> None:
+        """Request all samples. Does not wait; what is not yet answered is given up.
+
+        Args:
+            wide: Request the block of this length, from ``widen``, if it is free; 0: the sample
+                only.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        if self._asked is not None:
+            self._close(0)
+        if stale := self.line.read():
+            self._process(stale)
+            self._refused.clear()
+            self._excused = 0
+        number = self.number
+        free_at = self._free_at
+        length = wide or _SHORTEST
+        while free_at[length] > number:
+            length = length + 1 if length < LENGTHS[-1] else _SHORTEST
+        self.number = number + 1
+        asked = self._usual[length] if self._calm and not wide else self._unusual(length)
+        self._asked = asked
+        self._missing = self._order
+        self._begun = False
+        self._sent_ns = self._now_ns()
+        self.line.write(asked.frame)
+
+    def collect(self, deadline_ns: int) -> list[Sample]:
+        """Return the answers to the last request, waiting until ``deadline_ns`` [ns] at most.
+
+        A later call discards a reply that comes later, and counts it as late.
+
+        Raises:
+            ServoLostError: The port is gone.
+            RuntimeError: There was no request.
+        """
+        asked = self._asked
+        if asked is None:
+            raise RuntimeError("collect() without a request(): call request() first")
+        parser, order, expected, now_ns = self.parser, self._missing, asked.expected, self._now_ns
+        corrupt = parser.corrupt
+        if expected is None or not parser.idle or order is not self._order:
+            self.waited_ns = 0
+            return self._search(asked, deadline_ns, corrupt)
+        began_ns = now_ns()
+        come = self.line.wait(deadline_ns)
+        received_ns = now_ns()
+        self.waited_ns = received_ns - began_ns
+        if not come:
+            return self._search(asked, _NO_TIME, corrupt)
+        data = self.line.read()
+        values = expected.match(data)
+        if values is not None:
+            sent_ns, length = self._sent_ns, asked.length
+            samples: list[Sample] = []
+            for station, (error, tick, current, position) in zip(order, values):  # noqa: B905 - quicker
+                if error & REFUSED or not station.accept(tick, sent_ns, received_ns):
+                    break
+                station.answered = length
+                station.position = position
+                station.counts.cycles += 1
+                samples.append(Sample(_OK, position, current, error != 0, sent_ns))
+            else:
+                self._free_at[length] = self.number + 1  # not for the next: a copy may follow
+                self._asked = None
+                return samples
+            for station in order[: len(samples)]:
+                station.counts.cycles -= 1
+        self._process(data)
+        late = began_ns >= deadline_ns  # a bus without a servo may never be silent
+        return self._search(asked, _NO_TIME if late else deadline_ns, corrupt)
+
+    def send(self, goals: Sequence[int]) -> None:
+        """Send each its goal current, in its model's unit, in one frame without a reply.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        known = self._known
+        frame = known.get(goals[0]) if known is not None else None
+        if frame is None:
+            frame = self._goals.encode(goals)
+            if known is not None:
+                known[goals[0]] = frame
+        self.line.write(frame)
+
+    def set_aside(self) -> None:
+        """Discard the samples under way: registers are asked for, or other servos."""
+        if self._asked is not None:
+            self._free_at[self._asked.length] = self.number + QUARANTINE
+        self._asked = self._undecided = None
+        self._missing = ()
+
+    def _unusual(self, length: int) -> SampleRequest:
+        """Return a request for a wider block, or with the servos in another order."""
+        for station in self._order:
+            station.block = b""
+        ids = [station.id for station in self._order]
+        return SampleRequest(self.way, ids, self.blocks[length], length)
+
+    def _search(self, asked: SampleRequest, deadline_ns: int, corrupt: int) -> list[Sample]:
+        """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
+
+        Args:
+            asked: The request.
+            deadline_ns: ``_NO_TIME``: nothing more is read.
+            corrupt: The parser's count of broken frames before.
+        """
+        if asked.others:
+            self._search_one_by_one(asked, deadline_ns)
+        else:
+            self._gather(self._missing, deadline_ns)
+        broken = self.parser.corrupt - corrupt - self._excused
+        self._excused = 0
+        whole = broken <= 0 and not self._refused
+        if self._missing and whole and self._now_ns() - self._sent_ns < self.patience_ns:
+            return self._samples({})
+        return self._close(broken)
+
+    def _search_one_by_one(self, asked: SampleRequest, deadline_ns: int) -> None:
+        """Request each in turn; a missing servo does not take the time of others."""
+        order = self._order
+        share_ns = max(0, deadline_ns - self._now_ns()) // len(order)
+        self._sent_later_ns.clear()
+        self._missing = []
+        for station, frame in zip(order, (b"", *asked.others), strict=True):
+            now_ns = self._now_ns()
+            if frame:
+                self._sent_later_ns[station] = now_ns
+                self.line.write(frame)
+            self._missing = [*self._missing, station]
+            self._gather([station], now_ns + share_ns)
+
+    def _gather(self, awaited: Sequence[Station], deadline_ns: int) -> None:
+        """Process received bytes until all of ``awaited`` have answered or time is up."""
+        line, now_ns = self.line, self._now_ns
+        began_ns = _NO_TIME
+        while began_ns < deadline_ns and any(each in self._missing for each in awaited):
+            if self._found and all(station.silent >= _GONE for station in self._missing):
+                deadline_ns = min(deadline_ns, now_ns() + _GRACE_NS)
+            began_ns = now_ns()
+            come = line.wait(deadline_ns)
+            self.waited_ns += now_ns() - began_ns
+            if not come:
+                break
+            self._process(line.read())
+
+    def _process(self, data: bytes) -> None:
+        """Search received bytes for replies."""
+        self._begun = True
+        parser = self.parser
+        corrupt = parser.corrupt
+        frames = parser.feed(data)
+        cut = parser.corrupt > corrupt
+        if self._undecided is not None and (frames or cut):
+            # Its rest has come, so it was late; or another frame began instead: it was truncated.
+            if cut:
+                self._undecided.counts.lost -= 1
+                self._undecided.counts.corrupt += 1
+                self._excused += 1  # no sign of another broken reply
+            self._undecided = None
+        for frame in frames:
+            station = self.by_id.get(frame.id)
+            if station is None or frame.instruction != Instruction.STATUS:
+                continue
+            if frame.error & REFUSED:  # it does not name its request
+                self._refused.add(station)
+            elif station not in self._missing or not self._accepts(station, frame):
+                station.counts.late += len(frame.params) in self.blocks
+                station.compare(frame.params)
+
+    def _accepts(self, station: Station, frame: Frame) -> bool:
+        """Take a frame as a servo's answer to the waiting request, if it is that."""
+        asked, data = self._asked, frame.params
+        if asked is None or len(data) != asked.length:
+            return False
+        tick, current, position = asked.unpack(data)
+        sent_ns = self._sent_later_ns.get(station, self._sent_ns)
+        if not station.accept(tick, sent_ns, self._now_ns()):
+            return False
+        station.answered, station.position, station.block = len(data), position, data
+        station.counts.cycles += 1
+        self._found[station] = Sample(_OK, position, current, frame.error != 0, sent_ns)
+        self._missing = [each for each in self._missing if each is not station]
+        return True
+
+    def _close(self, broken: int) -> list[Sample]:
+        """Stop waiting for the last request; return its samples.
+
+        The rest of a reply that has begun may be in the adapter: it is lost now, and late when it
+        comes.
+
+        Args:
+            broken: Number of broken replies that have come; none after a broken part of a joint
+                reply is valid.
+        """
+        missing, asked = self._missing, self._asked
+        joint = self.way is Way.FAST
+        lost: dict[Station, Sample] = {}
+        if broken and joint:
+            broken = len(missing)
+        begun = self._begun and self.parser.partial and self._undecided is None
+        for place, station in enumerate(missing):
+            corrupt = station in self._refused or place < broken
+            counts = station.counts
+            counts.cycles += 1
+            counts.corrupt += corrupt
+            counts.lost += not corrupt
+            outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
+            sent_ns = self._sent_later_ns.get(station, self._sent_ns)
+            lost[station] = Sample(outcome, 0, 0, False, sent_ns)
+            if begun and not corrupt:
+                self._undecided, begun = station, False
+            if not place or not joint:  # those after it could not reply
+                station.silent += 1
+        if asked is not None:
+            self._free_at[asked.length] = self.number + (QUARANTINE if missing else 1)
+        self._asked, self._missing = None, ()
+        self._refused.clear()
+        heard = [station for station in self._selected if station not in lost]
+        for station in heard:
+            station.silent = 0
+        self._calm = not missing
+        self._order = (*heard, *missing[1:], *missing[:1])
+        return self._samples(lost)
+
+    def _samples(self, lost: Mapping[Station, Sample]) -> list[Sample]:
+        """Return the samples since the last ``collect``, and those that are lost."""
+        found, self._found = self._found, {}
+        none = Sample(Outcome.WAITING, 0, 0, False, self._sent_ns)
+        return [found.get(each) or lost.get(each) or none for each in self._selected]

@@ -1,0 +1,612 @@
+"""The running cycle: what a reply is taken for when replies are lost, late, broken or doubled.
+
+A servo's position is the time it was sampled, in microseconds, so a sample that is not the answer
+to its own request shows in its position. The same holds for one servo and for several on a line.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import pytest
+
+from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
+from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.samples import QUARANTINE, Sample, Way
+from haptic_wall.hw.dynamixel.tables import MODELS
+from haptic_wall.hw.servo import Outcome
+from tests.cases import sampled
+from tests.hw.dynamixel.lines import APART, MS, US, ClockLine, Fate, TroubledLine, unharmed
+
+PERIOD_NS = 1 * MS
+REGISTERS = MODELS["XM430-W350"].registers
+SHAPES = [(1, Way.PLAIN), (2, Way.SYNC), (6, Way.FAST)]
+"""Servos on the line, and how they are read"""
+
+
+class Bench:
+    """An exchange at 1 kHz, on the simulated clock, with servos whose position is the time.
+
+    All replies of a cycle meet the same fate, by the cycle's number; ``one_by_one``: each its own.
+    """
+
+    def __init__(
+        self,
+        fate: Fate = unharmed,
+        shape: tuple[int, Way] = SHAPES[0],
+        *,
+        period_ns: int = PERIOD_NS,
+        one_by_one: bool = False,
+    ) -> None:
+        count, way = shape
+        replies = 1 if one_by_one or way is Way.FAST else count
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        self.servo = ClockLine(self.clock)
+        self.line = TroubledLine(self.servo, lambda number, reply: fate(number // replies, reply))
+        self.exchange = Exchange(self.line, range(1, count + 1))
+        self.exchange.select(self.exchange.stations, way)
+        self.period_ns = period_ns
+
+    def cycle(self) -> list[Sample]:
+        """Request, collect within the period, sleep to its end."""
+        begun = self.clock.now_ns()
+        self.exchange.request()
+        samples = self.exchange.collect(begun + self.period_ns * 3 // 5)
+        self.clock.wait_until(begun + self.period_ns)
+        self.are_their_own(samples)
+        return samples
+
+    def run(self, cycles: int) -> list[list[Outcome]]:
+        """Outcomes of so many cycles."""
+        return [[sample.outcome for sample in self.cycle()] for _ in range(cycles)]
+
+    def pipelined(self, cycles: int) -> list[list[Outcome]]:
+        """Collect in each period what was requested in the one before."""
+        rows = []
+        self.exchange.request()
+        for _ in range(cycles):
+            self.clock.wait_until(self.clock.now_ns() + self.period_ns)
+            samples = self.exchange.collect(self.clock.now_ns() + self.period_ns // 5)
+            self.are_their_own(samples)
+            rows.append([sample.outcome for sample in samples])
+            self.exchange.request()
+        return rows
+
+    def are_their_own(self, samples: Sequence[Sample]) -> None:
+        """Each position is that of its servo at the instant of its request."""
+        for place, sample in enumerate(samples):
+            wanted = sample.sampled_ns // US + place * APART
+            assert sample.counts == (wanted if sample.outcome is Outcome.OK else 0)
+
+    def assert_counts(self, lost: int, late: int, corrupt: int) -> None:
+        """What was counted of each servo."""
+        for station in self.exchange.stations:
+            counts = station.counts
+            assert (counts.lost, counts.late, counts.corrupt) == (lost, late, corrupt), station.id
+
+
+@pytest.fixture(params=SHAPES, ids=lambda shape: f"{shape[0]}-{shape[1].name}")
+def shape(request: pytest.FixtureRequest) -> tuple[int, Way]:
+    return request.param  # type: ignore[no-any-return]
+
+
+def bad(rows: Sequence[Sequence[Outcome]]) -> list[int]:
+    """Cycles in which a servo was not heard."""
+    return [n for n, row in enumerate(rows) if any(row)]
+
+
+def only(numbers: set[int], fate: Fate) -> Fate:
+    return lambda number, reply: fate(number, reply) if number in numbers else [(0, reply)]
+
+
+def lost(_number: int, _reply: bytes) -> list[tuple[int, bytes]]:
+    return []
+
+
+def broken(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+    return [(0, reply[:12] + bytes([reply[12] ^ 0x40]) + reply[13:])]
+
+
+def doubled(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+    return [(0, reply), (0, reply)]
+
+
+def late_by(cycles: float) -> Fate:
+    return lambda _number, reply: [(round(cycles * PERIOD_NS), reply)]
+
+
+def test_each_sample_is_the_one_that_was_asked_for(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    rows = [bench.cycle() for _ in range(50)]
+    for n, row in enumerate(rows):
+        assert [one.sampled_ns for one in row] == [1_000_000_000 + n * PERIOD_NS] * len(row)
+        assert all(one.outcome is Outcome.OK and one.current == -7 for one in row)
+    assert bad(Bench(shape=shape).pipelined(50)) == []
+    bench.assert_counts(0, 0, 0)
+    assert [station.counts.cycles for station in bench.exchange.stations] == [50] * shape[0]
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3, 7, 30])
+def test_lost_replies_cost_their_own_periods(shape: tuple[int, Way], cycles: int) -> None:
+    gone = set(range(5, 5 + cycles))
+    bench = Bench(only(gone, lost), shape)
+    rows = bench.run(50)
+    assert bad(rows) == sorted(gone)
+    assert rows[5] == [Outcome.LOST] * shape[0]
+    bench.assert_counts(cycles, 0, 0)
+
+
+@pytest.mark.parametrize("cycles", sampled([0.7, 9.3, 1, 1.5, 2, 3, 5], 3))
+@pytest.mark.parametrize("run", [1, 3, 8])
+def test_late_replies_are_counted_and_never_used(
+    shape: tuple[int, Way], cycles: float, run: int
+) -> None:
+    delayed = set(range(20, 20 + run))
+    bench = Bench(only(delayed, late_by(cycles)), shape)
+    assert bad(bench.run(60)) == sorted(delayed)
+    bench.assert_counts(run, run, 0)
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+def test_late_replies_are_never_used_when_pipelined(shape: tuple[int, Way], cycles: int) -> None:
+    bench = Bench(only({20, 21, 30}, late_by(cycles)), shape)
+    assert bad(bench.pipelined(60)) == [20, 21, 30]
+    bench.assert_counts(3, 3, 0)
+
+
+def test_the_length_of_a_lost_reply_is_free_again_after_ten_requests(
+    monkeypatch: pytest.MonkeyPatch, shape: tuple[int, Way]
+) -> None:
+    bench = Bench(only({5}, lost), shape)
+    lengths: list[int] = []
+    write = bench.line.write
+
+    def noted(frame: bytes) -> None:
+        lengths.append(frame[10])  # of the read instruction: address, then length
+        write(frame)
+
+    monkeypatch.setattr(bench.line, "write", noted)
+    bench.run(20)
+    gone, free = lengths[5], 6 + QUARANTINE
+    assert gone not in lengths[6:free] and gone in lengths[free : free + 2]
+
+
+def test_a_backlog_that_arrives_at_once_yields_only_the_newest(shape: tuple[int, Way]) -> None:
+    """A stalled adapter hands on all that it held: in order, and in one piece."""
+    stalled = range(20, 26)
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [((25 - number) * PERIOD_NS if number in stalled else 0, reply)]
+
+    bench = Bench(fate, shape)
+    assert bad(bench.run(40)) == [20, 21, 22, 23, 24]
+    bench.assert_counts(5, 5, 0)
+
+
+@pytest.mark.parametrize("periods", sampled(range(1, 10), 3))
+def test_a_reply_up_to_ten_periods_late_is_known_at_any_rate(
+    shape: tuple[int, Way], periods: int
+) -> None:
+    """At 4 kHz all of them lie within what the tick must tolerate."""
+    period_ns = PERIOD_NS // 4
+    late = set(range(20, 140, 12))
+    fate = only(late, lambda _, reply: [(periods * period_ns + 50 * US, reply)])
+    bench = Bench(fate, shape, period_ns=period_ns)
+    bench.servo.reply_ns = 50 * US
+    assert bad(bench.run(150)) == sorted(late)
+    bench.assert_counts(len(late), len(late), 0)
+
+
+@pytest.mark.parametrize("cycles", [0, 1, 1.5, 2, 3])
+def test_a_copy_is_not_used(shape: tuple[int, Way], cycles: float) -> None:
+    """At 4 kHz neither the tick nor the length tells some from the sample after next."""
+    for period_ns in (PERIOD_NS, PERIOD_NS // 4):
+        copy_ns = round(cycles * period_ns)
+        fate = only({20}, lambda _, reply, ns=copy_ns: [(0, reply), (ns, reply)])  # type: ignore[misc]
+        bench = Bench(fate, shape, period_ns=period_ns)
+        bench.servo.reply_ns = 50 * US
+        assert bad(bench.run(40)) == []
+        bench.assert_counts(0, 1, 0)
+
+
+def test_broken_replies_are_counted_apart_from_lost_ones(shape: tuple[int, Way]) -> None:
+    bench = Bench(only({5, 6, 20}, broken), shape)
+    rows = bench.run(40)
+    assert bad(rows) == [5, 6, 20]
+    assert rows[5] == [Outcome.CORRUPT] * shape[0]
+    bench.assert_counts(0, 0, 3)
+
+
+@pytest.mark.parametrize(
+    ("count", "kept"), [(1, 1), (1, 5), (1, 26), (2, 5), (2, 8), (2, 15), (2, 26)]
+)
+def test_a_reply_cut_short_costs_only_itself(count: int, kept: int) -> None:
+    way = Way.SYNC if count > 1 else Way.PLAIN
+    bench = Bench(only({5}, lambda _, reply: [(0, reply[:kept])]), (count, way))
+    assert bad(bench.run(20)) == [5]
+    bench.assert_counts(0, 0, 1)
+
+
+@pytest.mark.parametrize("kept", [30, 40, 60, 68, 88, 127])
+def test_of_a_joint_reply_cut_short_the_parts_in_front_are_good(kept: int) -> None:
+    """The part that was cut is broken; those behind it never came."""
+    bench = Bench(only({5}, lambda _, reply: [(0, reply[:kept])]), (6, Way.FAST))
+    rows = bench.run(20)
+    good, rest = divmod(kept - 8, 21)  # the sixth request is for 17 bytes
+    assert rows[5] == [Outcome.OK] * good + [Outcome.LOST] * (6 - good)
+    assert bad(rows) == [5]
+    found = [(one.counts.lost, one.counts.corrupt) for one in bench.exchange.stations]
+    assert found == [(0, 0)] * good + [(0, 1) if rest else (1, 0)] + [(1, 0)] * (5 - good)
+
+
+@pytest.mark.parametrize("rest_ms", [0.65, 0.95, 1.0])
+@pytest.mark.parametrize("shape", [SHAPES[0], (3, Way.FAST)])
+def test_a_reply_whose_rest_comes_after_the_deadline_is_late_and_not_broken(
+    shape: tuple[int, Way], rest_ms: float
+) -> None:
+    """An adapter's timer that expires in the middle of it does that.
+
+    It is not counted again with a later broken one.
+    """
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number == 5:
+            return [(0, reply[:9]), (round(rest_ms * MS), reply[9:])]
+        return broken(number, reply) if number == 15 else [(0, reply)]
+
+    bench = Bench(fate, shape)
+    assert bad(bench.run(30)) == [5, 15]
+    bench.assert_counts(1, 1, 1)
+
+
+def test_silence_behind_a_reply_cut_short_is_a_loss() -> None:
+    """The remains of the first are no sign of the second."""
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return {5: [(0, reply[:12])], 6: []}.get(number, [(0, reply)])
+
+    bench = Bench(fate)
+    assert bad(bench.run(20)) == [5, 6]
+    bench.assert_counts(1, 0, 1)
+
+
+def test_a_reply_cut_short_is_broken_also_when_another_begins_before_the_next_request() -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, reply[:9]), (700 * US, reply)]))
+    assert bad(bench.run(20)) == [5]
+    bench.assert_counts(0, 1, 1)
+
+
+def test_a_reply_that_has_begun_behind_one_cut_short_is_not_broken_by_that() -> None:
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if number == 5:
+            return [(0, reply[:12])]
+        return [(0, reply[:12]), (600 * US, reply[12:])] if number == 6 else [(0, reply)]
+
+    bench = Bench(fate)
+    rows = bench.run(20)
+    assert rows[5:8] == [[Outcome.LOST], [Outcome.LOST], [Outcome.OK]]
+    bench.assert_counts(1, 1, 1)
+
+
+@pytest.mark.parametrize("shape", [SHAPES[0], SHAPES[2]])
+@pytest.mark.parametrize(
+    "fate",
+    [
+        lambda _, reply: [(0, reply[:9]), (100 * US, reply[9:])],
+        lambda _, reply: [(0, b"\x00\xff\xff" + reply + b"\xfd\x55")],
+    ],
+    ids=["in two pieces", "between noise"],
+)
+def test_a_reply_is_found_wherever_it_lies(shape: tuple[int, Way], fate: Fate) -> None:
+    assert bad(Bench(fate, shape).run(20)) == []
+
+
+@pytest.mark.parametrize("noise", ["fffffd00fe000755", "fffffd0001000755", "fffffd0001140055"])
+@pytest.mark.parametrize("behind", [False, True])
+def test_noise_that_begins_like_a_frame_costs_one_period_at_most(
+    shape: tuple[int, Way], noise: str, behind: bool
+) -> None:
+    """Also where it begins like a joint reply, which may hold headers, of 1800 bytes."""
+    made = bytes.fromhex(noise)
+    fate = only({5}, lambda _, reply: [(0, reply + made if behind else made + reply)])
+    assert bad(Bench(fate, shape).run(20)) in ([], [5], [6])
+
+
+def test_a_refusal_is_no_position(shape: tuple[int, Way]) -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, encode_status(reply[4] % 254, 3))]), shape)
+    rows = bench.run(10)
+    assert bad(rows) == [5]
+    if shape[1] is not Way.FAST:  # that line knows no refused part
+        assert rows[5] == [Outcome.CORRUPT] * shape[0]
+
+
+def test_a_reply_of_another_servo_is_no_position() -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, encode_status(9, 0, reply[9:-2]))]))
+    rows = bench.run(10)
+    assert (bad(rows), rows[5]) == ([5], [Outcome.LOST])
+
+
+def test_an_alert_is_told_and_the_position_still_valid() -> None:
+    bench = Bench(only({5}, lambda _, reply: [(0, encode_status(1, 0x80, reply[9:-2]))]))
+    samples = [sample for _ in range(10) for sample in bench.cycle()]
+    assert [sample.alert for sample in samples] == [n == 5 for n in range(10)]
+    assert all(sample.outcome is Outcome.OK for sample in samples)
+
+
+@pytest.mark.parametrize("ticks", [-20, 20])
+def test_a_sample_whose_clock_disagrees_is_not_used(shape: tuple[int, Way], ticks: int) -> None:
+    """As a copy from another time would: the length alone cannot tell."""
+    bench = Bench(shape=shape)
+    bench.run(10)
+    bench.servo.tick_offset += ticks
+    assert bench.run(1) == [[Outcome.LOST] * shape[0]]
+    bench.assert_counts(1, 1, 0)
+
+
+@pytest.mark.parametrize("rate", [0.985, 1.015])
+def test_a_servo_clock_off_by_a_percent_and_a_half_is_accepted(rate: float) -> None:
+    bench = Bench(only(set(range(100, 300)), lost))
+    bench.servo.tick_rate = rate
+    assert bad(bench.run(400)) == list(range(100, 300))
+
+
+def test_the_tick_may_wrap(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    bench.servo.tick_offset = 32768 - 1000 - 10  # wraps ten periods from now
+    assert bad(bench.run(20)) == []
+
+
+def test_an_exchange_that_paused_works_again(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    for pause_s in (0, 0.1, 1, 9, 11, 33, 1000):
+        bench.clock.wait_until(bench.clock.now_ns() + round(pause_s * 1e9))
+        assert bad(bench.run(1)) == []
+
+
+@pytest.mark.parametrize("seed", sampled(range(400), 4))
+@pytest.mark.parametrize("shape", [*SHAPES, (3, Way.SYNC), (3, Way.FAST), (3, Way.PLAIN)])
+def test_no_mixture_of_troubles_yields_a_wrong_position(shape: tuple[int, Way], seed: int) -> None:
+    """A third of the replies meet something; some sampling instants come back, none is wrong."""
+    count, _ = shape
+    random_ = random.Random(seed)
+    share = 0.33 if count == 1 else 0.1
+
+    def truncated(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [(0, reply[: random_.randrange(len(reply))])]
+
+    def swapped(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [(50 * US, reply)]  # behind the one after it
+
+    def fate(number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        if random_.random() > share:
+            return [(0, reply)]
+        fates = [lost, broken, doubled, truncated, swapped, late_by(random_.uniform(0.1, 9.0))]
+        return random_.choice(fates)(number, reply)
+
+    bench = Bench(fate, shape, one_by_one=True)
+    rows = bench.run(300)
+    for place, station in enumerate(bench.exchange.stations):
+        good = [row[place] for row in rows].count(Outcome.OK)
+        counts = station.counts
+        assert good > 150
+        assert counts.cycles == 300 == good + counts.lost + counts.corrupt
+
+
+def test_a_request_in_place_of_a_collect_gives_the_last_one_up(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    bench.exchange.request()
+    bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
+    assert bad(bench.run(1)) == []
+    bench.assert_counts(1, 1, 0)
+
+
+def test_a_collect_without_a_request_is_an_error() -> None:
+    bench = Bench()
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r"call request\(\) first"):
+            bench.exchange.collect(bench.clock.now_ns() + PERIOD_NS)
+        assert bad(bench.run(1)) == []
+
+
+@pytest.mark.parametrize("goal", [0, 1, -1, 512, -1193, 1193])
+def test_a_goal_current_is_a_sync_write(goal: int) -> None:
+    bench = Bench()
+    bench.exchange.send((goal,))
+    bench.exchange.send([goal])
+    low, high = (goal & 0xFFFF).to_bytes(2, "little")
+    wanted = (Instruction.SYNC_WRITE, 254, bytes([102, 0, 2, 0, 1, low, high]))
+    assert bench.servo.written == [wanted, wanted]
+
+
+def test_registers_are_written_and_read_between_samples(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    bench.run(1)
+    for station in bench.exchange.stations:
+        bench.exchange.request()  # its replies are under way and must not disturb
+        register = REGISTERS["torque_enable"]
+        assert station.write_register(register, 1, PERIOD_NS) == 1
+        assert station.read_register(register, PERIOD_NS) == 1
+    assert bad(bench.run(1)) == []
+    bench.assert_counts(0, 0, 0)
+
+
+@pytest.mark.parametrize("late_ms", [0.7, 3, 200, 400])
+def test_no_late_sample_is_a_registers_value_nor_the_reverse(
+    shape: tuple[int, Way], late_ms: float
+) -> None:
+    """Every second reply comes late: of samples and of registers, in turn."""
+    bench = Bench(lambda n, reply: [(round(late_ms * MS) if n % 2 else 0, reply)], shape)
+    bench.servo.registers[:147] = bytes(range(1, 148))
+    for number in range(60):
+        bench.cycle()
+        station = bench.exchange.stations[number % shape[0]]
+        register = REGISTERS[("led", "drive_mode", "temperature_limit")[number % 3]]
+        found = station.read_register(register, 3 * MS)
+        assert found in (None, register.address + 1)
+
+
+def test_a_register_that_is_not_answered_has_no_value() -> None:
+    bench = Bench(lost)
+    (station,) = bench.exchange.stations
+    register = REGISTERS["torque_enable"]
+    begun = bench.clock.now_ns()
+    assert station.read_register(register, 3 * MS) is None
+    assert station.write_register(register, 1, 3 * MS) is None
+    assert bench.clock.now_ns() == begun + 9 * MS
+
+
+class Babbling(ClockLine):
+    """A bus without a servo whose floating wires are never silent: bytes come at any time."""
+
+    def read(self) -> bytes:
+        super().read()
+        self.clock.wait_until(self.clock.now_ns() + 20 * US)  # reading takes time too
+        return b"\x55"
+
+    def wait(self, deadline_ns: int) -> bool:  # noqa: ARG002 - bytes are there at once
+        return True
+
+
+@pytest.mark.parametrize("way", list(Way))
+def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline(way: Way) -> None:
+    """A loop caught here would be cut by a supervisor caught here too, with the torque on."""
+    clock = SimulatedClock(start_ns=1_000_000_000)
+    exchange = Exchange(Babbling(clock), [1, 2])
+    exchange.select(exchange.stations, way)
+    exchange.request()
+    deadline = clock.now_ns() + PERIOD_NS
+    assert not any(one.outcome is Outcome.OK for one in exchange.collect(deadline))
+    assert deadline <= clock.now_ns() < deadline + 100 * US
+    begun, station = clock.now_ns(), exchange.stations[0]
+    assert station.read_register(REGISTERS["torque_enable"], PERIOD_NS) is None
+    assert station.write_register(REGISTERS["torque_enable"], 0, PERIOD_NS) is None
+    assert clock.now_ns() < begun + 3 * PERIOD_NS + 200 * US
+
+
+def test_a_collect_that_comes_too_late_still_finds_the_reply(shape: tuple[int, Way]) -> None:
+    """After a stall of the machine the reply has long been there."""
+    bench = Bench(shape=shape)
+    bench.exchange.request()
+    deadline = bench.clock.now_ns() + PERIOD_NS // 2
+    bench.clock.wait_until(deadline + 5 * MS)
+    samples = bench.exchange.collect(deadline)
+    bench.are_their_own(samples)
+    assert all(sample.outcome is Outcome.OK for sample in samples)
+
+
+def test_a_request_may_stay_outstanding_over_several_collects(shape: tuple[int, Way]) -> None:
+    """Replies that take three periods are waited for, and lost ones given up in time."""
+    bench = Bench(lambda n, reply: [] if n == 3 else [(3 * PERIOD_NS, reply)], shape)
+    bench.exchange.patience_ns = 5 * PERIOD_NS
+    rows = []
+    for _ in range(40):
+        if not bench.exchange.waiting:
+            bench.exchange.request()
+        samples = bench.exchange.collect(0)
+        bench.are_their_own(samples)
+        rows.append(samples[0].outcome)
+        assert len({sample.outcome for sample in samples}) == 1
+        bench.clock.wait_until(bench.clock.now_ns() + PERIOD_NS)
+    assert rows[:5] == [Outcome.WAITING] * 4 + [Outcome.OK]
+    assert rows.count(Outcome.LOST) == 1
+    bench.assert_counts(1, 0, 0)
+
+
+def test_the_time_waited_for_a_reply_is_that_of_the_last_request() -> None:
+    bench = Bench(only({1}, lost))
+    waited = []
+    for _ in range(3):
+        bench.cycle()
+        waited.append(bench.exchange.waited_ns)
+    assert waited == [bench.servo.reply_ns, PERIOD_NS * 3 // 5, bench.servo.reply_ns]
+
+
+@pytest.mark.parametrize(("address", "end"), [(121, 160), (100, 135), (119, 145)])
+def test_a_block_that_cannot_stand_for_the_sample_is_refused(address: int, end: int) -> None:
+    """It begins too late, ends too early, or has the length of a plain request."""
+    with pytest.raises(ValueError, match=f"a block from {address} to {end} does not contain"):
+        Bench().exchange.widen(address, end)
+
+
+def test_a_wider_block_is_read_around_each_sample(shape: tuple[int, Way]) -> None:
+    bench = Bench(shape=shape)
+    wide = bench.exchange.widen(64, 147)
+    bench.servo.registers[64:120] = bytes(range(64, 120))
+    bench.exchange.request(wide)
+    samples = bench.exchange.collect(bench.clock.now_ns() + PERIOD_NS)
+    bench.are_their_own(samples)
+    assert all(sample.outcome is Outcome.OK for sample in samples)
+    for station in bench.exchange.stations:
+        assert station.block[:56] == bytes(range(64, 120)) and len(station.block) == wide
+
+
+STRUCK = [(3, way) for way in Way]
+
+
+def struck(shape: tuple[int, Way], fate: Fate) -> tuple[list[list[Outcome]], list[list[int]]]:
+    """40 cycles of three servos of which one reply meets a fate, in the sixth.
+
+    Returns:
+        The outcomes of each cycle; what was counted of each servo: lost, late, corrupt.
+    """
+    hit = 5 if shape[1] is Way.FAST else 3 * 5
+    bench = Bench(lambda n, r: fate(n, r) if n == hit else [(0, r)], shape, one_by_one=True)
+    rows = bench.run(40)
+    counts = [station.counts for station in bench.exchange.stations]
+    return rows, [[one.lost, one.late, one.corrupt] for one in counts]
+
+
+@pytest.mark.parametrize("shape", STRUCK)
+@pytest.mark.parametrize("late_us", [850, 1200, 2500])
+def test_a_late_reply_is_one_loss_and_one_late_of_each_whose_it_was(
+    shape: tuple[int, Way], late_us: int
+) -> None:
+    """Whether it comes before the next request, along with its answer, or later."""
+    outcomes, counted = struck(shape, lambda _, reply: [(late_us * US, reply)])
+    hit = 3 if shape[1] is Way.FAST else 1
+    assert [sum(map(bool, row)) for row in outcomes] == [0] * 5 + [hit] + [0] * 34
+    assert counted == [[1, 1, 0]] * hit + [[0, 0, 0]] * (3 - hit)
+
+
+@pytest.mark.parametrize("shape", STRUCK)
+@pytest.mark.parametrize("later_us", sampled([100, 0, 900, 1100, 2500], 4))
+def test_a_copy_of_a_reply_costs_nothing_and_is_counted_as_late(
+    shape: tuple[int, Way], later_us: int
+) -> None:
+    outcomes, counted = struck(shape, lambda _, reply: [(0, reply), (later_us * US, reply)])
+    hit = 3 if shape[1] is Way.FAST else 1
+    assert not any(any(row) for row in outcomes)
+    assert counted == [[0, 1, 0]] * hit + [[0, 0, 0]] * (3 - hit)
+
+
+@pytest.mark.parametrize("shape", STRUCK[1:])
+@pytest.mark.parametrize(
+    "fate", [lambda _, r: [(0, encode_status(r[4], 3))], lambda _, r: [(0, r[:15])]]
+)
+def test_a_refusal_and_a_reply_cut_short_are_broken_ones_of_their_servo(
+    shape: tuple[int, Way], fate: Fate
+) -> None:
+    outcomes, counted = struck(shape, fate)
+    assert outcomes[5] == [Outcome.CORRUPT, Outcome.OK, Outcome.OK]
+    assert counted == [[0, 0, 1], [0, 0, 0], [0, 0, 0]]
+
+
+@pytest.mark.parametrize("at", range(8))
+def test_a_joint_reply_with_a_broken_head_is_broken_and_not_lost(at: int) -> None:
+    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [(0, reply[:at] + bytes([reply[at] ^ 0x40]) + reply[at + 1 :])]
+
+    outcomes, counted = struck((3, Way.FAST), fate)
+    assert bad(outcomes) == [5]
+    assert counted == [[0, 0, 1]] * 3
+
+
+def test_of_a_joint_reply_with_a_broken_part_none_is_valid_from_there_on() -> None:
+    def fate(_number: int, reply: bytes) -> list[tuple[int, bytes]]:
+        return [(0, reply[:35] + bytes([reply[35] ^ 0x40]) + reply[36:])]
+
+    outcomes, counted = struck((3, Way.FAST), fate)
+    assert outcomes[5] == [Outcome.OK, Outcome.CORRUPT, Outcome.CORRUPT]
+    assert counted == [[0, 0, 0], [0, 0, 1], [0, 0, 1]]
