@@ -29,6 +29,9 @@ _PHASE, _FINER = 0.4, 0.15
 """Largest step of the phase of the vibration over the delay, between frequencies of the grid and
 between its delays [rad]; of a vibration above ``_SAMPLED`` cycles per period"""
 _SAMPLED = 0.3
+_QUICK, _QUARTER = 0.3, 0.25
+"""Friction times period over the lightest motor from which delays of the grid are nearer: the limit
+of a motor that settles within a period dips beside each whole period; their distance in periods"""
 _CYCLES = 1.15
 """Cycles of that phase that the frequencies of one delay span at most. Within a cycle each phase
 occurs, and the slowest vibration of a phase bounds the damping and the stiffness most"""
@@ -287,7 +290,9 @@ def knots(
     delay: a notch lets a faster vibration pass where it stops a slower one.
     """
     hz = belief.flexible_hz
-    grid = _delays(hz.low, hz.high, period, delay, every)
+    lightest = belief.inertia.low - min(belief.load_inertia.high, HEAVIEST * belief.inertia.low)
+    quick = belief.damping.high * period > _QUICK * lightest
+    grid = _delays(hz.low, hz.high, period, delay, every, _QUARTER if quick else math.inf)
     shortest = min(inserted + belief.delay.low, delay)
     if grid[-1].low > 0.0:
         shortest = max(shortest, delay - 1.0 / grid[-1].low)
@@ -296,13 +301,15 @@ def knots(
 
 
 @lru_cache(maxsize=1024)
-def _delays(low: float, high: float, period: float, longest: float, every: bool) -> list[Knot]:
+def _delays(
+    low: float, high: float, period: float, longest: float, every: bool, most: float
+) -> list[Knot]:
     """Return the grid from 0 to above ``longest`` [s], of vibrations ``low`` to ``high`` [Hz].
 
     Where the frequencies span more than a cycle of the phase, or the delay is more than one, delays
     follow each other by a ratio. A vibration after a delay between two of them has the same phase
     after the longer one at a frequency that is lower by the ratio: so the frequencies are
-    widened downward by it.
+    widened downward by it. ``most`` is the longest step [periods].
     """
     if every:
         step = _step(high, period) / (math.tau * high)
@@ -312,7 +319,8 @@ def _delays(low: float, high: float, period: float, longest: float, every: bool)
         last = found[-1]
         after = last.delay + period
         # limits in proportion to 1 / (T/2 + t_d) hold to a factor of 2 at most
-        step = min(_step(last.high, period) / (math.tau * last.high), last.delay + 0.5 * period)
+        step = min(last.delay + 0.5 * period, most * period)
+        step = min(_step(last.high, period) / (math.tau * last.high), step)
         widened = (1.0 / _SLOWER - 1.0) * after
         if step < widened and (last.high < high or low * after > 1.0):
             delay = last.delay + widened
