@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
@@ -33,7 +32,7 @@ from haptic_wall.controller.settings.model import (
     whole,
 )
 from haptic_wall.controller.settings.refusal import refusal
-from haptic_wall.hw.errors import BackendError, Problem
+from haptic_wall.hw.errors import BackendError, Problem, is_emulated
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
@@ -443,7 +442,7 @@ class Servo(Section):
         """Whether an emulator, not an adapter, is at the other end of the port."""
         if self.kind != "hardware":
             return self.kind == "emulated"
-        return self.port is not None and Path(self.port).resolve().parent == Path("/dev/pts")
+        return self.port is not None and is_emulated(self.port)
 
     @property
     def kind(self) -> Kind:

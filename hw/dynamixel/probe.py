@@ -151,7 +151,7 @@ def probe_sign(link: Link, clock: Clock, limit: int, name: str) -> Push:
             push = prober.push(limit)
         except ServoLostError as error:
             if silent or not prober.ended():
-                raise lost(link, error.problem.what) from None
+                raise lost(link, name, error.problem.what) from None
             silent = True
             continue
         if wrong or push.sign_is_right:

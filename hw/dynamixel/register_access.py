@@ -18,6 +18,7 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     ServoMissingError,
     UnfitServoError,
+    wiring,
 )
 from haptic_wall.hw.serialport.line import Line
 
@@ -46,10 +47,16 @@ def lateness(link: Link) -> str:
     return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
 
-def lost(
-    link: Link, what: str, advice: str = "check the cable and the power supply."
-) -> ServoLostError:
-    """Return the error for a servo that stops answering; it names late replies, if any came."""
+def lost(link: Link, name: str, what: str, more: str = "") -> ServoLostError:
+    """Return the error for a servo that stops answering; it names late replies, if any came.
+
+    Args:
+        link: The servo.
+        name: Its name, which ends in "on PORT".
+        what: What it did not answer.
+        more: Follows the advice.
+    """
+    advice = f"check {wiring(name)}{more}."
     if late := lateness(link):
         what += late
         advice = f"{UNHELD}, and {advice}"
@@ -165,7 +172,7 @@ class Table:
         for_a_second = ", and for a second servo with this id" if self.link.damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
-            advice=f"check its power and cable{for_a_second}; `haptic-wall scan` lists what answers"
+            advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
             " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
@@ -238,6 +245,7 @@ class Table:
             )
         return lost(
             self.link,
+            self.name,
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
-            "check the cable and for a second servo with this id.",
+            ", and for a second servo with this id",
         )

@@ -305,6 +305,7 @@ class Startup:
         self.table.read("torque_enable")  # it may show how late replies are
         raise lost(
             self._link,
+            self._name,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
         )
