@@ -25,8 +25,8 @@ from pathlib import Path
 
 
 def is_emulated(port: str) -> bool:
-    """Whether a port is a pseudo-terminal, or a bus in memory: empty, or a text that ends so."""
-    if not port or port.endswith("memory"):
+    """Whether a port is a pseudo-terminal, or one in memory or of a run: a text, or empty."""
+    if not port or port.endswith(("memory", "emulated")):
         return True
     return Path(port).resolve().parent == Path("/dev/pts")
 

@@ -98,7 +98,7 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     if trip in EMULATOR_LATE and servo.is_emulated:
         means = EMULATOR_LATE[trip]
     stalled = (ended.result or {}).get("stalled")
-    if stalled and trip in AFTER_STALL:
+    if stalled and trip in AFTER_STALL and not ended.cause:
         no_hand = servo.kind != "hardware" or servo.is_emulated
         advice = f"{STALL_ADVICE}; {NO_REAL_TIME}" if no_hand else STALL_ADVICE
         if means.advice and trip not in EMULATOR_LATE:
