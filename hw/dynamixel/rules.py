@@ -28,6 +28,8 @@ STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
 _MODES: Final = ("current", "velocity", "", "position", "extended position")
+_LEAST_PWM: Final = 0.1
+"""Least fraction of the full PWM that leaves a usable torque"""
 _WARM: Final = 8
 """Distance to the highest temperature from which it is reported [°C]"""
 
@@ -193,9 +195,15 @@ def _current_limit(seen: Seen) -> Verdict:
 
 
 def _pwm_limit(seen: Seen) -> Verdict:
-    pwm, full = seen["pwm_limit"], seen.factory("pwm_limit")
+    pwm, full, model = seen["pwm_limit"], seen.factory("pwm_limit"), seen.model
+    stall = model.stall_torque or seen.law.torque(model.current_limit)
+    torque = pwm / full * seen.volts / model.voltage * stall
+    found = f"{pwm} ({torque:.2g} N·m at a standstill)"
+    if pwm < _LEAST_PWM * full:
+        why = f"Its PWM Limit (36) bounds the torque to {torque:.2g} N·m at a standstill"
+        return Verdict(False, found, str(full), why, "raise it with Dynamixel Wizard")
     advice = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
-    return Verdict(pwm > 0, str(pwm), str(full), advice=advice)
+    return Verdict(True, found, str(full), advice=advice)
 
 
 def _homing_offset(seen: Seen) -> Verdict:
@@ -287,7 +295,7 @@ RULES: Final = (
     ),
     Rule("shutdown", ("shutdown",), _shutdown, Repair("shutdown", None)),
     Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, refuses=True),
-    Rule("PWM limit", ("pwm_limit",), _pwm_limit),
+    Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
     Rule("homing offset", ("homing_offset",), _homing_offset),
     Rule("supply", (*_SUPPLY, *_HEAT), _supply, refuses=True),
     Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, refuses=True),
