@@ -31,6 +31,7 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    be_alone,
     judge,
     judge_firmware,
     judge_model,
@@ -207,7 +208,11 @@ class _Checkup:
             change = mend(table, self._clock, name, repair)
             if self.report.note(change):
                 level, found = STATUS_LEVEL, f"{found}, now {change.after}"
+        elif level == STATUS_LEVEL and self.report.consent is not None:
+            table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
         self._add(judge_status_level(level, found).check(name, fixable=True))
+        if level > 0:
+            be_alone(table, self._clock)
         return level > 0
 
     def _judge(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import (
@@ -26,6 +27,10 @@ WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
+_LISTENINGS: Final = 3
+_LISTEN_NS: Final = 20_000_000
+"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
+16 ms timer"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
 _MODES: Final = ("current", "velocity", "", "position", "extended position")
 _LEAST_PWM: Final = 0.1
@@ -91,6 +96,22 @@ def judge_status_level(level: int, found: str) -> Verdict:
     why = f"It does not confirm writes: its Status Return Level (68) is {level}"
     advice = f"set it to {STATUS_LEVEL} with {_FIX} or Dynamixel Wizard"
     return Verdict(False, found, str(STATUS_LEVEL), why, advice)
+
+
+def be_alone(table: Table, clock: Clock) -> None:
+    """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
+
+    Replies that come apart are of different return delays. Others collide, and are lost, unless
+    both servos send the same: then nothing distinguishes them.
+
+    Raises:
+        ServoLostError: Replies collide.
+        UnfitServoError: Two have replied.
+    """
+    for _ in range(_LISTENINGS):
+        table.read("return_delay_time")
+        table.link.listen(clock.now_ns() + _LISTEN_NS)
+    table.be_one()
 
 
 # The registers
