@@ -283,8 +283,6 @@ def test_a_transmission_whose_motion_takes_too_many_steps_is_refused(
     """Not in a minute, by a servo that does not answer."""
     sets = ["servo.load_inertia=0.001", "servo.transmission_stiffness=100", "servo.inertia=0.001"]
     sets += ["servo.transmission_damping=0.01", f"servo.{field}={value}"]
-    with pytest.raises(
-        ConfigError, match=rf"servo\.{field}.* steps a second, wanted at most 20000"
-    ):
+    with pytest.raises(ConfigError, match=rf"servo\.{field}.* steps a second, wanted at most"):
         load_config("emulated-ideal", sets)
     assert load_config("emulated-ideal", sets[:4]).config.servo.load_inertia == 0.001
