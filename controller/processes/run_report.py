@@ -144,7 +144,7 @@ def _speed(config: Config, result: dict[str, Any]) -> float | None:
     return float(result["elapsed_s"] / result["real_s"])
 
 
-def _bus(counts: dict[str, int | str] | None, ended: Ended) -> dict[str, Any] | None:
+def _bus(counts: dict[str, Any] | None, ended: Ended) -> dict[str, Any] | None:
     if counts is None:
         return None
     return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}

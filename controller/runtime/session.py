@@ -76,7 +76,7 @@ class Result:
     """None, as the next two: a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
     delay: dict[str, float] | None
-    bus: dict[str, int | str] | None
+    bus: dict[str, Any] | None
     timing: dict[str, Any] | None
     """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
@@ -350,7 +350,7 @@ def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
     return torque_off
 
 
-def _bus(config: Config, bus: Bus | None) -> dict[str, int | str] | None:
+def _bus(config: Config, bus: Bus | None) -> dict[str, Any] | None:
     """Return the counts of a bus, and the schedule that ``auto`` has chosen or that was set."""
     if bus is None:
         return None

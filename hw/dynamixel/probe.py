@@ -120,8 +120,8 @@ def prove_the_sign(
     advice = "free it if it is blocked or held, or raise servo.probe_torque; 0 skips the probe"
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
-    late = not push.peak or abs(came) <= _CAME * abs(torque)
-    if late and not (tripped or push.sign_is_right):
+    lacking = not push.peak or abs(came) <= _CAME * abs(torque)
+    if lacking and not (tripped or push.sign_is_right):
         why = f"Its torque did not come ({found}, where {came:+.3f} N·m were measured)"
         advice = "keep the shaft still during the start"
         pwm, full = table.read("pwm_limit"), table.registers["pwm_limit"].default
