@@ -21,6 +21,25 @@ user's error is told as ``FIELD: WHAT, wanted WANTED; ADVICE``, one of hardware 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
+from pathlib import Path
+
+
+def is_emulated(port: str) -> bool:
+    """Whether a port is a pseudo-terminal, or one in memory or of a run: a text, or empty."""
+    if not port or port.endswith(("memory", "emulated")):
+        return True
+    return Path(port).resolve().parent == Path("/dev/pts")
+
+
+def wiring(name: str) -> str:
+    """Return what to check where the bus fails; an emulated one has neither cable nor supply.
+
+    Args:
+        name: Its port, or a name that ends in "on PORT".
+    """
+    if is_emulated(name.rpartition(" on ")[2]):
+        return "that the emulated bus runs and gets processor time"
+    return "the cable and the power supply"
 
 
 @dataclass(frozen=True, slots=True)

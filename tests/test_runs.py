@@ -310,12 +310,30 @@ def test_stalls_of_the_loop_or_its_own_bus_are_waited_for(tmp_path: Path, who: s
     assert any("waited" in text for text in report["warnings"])
 
 
+def test_a_run_works_where_1100_files_are_open(tmp_path: Path) -> None:
+    """Its port, pipes and sockets then have numbers that select() refuses."""
+    program = """if True:
+        import resource, sys
+        from haptic_wall.controller.cli.main import main
+        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
+        held = [open("/dev/null") for _ in range(1100)]
+        main(sys.argv[1:])"""
+    run = run_arguments("--duration", "0.3")
+    done = subprocess.run(
+        [sys.executable, "-c", program, *run], cwd=tmp_path, capture_output=True, check=True
+    )
+    assert json.loads(done.stdout)["ticks"] > 50
+
+
 def test_an_emulated_bus_that_stays_stopped_ends_the_run(tmp_path: Path) -> None:
     with ticking(*run_arguments("--duration", "60"), cwd=tmp_path) as (process, family):
         os.kill(family["emulator"], signal.SIGSTOP)
         output, _ = process.communicate(timeout=60)
     assert process.returncode in (3, 4)
-    assert json.loads(output)["torque_off"] is False
+    report = json.loads(output)
+    assert report["torque_off"] is False
+    assert report["explanation"].startswith("the emulated bus was stopped by a signal")
 
 
 class Refused(Protocol):

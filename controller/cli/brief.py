@@ -116,7 +116,7 @@ def _bus(report: Mapping[str, Any]) -> list[str]:
     counts = ", ".join(f"{bus[key]} {key}" for key in ("lost", "late", "corrupt"))
     age = bus["sample_age_us"].get("p99")
     known = "" if age is None else f"; sample age p99 {age:.0f} µs"
-    return entry("bus", f"{bus['cycles']} cycles: {counts}{known}")
+    return entry("bus", f"{bus['cycles']} cycles, {bus['schedule']}: {counts}{known}")
 
 
 def _count(count: int, what: str) -> str:

@@ -65,6 +65,8 @@ def _lines(summary: Mapping[str, Any], cut: object, log: str) -> Iterator[str]:
     yield from _joined(summary["parts"], log)
     yield from _what_happened(summary)
     yield f"ended       {_ended(summary, log)}"
+    if summary["schedule"]:
+        yield f"schedule    {in_line(summary['schedule'])}"
     for label, texts in (
         ("why", (summary["guard"] or {}).get("reasons") or []),
         ("note", summary["warnings"]),

@@ -15,6 +15,7 @@ from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
 from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.errors import wiring
 
 HARDWARE = 4
 
@@ -106,7 +107,7 @@ def _text(found: dict[str, Any]) -> str:
         )
     if not found["servos"]:
         lines.append(
-            "Nothing answers: check power and cable, or try more ids with --ids 0-252; "
+            f"Nothing answers: check {wiring(found['port'])}, or try more ids with --ids 0-252; "
             "`haptic-wall doctor CONFIG` examines the bus of a configuration."
         )
     for one in found["bauds"]:

@@ -95,7 +95,7 @@ def _timing(report: Mapping[str, Any]) -> Iterator[str]:
         refused = f", {bus['refused']} refused" if bus.get("refused") else ""
         yield from entry(
             "bus",
-            f"{bus['cycles']} cycles: {bus['lost']} lost, {bus['late']} late, "
+            f"{bus['cycles']} cycles, {bus['schedule']}: {bus['lost']} lost, {bus['late']} late, "
             f"{bus['corrupt']} corrupt{refused}; sample age {_percentiles(bus['sample_age_us'])}",
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -137,28 +138,22 @@ def detect(
     settings = replace(settings, position_step=step)
     known = wall or KnownWall(stiffness)
     stiff = np.broadcast_to(np.asarray(known.stiffness, float), (n,))
-    state, frequency, amplitude, growth, alarm = _ticked(
+    state, frequency, amplitude, alarm = _ticked(
         times, positions, torques, settings, known, stiff, 0.0 if math.isnan(lag) else lag
     )
     judged = np.zeros(n, dtype=np.bool_)
     found = []
-    seen = np.flatnonzero(np.isfinite(positions))
-    gaps = np.diff(times[seen]) > max(tuning.recording.gap_s, 2.0 * period)
-    for some in np.split(seen, np.flatnonzero(gaps) + 1) if seen.size else ():
-        ticks = (times[some] - times[some[0]]) / period
-        grid = np.arange(round(float(ticks[-1])) + 1.0)
-        x = np.interp(grid, ticks, positions[some])
-        u = None if torques is None else _complete(grid, ticks, torques[some])
+    growth = np.full(n, np.nan)
+    for some, ticks, x, u in _stretches(times, positions, torques, settings):
         away = [np.abs(x - end) > 1.5 * step for end in (x[0], x[-1])]
         moving = x.size - int(np.argmax(away[0])) - int(np.argmax(away[1][::-1]))
         for piece in pieces(x, u, period, step):
             pull = piece.pull if u is not None else _rendered(piece, known, stiff[some[0]])
             verdict = _judged(piece, moving, settings, step, pull, lag)
+            inside = _note_growth(growth, piece, some, ticks)
             if verdict or piece.growth < BORDER:
-                near = _NEAR * (piece.end - piece.start)
-                judged[some[(ticks > piece.start - near) & (ticks < piece.end + near)]] = True
+                judged[some[_near(piece, ticks)]] = True
             if verdict:
-                inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
                 since = times[inside] - times[some[0]]
                 since -= 0.5 * (piece.start + piece.end - 1) * period
                 found.append(
@@ -169,13 +164,64 @@ def detect(
     for some in np.split(np.arange(n), edges):
         if judged[some].any():
             state[some], alarm[some], amplitude[some] = State.QUIET, False, 0.0
-            frequency[some] = growth[some] = np.nan
+            frequency[some] = np.nan
     for piece, verdict, inside, size in found:
         state[inside], amplitude[inside] = verdict, size
-        frequency[inside], growth[inside] = piece.rate.imag / math.tau, piece.rate.real
+        frequency[inside] = piece.rate.imag / math.tau
         large = size >= tuning.belief.alarm_counts * step
         alarm[inside] = large & (verdict >= State.SUSTAINED)
+    growth[state == State.QUIET] = np.nan
     return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+
+
+def growths(
+    times: Array, positions: Array, torques: Array | None, settings: DetectorSettings
+) -> Array:
+    """Return the growth of the oscillation at each sample, by ``pieces`` [1/s]; NaN: there is none.
+
+    Args:
+        times: As of ``detect``, as the others.
+        positions: See above.
+        torques: See above.
+        settings: See above; the position step is known.
+    """
+    growth = np.full(len(times), np.nan)
+    for some, ticks, x, u in _stretches(times, positions, torques, settings):
+        for piece in pieces(x, u, settings.period, settings.position_step):
+            _note_growth(growth, piece, some, ticks)
+    return growth
+
+
+def _stretches(
+    times: Array, positions: Array, torques: Array | None, settings: DetectorSettings
+) -> Iterator[tuple[NDArray[np.intp], Array, Array, Array | None]]:
+    """Yield the samples between two gaps, their ticks; positions and torques at every tick."""
+    period = settings.period
+    seen = np.flatnonzero(np.isfinite(positions))
+    gaps = np.diff(times[seen]) > max(settings.tuning.recording.gap_s, 2.0 * period)
+    for some in np.split(seen, np.flatnonzero(gaps) + 1) if seen.size else ():
+        ticks = (times[some] - times[some[0]]) / period
+        grid = np.arange(round(float(ticks[-1])) + 1.0)
+        u = None if torques is None else _complete(grid, ticks, torques[some])
+        yield some, ticks, np.interp(grid, ticks, positions[some]), u
+
+
+def _near(piece: Piece, ticks: Array) -> NDArray[np.bool_]:
+    """Return which samples belong to a piece's motion, some before and after it too."""
+    near = _NEAR * (piece.end - piece.start)
+    which: NDArray[np.bool_] = (ticks > piece.start - near) & (ticks < piece.end + near)
+    return which
+
+
+def _note_growth(
+    growth: Array, piece: Piece, some: NDArray[np.intp], ticks: Array
+) -> NDArray[np.intp]:
+    """Note the growth inside of a piece, and near it where there is none; return the inside."""
+    near = some[_near(piece, ticks)]
+    growth[near[np.isnan(growth[near])]] = piece.rate.real
+    inside = some[(ticks > piece.start - 0.5) & (ticks < piece.end - 0.5)]
+    growth[inside] = piece.rate.real
+    return inside
 
 
 def _ticked(
@@ -186,15 +232,15 @@ def _ticked(
     wall: KnownWall,
     stiffness: Array,
     lag: float,
-) -> tuple[NDArray[np.int8], Array, Array, Array, NDArray[np.bool_]]:
-    """Run the detector of a run over the samples: state, frequency, amplitude, growth, alarm."""
+) -> tuple[NDArray[np.int8], Array, Array, NDArray[np.bool_]]:
+    """Run the detector of a run over the samples: state, frequency, amplitude, alarm."""
     n = len(times)
     detector = _detector(settings, wall, lag)
     own = _own_motion(settings, wall.side)
     surface = wall.surface if math.isfinite(wall.surface) else 0.0
     acting = ActingTorque(lag / settings.period)
     state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
-    frequency, growth, amplitude = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
+    frequency, amplitude = np.full(n, np.nan), np.zeros(n)
     commanded = [math.nan] * n if torques is None else np.asarray(torques, float).tolist()
     stiff = stiffness.tolist()
     when, where = np.asarray(times, float).tolist(), np.asarray(positions, float).tolist()
@@ -212,12 +258,11 @@ def _ticked(
             own.update(where[k] - surface, 0.0, periods * settings.period, math.nan)
         state[k], alarm[k] = detector.state, detector.alarm or own.alarm
         frequency[k], amplitude[k] = detector.frequency_hz, detector.amplitude
-        growth[k] = detector.growth
         if (own.alarm or own.steady) and state[k] < State.SUSTAINED:
             # Motion that neither the believed values nor a hand explains.
             state[k] = State.GROWING if own.alarm else State.SUSTAINED
             frequency[k], amplitude[k] = own.frequency_hz, own.amplitude
-    return state, frequency, amplitude, growth, alarm
+    return state, frequency, amplitude, alarm
 
 
 def _complete(grid: Array, ticks: Array, torques: Array) -> Array | None:

@@ -36,7 +36,6 @@ class EnergyBalance:
         share: Apparent over believed inertia.
         left: The torque's work beyond that of friction, as a damping over ``m ω``; 0 without the
             inertia.
-        growth: Growth of the oscillation, from the last excess energy of the wall [1/s]; NaN: none.
     """
 
     __slots__ = (
@@ -52,7 +51,6 @@ class EnergyBalance:
         "_torque_step",
         "_tuning",
         "elongation",
-        "growth",
         "held",
         "lag",
         "left",
@@ -91,7 +89,6 @@ class EnergyBalance:
         self.side = 0
         self.elongation: Callable[[float], float] | None = None
         self.lag = 0.0
-        self.growth = math.nan
         self.moves = self.pays = False
         self.share = self.left = 0.0
 
@@ -158,10 +155,8 @@ class EnergyBalance:
         # Over a whole half-cycle both terms are the energy of the oscillation.
         energy = stored + self._inertia * self._natural * square / math.pi
         rounding = max(self._stiffness * step, self._torque_step)
-        if not left > tuning.clear * energy + tuning.counts * rounding * way:
-            return False  # also where the surface is not known
-        self.growth = 0.5 * (given - lost) / (energy * elapsed)
-        return True
+        # False also where the surface is not known
+        return left > tuning.clear * energy + tuning.counts * rounding * way
 
     def gave(self, half_cycle: HalfCycle) -> bool:
         """Whether over this whole half-cycle the wall gave more than the believed friction."""

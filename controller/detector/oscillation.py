@@ -60,7 +60,6 @@ class Detector:
         state: State of the motion now.
         frequency_hz: Frequency of the oscillation [Hz]; NaN while there is none.
         amplitude: Half its width [rad]; 0 while there is none.
-        growth: Rate at which the amplitude's logarithm grows [1/s]; NaN while there is none.
         alarm: It is sustained or grows, and the wall feeds it.
         balance: The energy balance; its ``surface``, ``side`` and ``lag`` may be set at any time.
     """
@@ -138,7 +137,6 @@ class Detector:
         self.alarm = False
         self.frequency_hz = math.nan
         self.amplitude = 0.0
-        self.growth = math.nan
         self._patience = math.inf
         self._gives = True  # whether nothing speaks against it that the wall gives out energy
         self._way = self._tuning.first_counts * self._rounding
@@ -207,7 +205,6 @@ class Detector:
         if gives_out:
             self.alarm = True
             self.state = State.GROWING
-            self.growth = self.balance.growth
             if math.isnan(self.frequency_hz):
                 self.frequency_hz = self.balance.natural / (2.0 * math.pi)
 
@@ -246,7 +243,6 @@ class Detector:
         if back:
             passed = half_cycle.ended - times[-1 - back]
             self.frequency_hz = 0.5 * back / passed
-            self.growth = (size - sizes[-1 - back]) / passed
         if self.alarm:
             self._alarmed(fine)
         elif self._regular(fine) or (not (blind or balance.side) and self._grown()):

@@ -297,13 +297,13 @@ class Watch:
         return self._settings.answer != "report"
 
     @property
-    def seen(self) -> tuple[float, float, float, bool]:
-        """Return frequency [Hz], amplitude [rad] and growth [1/s] now, and an alarm."""
+    def seen(self) -> tuple[float, float, bool]:
+        """Return frequency [Hz] and amplitude [rad] now, and an alarm."""
         detector, own = self._detector, self.own
         if own is not None and (own.alarm or own.steady) and detector.state < State.SUSTAINED:
-            return own.frequency_hz, own.amplitude, math.nan, own.alarm or detector.alarm
+            return own.frequency_hz, own.amplitude, own.alarm or detector.alarm
         alarm = detector.alarm or (own is not None and own.alarm)
-        return detector.frequency_hz, detector.amplitude, detector.growth, alarm
+        return detector.frequency_hz, detector.amplitude, alarm
 
     def outruns(self, stiffness: float) -> bool:
         """Whether the motion is faster than that of any believed servo on the wall's spring.

@@ -31,6 +31,7 @@ from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    be_alone,
     judge,
     judge_firmware,
     judge_model,
@@ -44,13 +45,12 @@ from haptic_wall.hw.errors import (
     PortBusyError,
     PortError,
     ServoError,
+    wiring,
 )
 from haptic_wall.hw.serialport.port import kept_settings, open_port
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
-_CABLE: Final = "check the cable and the power supply"
-_EMULATOR: Final = "check that the emulated bus runs and gets processor time"
 _OF_THE_SERVO: Final = ("model", "firmware", "registers")
 _ON_THE_BUS: Final = (
     "port",
@@ -116,12 +116,13 @@ class _Checkup:
         self._clock = MonotonicClock()
         self._return_delay_ns = 0
         self._locator = Locator(report, self._clock, change_baud)
-        self._check = _EMULATOR if config.servo.is_emulated else _CABLE
+        self._wiring = ""
 
     # The bus
 
     def bus(self, settings: DriverSettings) -> None:
         """Run all checks from the port to the processor."""
+        self._wiring = wiring(settings.port)
         self.report.tell(f"port {settings.port}")
         self._add(*examine_port(settings.port))
         measured = None
@@ -165,7 +166,7 @@ class _Checkup:
             self.report.reached = False
             self._add(of_error("port", error, "a port that stays", "check the adapter"))
         except ServoError as error:
-            self._add(of_error("servo answers", error, "answers always", self._check))
+            self._add(of_error("servo answers", error, "answers always", f"check {self._wiring}"))
         return None
 
     # The servo
@@ -207,7 +208,11 @@ class _Checkup:
             change = mend(table, self._clock, name, repair)
             if self.report.note(change):
                 level, found = STATUS_LEVEL, f"{found}, now {change.after}"
+        elif level == STATUS_LEVEL and self.report.consent is not None:
+            table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
         self._add(judge_status_level(level, found).check(name, fixable=True))
+        if level > 0:
+            be_alone(table, self._clock)
         return level > 0
 
     def _judge(
@@ -251,7 +256,7 @@ class _Checkup:
         lateness = machine.judge_lateness(measured["lateness_ns"], config.period_ns)
         if measured["failed"] is not None:
             error = ServoError(measured["failed"])
-            self._add(of_error("reply time", error, "answers always", self._check))
+            self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
             self.report.leave_out("schedule")
         elif measured["replies"] is not None:
             replies, series = Replies(**measured["replies"]), _series(measured["series"])
@@ -279,6 +284,7 @@ class _Checkup:
             most_missed,
             self._return_delay_ns,
             stalls,
+            self._wiring,
         )
         self._add(*timing.judge_timing(replies, series, wanted))
         self.report.cycles = series

@@ -15,6 +15,7 @@ from haptic_wall.controller.doctor.cycles import Series
 from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
+from haptic_wall.hw.errors import wiring
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
@@ -46,6 +47,8 @@ class Wanted:
     """Return delay of the servo; a run sets it to 0"""
     stalls: bool = False
     """This machine wakes up late even without a bus"""
+    wiring: str = wiring("/")
+    """What to check where the bus fails"""
 
 
 def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Check]:
@@ -99,9 +102,9 @@ def sustainable_hz(
 def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
     """Return advice against late replies, about the first cause found."""
     if not replies.took_ns:
-        return "check the cable: it answers single registers but not the block of its sample"
+        return f"check {wanted.wiring}: it answers single registers but not the block of its sample"
     if replies.share_failed > wanted.most_missed:
-        return "check the cable and its length, the supply, and that no other servo has this id"
+        return f"check {wanted.wiring}, and that no other servo has this id"
     needed_ns = 1e9 * cycle_s(wanted.baud) + wanted.return_delay_ns
     held_ns = percentile(replies.took_ns, 0.5) - needed_ns
     if held_ns > _TIMER_NS:

@@ -167,7 +167,7 @@ def refused(block: Block) -> str | None:
 
 def _fault_of_end(ended: Mapping[str, Any]) -> str | None:
     """Return the implausible part of a run's end; None: all of it is plausible."""
-    for name in ("stop_reason", "message"):
+    for name in ("stop_reason", "message", "schedule"):
         if not isinstance(ended.get(name), str | None):
             return f"the run's end: {name} is no text in it"
     guard = ended.get("guard") or {}

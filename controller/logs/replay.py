@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.detector.detection import DetectionRecord
+from haptic_wall.controller.detector.detection import DetectionRecord, growths
+from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.laws.wall import Law
+from haptic_wall.controller.logs.recording import Part
 from haptic_wall.controller.runtime.changeover import adopt
 from haptic_wall.controller.runtime.telemetry import (
     FLAG_CHANGED,
@@ -90,23 +92,26 @@ class Replay:
         """Whether the replay adds the sample age of the rows to the watch's lag."""
         return self._before_age_s is not None
 
-    def see(self, rows: NDArray[np.void], times: NDArray[np.float64]) -> DetectionRecord:
+    def see(self, rows: NDArray[np.void], part: Part, known: DetectorSettings) -> DetectionRecord:
         """Feed the next rows to the watch; return the detection record of each row.
 
         Args:
             rows: Shape (n,), n > 0, dtype ``telemetry.ROW``.
-            times: Times of the rows [s].
+            part: The motion in these rows.
+            known: Values of the servo, for the growth.
         """
         n = len(rows)
         state, alarm = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.bool_)
-        frequency, growth, amplitude = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n)
+        frequency, amplitude = np.full(n, np.nan), np.zeros(n)
         watch = self.watch
         for k, row in enumerate(zip(*(rows[name].tolist() for name in _FIELDS), strict=True)):
             self._take(*row)
             if watch.current or (k and alarm[k - 1]):
                 state[k] = watch.current
-                frequency[k], amplitude[k], growth[k], alarm[k] = watch.seen
-        return DetectionRecord.of(times, state, frequency, amplitude, growth, alarm)
+                frequency[k], amplitude[k], alarm[k] = watch.seen
+        growth = growths(part.times, part.positions, part.torques, known)
+        growth[state == State.QUIET] = np.nan
+        return DetectionRecord.of(part.times, state, frequency, amplitude, growth, alarm)
 
     def _take(
         self,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.detection import position_step
-from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.detector.oscillation import DetectorSettings, State
 from haptic_wall.controller.detector.watch import Watch, WatchSettings
 from haptic_wall.controller.errors import ConfigError, LogFormatError
 from haptic_wall.controller.laws.wall import Law
@@ -213,7 +213,8 @@ def _seen(
             torques=block["torque"].astype(np.float64),
             stiffness=block["stiffness"].astype(np.float64),
         )
-        add(detected, part, replay.see(block, part.times), goes_on=block is not first)
+        known = DetectorSettings(detected.period, position_step=detected.position_step)
+        add(detected, part, replay.see(block, part, known), goes_on=block is not first)
         block = next(others, None)
     if failed:
         detected.notes.append(f"{failed} readings failed or were late and are left out")

@@ -256,6 +256,7 @@ def _told(ended: Mapping[str, Any] | None) -> dict[str, Any]:
     return {
         "stop_reason": ended.get("stop_reason"),
         "message": ended.get("message") or None,
+        "schedule": ended.get("schedule"),
         "guard": ended.get("guard"),
         "warnings": ended.get("warnings") or [],
     }

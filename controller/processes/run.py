@@ -136,6 +136,7 @@ def _finished_log(plan: Plan, ended: Ended, words: memoryview[int]) -> LogState:
         "rows": rows,
         "changes": ended.unlogged,
         "servo": (ended.result or {}).get("facts"),
+        "schedule": ((ended.result or {}).get("bus") or {}).get("schedule"),
         "guard": (ended.result or {}).get("guard"),
         "warnings": warnings_of(ended),
     }

@@ -98,7 +98,7 @@ def explained(ended: Ended, servo: Servo) -> Problem | None:
     if trip in EMULATOR_LATE and servo.is_emulated:
         means = EMULATOR_LATE[trip]
     stalled = (ended.result or {}).get("stalled")
-    if stalled and trip in AFTER_STALL:
+    if stalled and trip in AFTER_STALL and not ended.cause:
         no_hand = servo.kind != "hardware" or servo.is_emulated
         advice = f"{STALL_ADVICE}; {NO_REAL_TIME}" if no_hand else STALL_ADVICE
         if means.advice and trip not in EMULATOR_LATE:
@@ -144,7 +144,7 @@ def _speed(config: Config, result: dict[str, Any]) -> float | None:
     return float(result["elapsed_s"] / result["real_s"])
 
 
-def _bus(counts: dict[str, int] | None, ended: Ended) -> dict[str, Any] | None:
+def _bus(counts: dict[str, Any] | None, ended: Ended) -> dict[str, Any] | None:
     if counts is None:
         return None
     return {**counts, "sample_age_us": ended.statistics.age.as_report(50, 99)}

@@ -30,10 +30,16 @@ from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.row_count import RowCount
 from haptic_wall.controller.runtime.realtime import pick_cores
-from haptic_wall.controller.runtime.safety import End, StopReason, Trip, stop_reason
+from haptic_wall.controller.runtime.safety import (
+    AFTER_STALL,
+    End,
+    StopReason,
+    Trip,
+    stop_reason,
+)
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.hw.clock import MonotonicClock, ready
-from haptic_wall.hw.elastic import PATIENCE_S
+from haptic_wall.hw.elastic import PATIENCE_S, PLACE, SENT, TAKEN
 from haptic_wall.hw.errors import Problem, ServoError
 from haptic_wall.hw.open import backend, cut_torque, open_port, port_users
 
@@ -274,12 +280,23 @@ class Supervisor:
             if emulator is not None and emulator.ended():
                 self._words[Word.COUPLED] = 0
                 watch.asked()
+        return self._reason(loop, emulator)
+
+    def _reason(self, loop: Child, emulator: Child | None) -> StopReason:
+        """Return the stop reason of a loop that has ended."""
         self._hear(loop)
-        self._note_emulator_exit(emulator)
+        failed = self._bus_failure(emulator)
         if self._result is not None:
             if not self._result["torque_off"]:
                 self._cut_unconfirmed()
-            return stop_reason(self._result["stop_reason"])
+            reason = stop_reason(self._result["stop_reason"])
+            if reason in AFTER_STALL:
+                self._cause = failed
+            elif failed:
+                self._warnings.append(failed)
+            return reason
+        if failed:
+            self._warnings.append(f"{failed}; start it again")
         if self._refused is not None:
             if self._words[Word.STATE] not in (LoopState.STARTING, LoopState.TORQUE_OFF):
                 self._cut_unconfirmed()
@@ -315,25 +332,34 @@ class Supervisor:
 
     def _cut_overdue(self, loop: Child, emulator: Child | None, overdue: str) -> StopReason:
         """End a loop that hangs or ends too late; return the stop reason."""
-        served = bool(self._words[Word.HEAD])
+        served, failed = bool(self._words[Word.HEAD]), self._bus_failure(emulator)
         reason = self._cut(loop, Trip.LOOP_HUNG, overdue)
         self._hear(loop)
-        self._note_emulator_exit(emulator)
         if self._result is not None:  # the session is over; only its process does not end
             reason = stop_reason(self._result["stop_reason"])
-        elif emulator is not None and emulator.ended():
+        elif failed:
+            self._cause = failed
             return Trip.SERVO_LOST
         elif self._words[Word.STOP] and not served:  # a slow start after the stop request
             reason = End.INTERRUPTED
         else:
             return reason
-        self._warnings.append(self._cause)
+        self._warnings += filter(None, (self._cause, failed))
         self._cause = ""
         return reason
 
-    def _note_emulator_exit(self, emulator: Child | None) -> None:
-        if emulator is not None and emulator.ended():
-            self._warnings.append(f"the emulated bus {emulator.exit_text()}; start it again")
+    def _bus_failure(self, emulator: Child | None) -> str:
+        """Say how the run's own bus ended, or that it hangs; empty: neither, or there is none."""
+        if emulator is None:
+            return ""
+        if emulator.ended():
+            return f"the emulated bus {emulator.exit_text()}"
+        doing = emulator.doing()
+        words = self._words
+        hangs = words[Word.COUPLED] and words[PLACE + TAKEN] != words[PLACE + SENT]
+        if hangs or "stopped" in doing:
+            return f"the emulated bus {doing or 'hung'}, and took no more bytes"
+        return ""
 
     def _cut(self, loop: Child, trip: Trip, overdue: str) -> StopReason:
         """Take the bus from a dead or hung loop, which cannot write on it any more.
@@ -355,8 +381,10 @@ class Supervisor:
     def _cut_unconfirmed(self) -> None:
         """Repeat a torque-off that the ended loop could not read back; note the result."""
         text = self._cut_text()
-        first = "the loop could not read torque off back; " if self._torque_off else ""
-        self._warnings.append(first + text)
+        if self._torque_off:
+            self._warnings.append(f"the loop could not read torque off back; {text}")
+        elif self._refused is not None and "could not be read back" not in str(self._refused):
+            self._warnings.append(text)  # else the report says so, or the refusal
 
     def _force_end(self, loop: Child) -> None:
         """End the loop by force, so that it never stays behind with its torque on."""

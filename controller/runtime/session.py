@@ -76,7 +76,7 @@ class Result:
     """None, as the next two: a defect occurred before it was reported"""
     oscillation: dict[str, Any] | None
     delay: dict[str, float] | None
-    bus: dict[str, int] | None
+    bus: dict[str, Any] | None
     timing: dict[str, Any] | None
     """Late ticks and their causes; None: not observed, or a defect"""
     torque_off: bool
@@ -294,7 +294,7 @@ class _Session:
             guard=None,
             oscillation=None,
             delay=None,
-            bus=asdict(servo.bus.counts) if servo.bus else None,
+            bus=_bus(self._config, servo.bus),
             timing=None,
             torque_off=self._torque_off,
             checks=self._checks,
@@ -348,6 +348,14 @@ def _stop(servo: Servo, clock: Clock, telemetry: Telemetry) -> bool:
     torque_off = servo.stop()
     words[Word.STATE] = LoopState.TORQUE_OFF if torque_off else LoopState.TORQUE_UNKNOWN
     return torque_off
+
+
+def _bus(config: Config, bus: Bus | None) -> dict[str, Any] | None:
+    """Return the counts of a bus, and the schedule that ``auto`` has chosen or that was set."""
+    if bus is None:
+        return None
+    pipelined = is_pipelined(config.servo.schedule, bus, config.period_ns * 1e-9)
+    return asdict(bus.counts) | {"schedule": "pipelined" if pipelined else "immediate"}
 
 
 def _facts(servo: Servo) -> dict[str, float | None]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import pairwise
 
 from pydantic import ValidationError
 
@@ -20,6 +21,7 @@ from haptic_wall.controller.settings.shares import SPIN_SHARE
 from haptic_wall.hw.errors import Problem
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend
+from haptic_wall.hw.settings import vibrations
 from haptic_wall.hw.truth import ABOUT, disagreements
 
 _KIND = ("servo.backend", "servo.port")
@@ -322,7 +324,40 @@ def _truth_agrees(config: Sections) -> Iterator[Problem]:
             yield replace(problem, field=f"servo.{problem.field}")
 
 
+_MOST_STEPS = {True: 2e4, False: 1e5}
+"""Most steps of a motion with masses in a second, in real time and not: one takes 20 to 200 µs"""
 _TRANSMISSION = ("load_inertia", "transmission_stiffness", "transmission_damping")
+
+
+@_reads(
+    *(*_KIND, "servo.inertia", "servo.damping", "servo.damping_back", "servo.chain", "loop.clock"),
+    *(f"servo.{name}" for name in _TRANSMISSION),
+)
+def _transmission_is_computable(config: Sections) -> Iterator[Problem]:
+    servo, real = config.servo, config.loop.clock == "monotonic"
+    ends = (servo.inertia or 0.0, *(link.inertia for link in servo.links))
+    if servo.kind == "hardware" or 0.0 in (*ends, *(link.stiffness for link in servo.links)):
+        return
+    rates = {
+        "transmission_stiffness": vibrations(ends[0], servo.links)[-1].rate,
+        "transmission_damping": max(
+            2.0 * link.damping / min(pair)
+            for link, pair in zip(servo.links, pairwise(ends), strict=True)
+        ),
+        "damping": max(servo.damping, servo.damping_back or 0.0) / ends[0],
+    }
+    most, steps = _MOST_STEPS[real], sum(rates.values()) / 2.0
+    if steps > most:
+        field = max(rates, key=rates.__getitem__)
+        clock = "in real time" if real else "on the simulated clock"
+        yield Problem(
+            f"found {getattr(servo, field):g}, with which the simulated motion takes {steps:.2g}"
+            " steps a second",
+            wanted=f"at most {most:g} {clock}",
+            advice="a transmission this stiff or damped is rigid: leave it out, and add the load's"
+            " inertia to servo.inertia",
+            field=f"servo.{field}",
+        )
 
 
 @_reads(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import MISSING, fields
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
@@ -28,7 +27,7 @@ from haptic_wall.controller.settings.model import (
     whole,
 )
 from haptic_wall.controller.settings.refusal import refusal
-from haptic_wall.hw.errors import BackendError, Problem
+from haptic_wall.hw.errors import BackendError, Problem, is_emulated
 from haptic_wall.hw.names import did_you_mean
 from haptic_wall.hw.open import backend, backend_names
 from haptic_wall.hw.settings import (
@@ -215,7 +214,7 @@ class Servo(_Truth):
         """Whether an emulator, not an adapter, is at the other end of the port."""
         if self.kind != "hardware":
             return self.kind == "emulated"
-        return self.port is not None and Path(self.port).resolve().parent == Path("/dev/pts")
+        return self.port is not None and is_emulated(self.port)
 
     @property
     def kind(self) -> Kind:

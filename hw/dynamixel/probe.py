@@ -54,6 +54,8 @@ _HOLD_NS: Final = 100_000_000
 """Time at the largest torque before giving up"""
 _MOVED_COUNTS: Final = 3
 """More than the backlash between shaft and encoder and than an encoder's flicker"""
+_CAME: Final = 0.5
+"""Fraction of a torque from which on it has come, as measured"""
 _TURNED_COUNTS: Final = 2
 """Distance back from the furthest position that counts as a reversal: more than an encoder's
 flicker"""
@@ -67,6 +69,8 @@ class Push:
     """[encoder counts]; 0: it did not move"""
     peak: int
     """Largest goal current, with its sign [current units]"""
+    measured: int
+    """Current measured then [current units]"""
 
     @property
     def sign_is_right(self) -> bool:
@@ -110,11 +114,20 @@ def prove_the_sign(
         if not tripped or rearm(table.station, units, under_torque=False) is not Armed.YES:
             break
     torque = law.torque(push.peak)
+    came = law.torque(push.measured)
     found = f"no motion at {torque:+.3f} N·m"
     why = f"Its shaft did not move at {abs(torque):.2g} N·m"
     advice = "free it if it is blocked or held, or raise servo.probe_torque; 0 skips the probe"
     if push.moved:
         found = f"{push.moved:+d} counts at {torque:+.3f} N·m"
+    lacking = not push.peak or abs(came) <= _CAME * abs(torque)
+    if lacking and not (tripped or push.sign_is_right):
+        why = f"Its torque did not come ({found}, where {came:+.3f} N·m were measured)"
+        advice = "keep the shaft still during the start"
+        pwm, full = table.read("pwm_limit"), table.registers["pwm_limit"].default
+        if pwm < full:
+            advice += f", and raise PWM Limit (36), {pwm} of {full}, which bounds the torque"
+    elif push.moved:
         why = f"Its shaft moved the wrong way ({found}), so a wall would pull instead of push"
         advice = "keep the shaft free during the start, then check Drive Mode (10)"
     elif tripped:
@@ -151,7 +164,7 @@ def probe_sign(station: Station, exchange: Exchange, limit: int, name: str) -> P
             push = prober.push(limit)
         except ServoLostError as error:
             if silent or not prober.ended():
-                raise lost(station, error.problem.what) from None
+                raise lost(station, name, error.problem.what) from None
             silent = True
             continue
         if wrong or push.sign_is_right:
@@ -166,7 +179,7 @@ class _Prober:
         self._clock = exchange.line.clock
         self._name = name
         self._losses = 0
-        self._position = 0
+        self._position = self._current = 0
         cycle_ns = exchange.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
@@ -196,12 +209,13 @@ class _Prober:
             before = now
             elapsed = now - begun
             if elapsed > _RAMP_NS + _HOLD_NS:
+                measured = self._current
                 self._end()
-                return Push(0, goal)
+                return Push(0, goal, measured)
             goal = round(limit * min(1.0, elapsed / _RAMP_NS))
-        moved, peak = self._position - origin, goal
+        moved, peak, measured = self._position - origin, goal, self._current
         self._brake(impulse, peak, 1 if moved > 0 else -1)
-        return Push(moved, peak)
+        return Push(moved, peak, measured)
 
     def _brake(self, impulse: int, peak: int, way: int) -> None:
         """Cancel the impulse with half the torque, unless the shaft reverses."""
@@ -239,7 +253,7 @@ class _Prober:
         exchange.request()
         (sample,) = exchange.collect(begun + self._patience_ns)
         if sample.outcome is Outcome.OK:
-            self._position = sample.counts
+            self._position, self._current = sample.counts, sample.current
             self._losses = 0
         else:
             self._losses += 1

@@ -19,6 +19,7 @@ from haptic_wall.hw.errors import (
     ServoLostError,
     ServoMissingError,
     UnfitServoError,
+    wiring,
 )
 from haptic_wall.hw.serialport.line import Line
 
@@ -47,10 +48,16 @@ def lateness(station: Station) -> str:
     return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
 
 
-def lost(
-    station: Station, what: str, advice: str = "check the cable and the power supply."
-) -> ServoLostError:
-    """Return the error for a servo that stops answering; it names late replies, if any came."""
+def lost(station: Station, name: str, what: str, more: str = "") -> ServoLostError:
+    """Return the error for a servo that stops answering; it names late replies, if any came.
+
+    Args:
+        station: The servo.
+        name: Its name, which ends in "on PORT".
+        what: What it did not answer.
+        more: Follows the advice.
+    """
+    advice = f"check {wiring(name)}{more}."
     if late := lateness(station):
         what += late
         advice = f"{UNHELD}, and {advice}"
@@ -166,7 +173,7 @@ class Table:
         for_a_second = ", and for a second servo with this id" if self.station.damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
-            advice=f"check its power and cable{for_a_second}; `haptic-wall scan` lists what answers"
+            advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
             " at which id and baud rate, and `haptic-wall doctor CONFIG` examines the bus.",
         )
 
@@ -239,6 +246,7 @@ class Table:
             )
         return lost(
             self.station,
+            self.name,
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
-            "check the cable and for a second servo with this id.",
+            ", and for a second servo with this id",
         )

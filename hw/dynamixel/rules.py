@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import (
@@ -26,8 +27,14 @@ WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
+_LISTENINGS: Final = 3
+_LISTEN_NS: Final = 20_000_000
+"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
+16 ms timer"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
 _MODES: Final = ("current", "velocity", "", "position", "extended position")
+_LEAST_PWM: Final = 0.1
+"""Least fraction of the full PWM that leaves a usable torque"""
 _WARM: Final = 8
 """Distance to the highest temperature from which it is reported [°C]"""
 
@@ -89,6 +96,22 @@ def judge_status_level(level: int, found: str) -> Verdict:
     why = f"It does not confirm writes: its Status Return Level (68) is {level}"
     advice = f"set it to {STATUS_LEVEL} with {_FIX} or Dynamixel Wizard"
     return Verdict(False, found, str(STATUS_LEVEL), why, advice)
+
+
+def be_alone(table: Table, clock: Clock) -> None:
+    """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
+
+    Replies that come apart are of different return delays. Others collide, and are lost, unless
+    both servos send the same: then nothing distinguishes them.
+
+    Raises:
+        ServoLostError: Replies collide.
+        UnfitServoError: Two have replied.
+    """
+    for _ in range(_LISTENINGS):
+        table.read("return_delay_time")
+        table.station.listen(clock.now_ns() + _LISTEN_NS)
+    table.be_one()
 
 
 # The registers
@@ -193,9 +216,15 @@ def _current_limit(seen: Seen) -> Verdict:
 
 
 def _pwm_limit(seen: Seen) -> Verdict:
-    pwm, full = seen["pwm_limit"], seen.factory("pwm_limit")
+    pwm, full, model = seen["pwm_limit"], seen.factory("pwm_limit"), seen.model
+    stall = model.stall_torque or seen.law.torque(model.current_limit)
+    torque = pwm / full * seen.volts / model.voltage * stall
+    found = f"{pwm} ({torque:.2g} N·m at a standstill)"
+    if pwm < _LEAST_PWM * full:
+        why = f"Its PWM Limit (36) bounds the torque to {torque:.2g} N·m at a standstill"
+        return Verdict(False, found, str(full), why, "raise it with Dynamixel Wizard")
     advice = "" if pwm >= full else "the torque at high speed is lower: raise PWM Limit (36)"
-    return Verdict(pwm > 0, str(pwm), str(full), advice=advice)
+    return Verdict(True, found, str(full), advice=advice)
 
 
 def _homing_offset(seen: Seen) -> Verdict:
@@ -287,7 +316,7 @@ RULES: Final = (
     ),
     Rule("shutdown", ("shutdown",), _shutdown, Repair("shutdown", None)),
     Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, refuses=True),
-    Rule("PWM limit", ("pwm_limit",), _pwm_limit),
+    Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
     Rule("homing offset", ("homing_offset",), _homing_offset),
     Rule("supply", (*_SUPPLY, *_HEAT), _supply, refuses=True),
     Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, refuses=True),

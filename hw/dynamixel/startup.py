@@ -17,6 +17,7 @@ from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
+    be_alone,
     judge,
     judge_firmware,
     judge_model,
@@ -39,10 +40,6 @@ from haptic_wall.hw.settings import DriverSettings
 WATCHED: Final = "watched while it runs"
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
-_LISTENINGS: Final = 3
-_LISTEN_NS: Final = 20_000_000
-"""Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
-16 ms timer"""
 _REPLIES: Final = 5
 """Number of replies whose median decides whether replies come in time"""
 _IN_TIME: Final = 1.8
@@ -124,7 +121,7 @@ class Startup:
         if self._station.echoes:
             self._report("echo", f"{ECHOES}: switch its echo off", "none")
         self._identify(number)
-        self._be_alone()
+        be_alone(self.table, self._clock)
         self._torque_off()
         seen = read_servo(
             self.table, self._model, self._constant, self._settings.torque_limit, start=True
@@ -179,17 +176,6 @@ class Startup:
         self._judge("firmware", judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
         self.table = table.at(self._model.registers_at(firmware))
-
-    def _be_alone(self) -> None:
-        """Refuse a second servo with this id.
-
-        Replies that come apart are of different return delays. Others collide, and are lost, unless
-        both servos send the same: then nothing distinguishes them.
-        """
-        for _ in range(_LISTENINGS):
-            self.table.read("return_delay_time")
-            self._station.listen(self._clock.now_ns() + _LISTEN_NS)
-        self.table.be_one()
 
     def _report_speed(self, volts: float) -> None:
         """Report the speed it reaches by itself, and whether the trip speed is below that."""
@@ -314,6 +300,7 @@ class Startup:
         self.table.read("torque_enable")  # it may show how late replies are
         raise lost(
             self._station,
+            self._name,
             f"The {self._name} answers single registers but not the block of its "
             "sample (120 to 135)",
         )

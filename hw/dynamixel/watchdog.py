@@ -186,8 +186,9 @@ class WatchdogMonitor:
         if found is Armed.UNKNOWN:
             return lost(
                 self._station,
+                self._name,
                 f"The {self._name} no longer answers, after {silence} without an answered request",
-                "check the cable and the power supply: a servo that restarts is silent meanwhile.",
+                ": a servo that restarts is silent meanwhile",
             )
         if not silence_ns:
             return TorqueLostError(

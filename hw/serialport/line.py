@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from haptic_wall.hw.clock import Clock, ready
 from haptic_wall.hw.elastic import ElasticClock
-from haptic_wall.hw.errors import ServoLostError
+from haptic_wall.hw.errors import ServoLostError, wiring
 
 _SPIN_NS: Final = 60_000
 """Final part of a wait that is spun: a sleep this short returns late by its own length."""
@@ -50,7 +50,7 @@ class Line(Protocol):
 class FdLine:
     """A line on the descriptor of a configured serial port or pseudo-terminal."""
 
-    __slots__ = ("_arrived", "_descriptor", "_elastic", "_only", "_poll", "clock")
+    __slots__ = ("_arrived", "_descriptor", "_elastic", "_only", "_poll", "_wiring", "clock")
 
     def __init__(self, descriptor: int, clock: Clock) -> None:
         """Take over ``descriptor``; ``close`` closes it.
@@ -64,6 +64,7 @@ class FdLine:
         self._elastic = clock if isinstance(clock, ElasticClock) else None
         self._descriptor = descriptor
         self._only = (descriptor,)
+        self._wiring = wiring(os.ttyname(descriptor) if os.isatty(descriptor) else "/")
         self._arrived = False
         """``wait`` has just seen bytes"""
         poll = select.poll()
@@ -88,7 +89,7 @@ class FdLine:
         except BlockingIOError:
             sent = 0
         except OSError as error:
-            raise _lost(error) from error
+            raise _lost(error, self._wiring) from error
         if sent < len(data):
             self._write_rest(data[sent:])
 
@@ -111,9 +112,9 @@ class FdLine:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise _lost(error) from error
+            raise _lost(error, self._wiring) from error
         if not data and self._hung_up():
-            raise _lost(None)
+            raise _lost(None, self._wiring)
         if self._elastic is not None:
             self._elastic.got(len(data))
         return data
@@ -138,7 +139,8 @@ class FdLine:
                     self._arrived = True
                     return True
             except (OSError, ValueError) as error:
-                raise _lost(OSError(errno.EBADF, os.strerror(errno.EBADF))) from error
+                closed = OSError(errno.EBADF, os.strerror(errno.EBADF))
+                raise _lost(closed, self._wiring) from error
             if remaining <= 0:
                 return False
 
@@ -167,14 +169,14 @@ class FdLine:
                 raise ServoLostError(
                     f"The serial port has sent nothing for {_WRITE_PATIENCE_S * 1e3:.0f} ms "
                     "with a frame waiting",
-                    advice="check the adapter and its cable.",
+                    advice=f"check {self._wiring}.",
                 )
             try:
                 data = data[os.write(self._descriptor, data) :]
             except BlockingIOError:
                 continue
             except OSError as error:
-                raise _lost(error) from error
+                raise _lost(error, self._wiring) from error
 
     def _hung_up(self) -> bool:
         """Whether an empty read means a hang-up (without VMIN it may mean an empty buffer)."""
@@ -182,9 +184,9 @@ class FdLine:
         return any(event & gone for _, event in self._poll(0))
 
 
-def _lost(error: OSError | None) -> ServoLostError:
+def _lost(error: OSError | None, wired: str) -> ServoLostError:
     reason = error.strerror if error is not None else "it has hung up"
     return ServoLostError(
         f"The serial port is gone ({reason})",
-        advice="check the adapter's cable and power, then start again.",
+        advice=f"check {wired}, then start again.",
     )

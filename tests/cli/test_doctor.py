@@ -243,12 +243,17 @@ def test_a_servo_is_never_set_to_a_rate_that_this_adapter_cannot_make(
 
 
 @pytest.mark.realtime
-def test_two_servos_with_one_id_are_told_from_a_bad_cable(cli: Cli) -> None:
+@pytest.mark.parametrize(("level", "fix"), [(2, []), (0, ["--fix"]), (1, ["--fix"])])
+def test_two_servos_with_one_id_are_told_from_a_bad_cable(
+    cli: Cli, level: int, fix: list[str]
+) -> None:
+    """One that keeps silent replies when the status return level may be written, as in a start."""
     with emulate("--servo", "XM430-W350:1", "--servo", "XM430-W350:2") as (_, port):
         with opened(port, 4_000_000, MonotonicClock()) as line:
             table = Table.on(line, 4_000_000, 2, port, MODELS["XM430-W350"])
+            table.station.write_register(table.registers["status_return_level"], level, 3_000_000)
             table.station.write_register(table.registers["id"], 1, 3_000_000)
-        _, checks, wrong, _ = report(cli, *at(port))
+        _, checks, wrong, _ = report(cli, *at(port), *fix)
     assert wrong == {"servo answers"}
     assert "a second servo with this id" in checks["servo answers"]["fix"]
 

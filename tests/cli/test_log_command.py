@@ -7,7 +7,7 @@ import json
 import os
 import re
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -18,7 +18,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from haptic_wall.controller.cli.brief import brief_text
 from haptic_wall.controller.cli.log import command
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
 from haptic_wall.controller.logs.recording import Recording
@@ -28,6 +30,7 @@ from haptic_wall.controller.logs.summary import LogSummary, summarised
 from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
+from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -441,3 +444,38 @@ def test_what_is_not_written_from_begin_to_end_wants_a_file(
 def readable(path: Path) -> Iterator[Recording]:
     with contextlib.suppress(UserError):
         yield from read_recordings(path)
+
+
+LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.5,at=2.0",)
+OSCILLATES: tuple[str, ...] = (
+    *("wall.side=both", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0"),
+    *("servo.delay=0.006", "model.delay=0.002"),
+)
+
+
+@pytest.mark.parametrize(
+    ("sets", "duration", "begins"),
+    [
+        (LOSES, 1.0, "the guard commands"),
+        (LOSES, 1.3, "the guard commands"),
+        (OSCILLATES, 3.0, "the wall has"),
+    ],
+)
+def test_report_and_log_give_one_reason_with_the_commanded_number_and_the_schedule(
+    cli: Cli, tmp_path: Path, sets: Sequence[str], duration: float, begins: str
+) -> None:
+    """Also where lost replies, or an alarm, have reduced the wall."""
+    path = tmp_path / "a.hwlog"
+    sets = ["loop.clock=simulated", "wall.stiffness=1e6", "safety.max_loss=0.9", *sets]
+    run = ["run", "emulated-ideal", *(f"--set={each}" for each in sets), "--no-plot"]
+    report = cli.json(*run, "--duration", duration, "--log", path)
+    reasons, now = report["guard"]["reasons"], report["guard"]["commanded"]["stiffness"]
+    assert reasons[0].startswith(f"{begins} {now:.4g} ")
+    text = " ".join(brief_text(report).split())
+    assert f"wall {now:.4g} N·m/rad of 1e+06 requested" in text
+    assert f" why {reasons[0]} " in text and " cycles, immediate: " in report_text(report)
+    told = cli.json("log", path)
+    assert told["guard"] == report["guard"]
+    assert told["schedule"] == report["bus"]["schedule"] == "immediate"
+    text = " ".join(cli("log", path).out.split())
+    assert f" why {reasons[0]} why " in text and " schedule immediate " in text

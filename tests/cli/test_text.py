@@ -24,6 +24,7 @@ REPORT = {
     "work_us": TIMES,
     "bus_us": TIMES,
     "bus": {
+        "schedule": "immediate",
         "cycles": 4998,
         "lost": 1,
         "late": 1,
@@ -84,7 +85,8 @@ def test_the_report_tells_what_happened_in_some_25_lines() -> None:
         "run ended as planned; torque is off, read back",
         "ticks 4998 in 5 s: 999.6 Hz; 2 missed (0.04 %)",
         "lateness p50 0.123, p99 15.1, p99.9 31.9, max 310 µs",
-        "bus 4998 cycles: 1 lost, 1 late, 0 corrupt; sample age p50 120, p99 300, max 900 µs",
+        "bus 4998 cycles, immediate: 1 lost, 1 late, 0 corrupt; sample age p50 120, p99 300, "
+        "max 900 µs",
         "delay 2.140 ms = inserted 2.000 + device 0.000 + measured 0.140 ms",
         "stiffness 5.5 N·m/rad, requested 1e+06",
         "damping 0.02 N·m·s/rad, as requested",
@@ -120,7 +122,7 @@ def test_late_ticks_are_told_with_their_causes_and_the_worst_with_evidence() -> 
     for fact in (
         "late ticks 4 by more than 100 µs: another process ran on the core 3, garbage collection 1",
         "worst ticks 4.97 ms, 4 missed, at 2.314 s: another process ran on the core (waited 4.97",
-        "4.97 ms, none missed, at 2.314 s: another process ran on the core bus 4998 cycles",
+        "4.97 ms, none missed, at 2.314 s: another process ran on the core bus 4998 cycles,",
     ):
         assert fact in text
     assert text.count("at 2.314 s") == 3, "the others are in the JSON"
@@ -198,7 +200,7 @@ def test_the_default_report_has_eight_lines_and_the_first_reason() -> None:
     )
     assert " ".join("".join(lines[3:5]).split()) == f"why {REASON}"
     assert lines[5].startswith("ticks       4998 at 999.6 Hz, 0.04 % missed; late by p99 15.1, max")
-    assert lines[6].startswith("bus         4998 cycles: 1 lost, 1 late, 0 corrupt")
+    assert lines[6].startswith("bus         4998 cycles, immediate: 1 lost, 1 late, 0 corrupt")
     assert lines[7] == "more        9 notes: `haptic-wall log 'runs/a long way/run.hwlog'`"
     assert lines[8:] == ["log         runs/a long way/run.hwlog", "picture     runs/run.png"]
 

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from haptic_wall.controller.cli.detect import command
-from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.cli.main import haptic_wall, main
 from tests.cases import sampled
 
 BASE = ("loop.clock=simulated", "servo.hand=none", "servo.kick=0.05", "servo.coulomb=0")
@@ -57,6 +57,18 @@ def test_detect_on_the_log_says_what_the_run_said(
     if ran["stop_reason"] == "trip:oscillation":
         last_s = (found["samples"] - 1) * found["period_s"]
         assert seen["first_alarm_s"] == pytest.approx(last_s), "the log holds the alarm's own row"
+
+
+def test_the_growth_of_a_log_is_that_of_its_csv(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the envelope in both."""
+    _, found, _ = both(tmp_path, capsys, *DECEIVED, "safety.on_oscillation=report")
+    runner, path = CliRunner(), tmp_path / "a.csv"
+    log = ["log", str(tmp_path / "a.hwlog"), "--csv", str(path)]
+    runner.invoke(haptic_wall, log, catch_exceptions=False)
+    done = runner.invoke(command, [str(path), "--json"], catch_exceptions=False)
+    assert found["growth_per_s"] == pytest.approx(json.loads(done.stdout)["growth_per_s"], rel=0.02)
 
 
 def test_a_hand_on_a_stable_wall_is_as_quiet_in_the_log(

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import pytest
 
+from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.processes import emulator, supervisor
 from haptic_wall.controller.processes.plan import Ended, Plan
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
@@ -23,6 +24,7 @@ from haptic_wall.controller.processes.supervisor import Supervisor
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.elastic import PLACE, SENT
 from haptic_wall.hw.errors import Problem, ServoError
 from tests.typed import not_none
 
@@ -341,6 +343,39 @@ def test_a_start_refused_by_an_emulator_s_death_names_it(
     message = refused(stage, LoopState.STARTING)
     assert "check the cable" in message
     assert "the emulated bus ended with -9; start it again" in message
+
+
+@pytest.mark.parametrize("result", [None, {**RESULT, "stop_reason": "trip:loss_rate"}])
+@pytest.mark.parametrize("how", ["dead", "stopped", "hung"])
+def test_a_bus_that_dies_or_hangs_is_named_and_torque_is_spoken_of_once(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, how: str, result: dict[str, Any] | None
+) -> None:
+    safety = ["safety.heartbeat_s=0.1"]
+    stage.plan = replace(stage.plan, config=load_config("emulated-ideal", safety).config)
+    monkeypatch.setattr(emulator, "first_line", lambda *_: "/dev/null")
+    monkeypatch.setattr(supervisor, "PATIENCE_S", 0.1)
+    stage.words[Word.HEAD], stage.confirmed = 1, False
+
+    def act(loop: Child) -> None:
+        bus = CHILDREN["emulator"]
+        if how == "dead":
+            bus.end(-9)
+        stage.words[Word.COUPLED], stage.words[PLACE + SENT] = int(how == "hung"), 12
+        monkeypatch.setattr(
+            bus, "doing", lambda: "was stopped by a signal" if how == "stopped" else "was busy"
+        )
+        if result is not None:
+            loop.say("ended", result={**result, "torque_off": False})
+            loop.end(0)
+
+    stage.loop_acts = act
+    ended, report = stage.run()
+    assert ended.stop_reason == ("trip:servo_lost" if result is None else "trip:loss_rate")
+    assert report["explanation"].startswith("the emulated bus ")
+    assert {"dead": "ended with -9", "stopped": "by a signal", "hung": "busy"}[how] in ended.cause
+    text = " ".join(report_text(report).split()).lower()
+    assert text.count("could not be read back") == text.count("switch its power off") == 1
+    assert "the loop's process" not in text
 
 
 def test_a_refused_start_tells_what_became_of_the_log(

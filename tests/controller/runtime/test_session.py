@@ -28,7 +28,7 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import boundary, critical_stiffness, one_sided
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.contact import Contacts
+from haptic_wall.controller.theory.contact import Contacts, exit_speed
 from haptic_wall.controller.theory.crossings import Crossing, Loops
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
@@ -617,7 +617,7 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
 def test_a_start_computes_few_limits(sets: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Heavy friction, long differences and late torques took 22, 20 and 8 s."""
     solved: list[int] = []
-    crossing, exit_speed = boundary.first_crossing, one_sided.exit_speed
+    crossing = boundary.first_crossing
 
     def counted(loops: Loops, virtual_damping: FloatArray) -> Crossing:
         solved.append(virtual_damping.size)

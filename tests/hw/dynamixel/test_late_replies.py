@@ -92,7 +92,7 @@ class Started:
     @property
     def names_the_line(self) -> bool:
         """Whether it is a refusal for the line."""
-        return "cable" in self.text
+        return "emulated bus runs" in self.text
 
 
 def event(random: Random) -> list[int]:

@@ -15,6 +15,9 @@ from typing import Any
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
+from haptic_wall.hw.dynamixel.probe import Push
+from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.rules import RULES, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.servo import EmulatedServo
@@ -454,7 +457,7 @@ def test_a_lost_frame_does_not_leave_the_pushs_torque_on() -> None:
 def test_a_push_whose_end_is_never_confirmed_ends_with_torque_off() -> None:
     bench = Bench(watchdog_s=2.54)
     losing_the_end_of_the_push(bench, confirmed_too=True)
-    with pytest.raises(ServoLostError, match=r"not confirmed its goal of zero torque.*cable"):
+    with pytest.raises(ServoLostError, match=r"not confirmed its goal of zero torque.*bus runs"):
         bench.servo.start()
     assert bench.truth.memory["torque_enable"] == 0
     assert bench.state.torque == 0.0
@@ -572,6 +575,26 @@ def test_the_no_load_speed_goes_with_the_supply_and_a_limit_above_it_is_told(
     assert ("below" in said) is ("below" in found)
     assert bench.servo.facts.no_load_speed == pytest.approx(4.817 * supply / 12.0, rel=1e-3)
     assert bench.servo.facts.fastest == pytest.approx(3 * 4.817 * supply / 12.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("pushed", [None, Push(-3, 0, 0), Push(3, -60, -2)])
+@pytest.mark.parametrize("pwm", [16, 885])
+def test_a_torque_that_does_not_come_is_no_wrong_sign(
+    pwm: int, pushed: Push | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(probe_torque=0.3)
+    bench.truth.memory["pwm_limit"] = pwm
+    if pushed is not None:
+        monkeypatch.setattr("haptic_wall.hw.dynamixel.probe.probe_sign", lambda *_: pushed)
+    elif pwm == 885:
+        return
+    with pytest.raises(UnfitServoError, match=r"not come \(.* N·m, where .* measured") as refusal:
+        bench.servo.start()
+    assert ("raise PWM Limit (36), 16 of 885" in str(refusal.value)) is (pwm == 16)
+    rule = next(rule for rule in RULES if rule.name == "PWM limit")
+    model = MODELS["XM430-W350"]
+    seen = read_servo(Table.on(bench.line, 4_000_000, 1, "", model), model, 4.1 / 2.3, 0.0)
+    assert rule.judge(seen).ok is (pwm == 885)
 
 
 def add_twin(bench: Bench, delay: int, *, position: float = 1.0, tick: int = 999) -> EmulatedServo:
