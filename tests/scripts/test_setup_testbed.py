@@ -132,22 +132,6 @@ def test_one_that_was_broken_off_can_be_undone(
     assert not [path for path in system.root.rglob("*") if path.is_file()]
 
 
-@BEFORE
-@pytest.mark.parametrize("steps", range(7))
-def test_an_undoing_that_was_broken_off_can_be_ended(
-    system: SimpleNamespace,
-    monkeypatch: pytest.MonkeyPatch,
-    before: dict[str, list[str]],
-    steps: int,
-) -> None:
-    system.groups.update({name: list(members) for name, members in before.items()})
-    system.call("--yes", f"--user={ME}")
-    broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
-    system.call("--undo", "--yes")
-    assert system.groups == before
-    assert not [path for path in system.root.rglob("*") if path.is_file()]
-
-
 @pytest.mark.parametrize("steps", range(8))
 def test_undoing_gives_the_latency_device_back_at_once(
     system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, steps: int
