@@ -238,15 +238,6 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
     assert [row for row in rows["missed"] if row] == told
 
 
-def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
-    telemetry = Telemetry.create()
-    telemetry.words[Word.STOP] = 1
-    result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
-    assert result.stop_reason == "interrupted"
-    assert result.torque_off
-    assert result.ticks == 0
-
-
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
     """A lean during the warm-up: the wall must not strike a shaft that it comes on around."""
     telemetry = Telemetry.create()
