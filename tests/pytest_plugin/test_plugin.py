@@ -183,15 +183,6 @@ def test_it_ends_with_the_tests_however_they_end(tmp_path: Path) -> None:
         time.sleep(0.02)
 
 
-def test_our_own_suite_has_it_once(pytestconfig: pytest.Config) -> None:
-    plugins = [
-        name
-        for name, plugin in pytestconfig.pluginmanager.list_name_plugin()
-        if getattr(plugin, "__name__", "").endswith("haptic_wall.controller.pytest_plugin")
-    ]
-    assert plugins == ["haptic_wall"]
-
-
 @pytest.mark.whole
 def test_the_example_passes_and_its_workflow_runs_it(tmp_path: Path) -> None:
     for name in ("move_servo.py", "test_move_servo.py", "test_held_pose.py"):

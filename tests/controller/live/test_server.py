@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from random import Random
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
@@ -26,8 +25,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from haptic_wall.controller import live as room
 from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.live import client as room_client
-from haptic_wall.controller.live.client import MOST_ROWS, Client
+from haptic_wall.controller.live.client import MOST_ROWS
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.relay import sets_of
@@ -440,18 +438,3 @@ def test_no_message_harms_the_server_and_none_is_read_without_the_token(
         assert all(each.startswith("not understood: ") for each in words)
     else:
         assert words == {"this page may not change the wall"}
-
-
-def test_the_end_is_sent_to_a_page_that_has_not_read_everything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    sent: list[str] = []
-    monkeypatch.setattr(room_client, "broadcast", lambda _, message: sent.append(message))
-    transport = SimpleNamespace(get_write_buffer_size=lambda: 1)
-    lagging = Client(cast(Any, SimpleNamespace(transport=transport)), 0, turns=False)
-    lagging.tell({"kind": "ended"})
-    none = cast(Any, SimpleNamespace(since=lambda tail: (b"", tail)))
-    lagging.serve(none)
-    assert not sent
-    lagging.serve(none, last=True)
-    assert sent == ['{"kind": "ended"}']

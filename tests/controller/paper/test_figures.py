@@ -1,15 +1,13 @@
 """The figures' data hold what theory says of them, by closed-loop poles and by known values."""
 
-import csv
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.paper import boundaries, linear_error, lwr3
-from haptic_wall.controller.paper.curves import Curve, FigureData, write_csv
+from haptic_wall.controller.paper.curves import Curve, FigureData
 from haptic_wall.controller.paper.items import ITEMS
 from haptic_wall.controller.settings.load import load_config
 from tests.theory.oracles import Loop, radius
@@ -119,17 +117,3 @@ def test_the_numbers_told_of_the_pictures_are_those_drawn() -> None:
         curve, line = (one(data, kind, delay_periods=delay) for kind in ("exact", "linear"))
         assert f"{100 * (1 - curve.y[-1] / line.y[-1]):.0f} %" == f"{percent} %"
         assert f"{percent} % (d = {delay:g})" in told["fig6"]
-
-
-def test_csv_reads_back_what_is_drawn(tmp_path: Path) -> None:
-    curves = (
-        Curve("exact", {"delta": 0.1}, np.array([1 / 3, 2.0]), np.array([1e-17, -0.5])),
-        Curve("peak", {"delta": 0.1, "extra": 2.0}, np.array([1.0]), np.array([4.0])),
-    )
-    write_csv(FigureData("beta", "alpha", curves), tmp_path / "figure.csv")
-    with (tmp_path / "figure.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["kind"] for row in rows] == ["exact", "exact", "peak"]
-    assert [row["extra"] for row in rows] == ["", "", "2.0"]
-    assert [float(row["beta"]) for row in rows] == [1 / 3, 2.0, 1.0]
-    assert [float(row["alpha"]) for row in rows] == [1e-17, -0.5, 4.0]
