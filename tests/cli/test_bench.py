@@ -176,6 +176,7 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
     assert list(report["sections"]) == list(SECTIONS)[:1]
 
 
+@pytest.mark.whole
 def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     rows, notes = plant_alone.beside_peers()
     apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}

@@ -25,6 +25,7 @@ from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.hw.emulated.servo import EmulatedServo
+from tests.cases import sampled
 from tests.cli.caller import Cli
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -340,7 +341,7 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     assert ("ended as planned" in first) == (status == 0)
 
 
-@pytest.mark.parametrize(("current_limit", "status"), [(50, 3), (1193, 0)])
+@pytest.mark.parametrize(("current_limit", "status"), sampled([(50, 3), (1193, 0)], 2))
 def test_a_servo_whose_current_limit_leaves_the_wall_no_stiffness_is_no_success(
     cli: Cli,
     monkeypatch: pytest.MonkeyPatch,

@@ -187,19 +187,20 @@ async def served_nobody(*_: object) -> None:
     """Serves until Ctrl-C, which comes at once."""
 
 
-SLOW = {"acceptance", "boundary", "doctor", "zwidth"}
+SLOW = {"acceptance", "boundary", "doctor", "run", "zwidth"}
 """Commands that take half a second, of which --whole runs all that the pages show"""
 
 
 def each_first(
     commands_shown: Iterable[tuple[str, tuple[str, ...]]],
 ) -> Iterator[object]:
-    """All commands; of those that are slow, the first of each is not left to --whole."""
-    met: set[str] = set()
+    """All commands; of those that are slow, the first with these options is not left to --whole."""
+    met: set[tuple[str, ...]] = set()
     for page, words in commands_shown:
-        name, found = " ".join(words[1:2]), (page, words)
-        yield whole_only(found) if name in SLOW & met else found
-        met.add(name)
+        name, options = words[1:2], sorted({w.partition("=")[0] for w in words if w[:2] == "--"})
+        key = (*name, *(options if name == ("run",) else ()))
+        yield whole_only((page, words)) if key in met and {*name} <= SLOW else (page, words)
+        met.add(key)
 
 
 @pytest.mark.usefixtures("cut_short", "running_wall")

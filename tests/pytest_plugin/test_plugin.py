@@ -97,6 +97,7 @@ def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(
         assert words in said
 
 
+@pytest.mark.whole
 def test_a_test_that_failed_for_a_bus_without_processor_is_run_once_more_and_says_so(
     outside: Callable[..., pytest.RunResult],
 ) -> None:

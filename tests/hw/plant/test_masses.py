@@ -255,7 +255,7 @@ def test_events_are_found_beside_a_motion_that_is_over_within_a_substep(
     rigid = State(0.0, 0.0)
     masses: tuple[State, ...] = (rigid, rigid)
     plant, one = Masses(true), PlantParameters(0.01 + load, 0.01, 0.05)
-    for k in range(100):
+    for k in range(40):
         torque = 0.4 * math.sin(0.1 * k)
         masses = plant.step(masses, friction(true), torque, MS)
         rigid = step(rigid, one, torque, 1e-3)
