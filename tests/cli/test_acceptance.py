@@ -158,14 +158,6 @@ def test_a_log_that_names_somebody_goes_in_as_a_table(
         assert packed.read(table).startswith(b"time_s,position_rad,torque_nm,")
 
 
-def test_words_that_contain_a_name_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    named(monkeypatch, tmp_path)
-    monkeypatch.setattr("getpass.getuser", lambda: "ann")
-    scrubber = bundle.Scrubber([tmp_path / "ann" / "out"])
-    told = scrubber.text(f"ann cannot write {tmp_path}/ann/out/a.json on {HOST}, ann_lab")
-    assert told == "USER cannot write DIR/a.json on HOST, USER_lab"
-
-
 def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     accepted: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

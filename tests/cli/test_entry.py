@@ -76,18 +76,6 @@ def test_with_json_a_signal_is_one_object(module: str, number: str) -> None:
     }
 
 
-def test_an_ignored_ctrl_c_stays_ignored() -> None:
-    program = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-    done = subprocess.run(
-        [sys.executable, "-c", program + INTERRUPTING.format(module="click")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0
-    assert "wall.stiffness" in done.stdout
-
-
 def test_what_is_begun_is_put_in_order(tmp_path: Path) -> None:
     program = (
         "import os, pathlib, signal\n"

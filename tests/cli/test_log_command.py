@@ -3,7 +3,6 @@
 import builtins
 import csv
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -324,11 +323,3 @@ def test_the_first_row_of_a_csv_has_no_exponents(log: Path, tmp_path: Path) -> N
     first, second = (tmp_path / "a.csv").read_text().splitlines()[1:3]
     assert ",0.0000001," in first
     assert ",1e-07," in second
-
-
-def test_a_csv_may_go_into_a_pipe(log: Path) -> None:
-    reading, writing = os.pipe()
-    with os.fdopen(reading, encoding="utf-8") as pipe:
-        answer(log, "--from", 0.1, "--to", 0.11, "--csv", f"/dev/fd/{writing}")
-        os.close(writing)
-        assert len(pipe.readlines()) == 11

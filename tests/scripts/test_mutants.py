@@ -1,8 +1,6 @@
 """Small defects are put where they should be, have names that last, and are noticed or not."""
 
 import ast
-import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +19,6 @@ from scripts.mutants import (
     Workers,
     chosen,
     reached,
-    save,
     tried,
 )
 
@@ -88,12 +85,6 @@ def test_names_are_unique_and_last_where_a_module_moves(found: list[Mutant]) -> 
     assert {one.role for one in found} == set(ROLES)
 
 
-def results(source: str, outcome: str = "killed", path: str = "a.py") -> list[dict[str, Any]]:
-    return [
-        {**asdict(one), "becomes": "", "outcome": outcome} for one in by_name(source, path).values()
-    ]
-
-
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small project with one module, of which one test checks something and one nothing."""
@@ -151,18 +142,3 @@ def test_mutants_are_tried_in_a_copy(project: Path, tmp_path: Path, thorough: bo
     assert outcomes == wanted
     assert any("fails without a mutant: tests/test_far.py::test_fails" in text for text in said)
     assert (project / "controller" / "runtime" / "safety.py").read_text() == source
-
-
-def test_comparing_ends_with_1_where_a_mutant_got_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name, outcome in (("before", "killed"), ("after", "survived")):
-        found = {one["id"]: one for one in results(SOURCE, outcome)}
-        save(tmp_path / f"{name}.json", found, {})
-    for names, status in ((("before", "before"), 0), (("before", "after"), 1)):
-        words = ["mutants", "--compare", *(str(tmp_path / f"{name}.json") for name in names)]
-        monkeypatch.setattr(sys, "argv", words)
-        with pytest.raises(SystemExit) as ended:
-            mutants.main()
-        assert ended.value.code == status
-    assert f"{len(found)} noticed before are not noticed after" in capsys.readouterr().out

@@ -255,13 +255,6 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
         LogWriter.resume(path, ROW)
 
 
-def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path: Path) -> None:
-    log = tmp_path / "run.hwlog"
-    log.touch()
-    append_end(log, {"stop_reason": "interrupted"})
-    assert log.read_bytes() == b""
-
-
 def test_a_log_takes_its_place_with_its_first_rows(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(9))
     before = path.read_bytes()
