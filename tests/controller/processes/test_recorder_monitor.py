@@ -234,6 +234,19 @@ def test_a_full_disk_is_told_at_once_and_only_what_memory_cannot_hold_is_lost(ru
     assert np.all(np.diff(rows) > 0)
 
 
+def test_what_the_disk_lost_for_good_is_told_once_and_noted(run: Run) -> None:
+    run.go(1.0)
+    for _ in range(2):
+        run.recorders[-1].lose("run.hwlog: Input/output error")
+        run.go(1.0)
+    (told,) = run.told
+    assert "part of the log is lost (run.hwlog: Input/output error)" in told
+    (note,), rows = run.end()
+    assert "Input/output error), and the lost rows are not known" in note
+    assert run.monitor.lacking is None
+    np.testing.assert_array_equal(rows, np.arange(3000), "and all else is kept")
+
+
 @pytest.mark.parametrize("how", ["killed", "stopped"])
 def test_the_last_rows_are_written_by_another_recorder(run: Run, how: str) -> None:
     run.go(2.0)

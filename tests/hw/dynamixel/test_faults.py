@@ -31,11 +31,6 @@ def raw(client: Client, frame: bytes = PING, within_ns: int = 3 * MS) -> bytes:
     return got
 
 
-def answered(client: Client, count: int, frame: bytes = PING) -> int:
-    """In how many of so many exchanges a good reply came."""
-    return sum(bool(Parser().feed(raw(client, frame))) for _ in range(count))
-
-
 CLEAN = raw(Client())
 
 
@@ -116,6 +111,18 @@ def test_truncate_keeps_the_beginning() -> None:
     client.bus.lift("truncate", client.clock.now_ns())
     client.inject("truncate:keep=5,way=reply")
     assert raw(client) == CLEAN[:5]
+
+
+def test_a_copy_noise_and_another_id_are_what_their_names_say() -> None:
+    client = Client()
+    client.inject("duplicate:times=1,way=reply")
+    assert [raw(client), raw(client)] == [CLEAN + CLEAN, CLEAN]
+    client.inject("noise:bytes=20,times=1,way=reply")
+    noisy = raw(client)
+    assert len(noisy) == 20 + len(CLEAN) and noisy.endswith(CLEAN)
+    client.inject("wrong-id:to=9,way=reply")
+    (frame,) = Parser().feed(raw(client))
+    assert frame.id == 9
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])
