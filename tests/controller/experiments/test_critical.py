@@ -54,7 +54,7 @@ def test_a_linear_servo_has_the_exact_boundary_and_stays_within_what_is_announce
 ) -> None:
     """Each batch leaves the shaft where it took it: the next one begins there."""
     sets = (*LINEAR, f"servo.delay={lag}")
-    found = search(tmp_path, damping, steps, *sets, kick=0.1)
+    found = search(tmp_path, damping, steps, *sets)
     delay = lag + steps * 1e-3
     exact = float(critical_stiffness(0.011951, 0.011692, damping, 1e-3, delay))
     assert found.measured == pytest.approx(exact, rel=0.005)
@@ -67,7 +67,7 @@ def test_a_linear_servo_has_the_exact_boundary_and_stays_within_what_is_announce
         moved = read_log(tmp_path / log)[1]["position"]
         assert moved[-1] == pytest.approx(moved[0], abs=0.02)
         furthest = max(furthest, np.abs(moved - moved[0]).max())
-    said = excursion(config(*sets), (PlanePoint(damping, steps),), Options(kick=0.1, repeats=1))
+    said = excursion(config(*sets), (PlanePoint(damping, steps),), Options(repeats=1))
     assert furthest < said < 4.0 * furthest
 
 
