@@ -62,6 +62,11 @@ def pytest_configure(config: pytest.Config) -> None:
         max_examples=100 if thorough else 40 if config.getoption("whole") else 10,
     )
     hypothesis.settings.load_profile("suite")
+    if not (thorough or config.getoption("whole")):
+        # Numba's compiler takes 25 s in a fresh clone; --whole compares its code with the source.
+        os.environ["NUMBA_DISABLE_JIT"] = "1"
+    # An editable install has every module of a plugin's package rewritten, as if it held tests.
+    getattr(config.pluginmanager.rewrite_hook, "_must_rewrite", set()).discard("haptic_wall")
     # Thousands of tests are made and kept: looking for garbage among them takes a fifth of it.
     gc.disable()
     begin_to_watch()
@@ -95,7 +100,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         left = item.get_closest_marker("thorough") if whole else is_left_to_whole(item)
         (left_out if left else kept).append(item)
-    items[:] = kept
+    # What waits for processes begins, in one worker, beside those that compute.
+    items[:] = sorted(kept, key=lambda item: item.get_closest_marker("realtime") is None)
     config.hook.pytest_deselected(items=left_out)
 
 
@@ -107,7 +113,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: some tests wait for processes more than they compute."""
+    """One more than there are cores: one works at tests that wait more than they compute."""
     return len(os.sched_getaffinity(0)) + 1
 
 

@@ -1,7 +1,7 @@
 """The stability theory of sampled virtual walls; imports no other room."""
 
+from haptic_wall.controller.theory.boundary import CriticalPoint
 from haptic_wall.controller.theory.exact import (
-    CriticalPoint,
     critical_point,
     critical_stiffness,
     max_virtual_damping,

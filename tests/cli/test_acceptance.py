@@ -1,10 +1,8 @@
 """``haptic-wall acceptance``: predictions first, then measurements, then one file to send back."""
 
-import errno
 import gc
 import json
 import re
-import shutil
 import socket
 import zipfile
 from functools import partial
@@ -23,10 +21,7 @@ from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.sweep import sweep
 from haptic_wall.controller.experiments.testbed import (
     ExperimentInterruptedError,
-    ExperimentTrippedError,
 )
-from haptic_wall.controller.report.acceptance import picture
-from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.errors import ServoLostError
 from tests.cases import whole_only
@@ -163,14 +158,6 @@ def test_a_log_that_names_somebody_goes_in_as_a_table(
         assert packed.read(table).startswith(b"time_s,position_rad,torque_nm,")
 
 
-def test_words_that_contain_a_name_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    named(monkeypatch, tmp_path)
-    monkeypatch.setattr("getpass.getuser", lambda: "ann")
-    scrubber = bundle.Scrubber([tmp_path / "ann" / "out"])
-    told = scrubber.text(f"ann cannot write {tmp_path}/ann/out/a.json on {HOST}, ann_lab")
-    assert told == "USER cannot write DIR/a.json on HOST, USER_lab"
-
-
 def test_the_same_command_measures_nothing_twice_and_others_are_refused(
     accepted: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -229,27 +216,6 @@ def test_files_that_no_acceptance_wrote_are_not_replaced(
     assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_full_disk_leaves_no_half_bundle(
-    accepted: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def full(bundle: zipfile.ZipFile, _name: str, _content: object) -> NoReturn:
-        bundle.writestr("part", b"PK")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    folder = tmp_path / "out"
-    shutil.copytree(accepted, folder)
-    before = (folder / "acceptance.zip").read_bytes()
-    monkeypatch.setattr(bundle, "_add", full)
-    quicker(monkeypatch)
-    assert call(*SIMULATED, "--yes", "--out", folder) == 2
-    assert "No space left on device; make room, or" in capsys.readouterr().err
-    assert (folder / "acceptance.zip").read_bytes() == before
-    assert not [*folder.glob(".*")]
-
-
 def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -266,31 +232,6 @@ def test_ctrl_c_keeps_what_is_done_and_writes_no_bundle(
     assert answer["exit_status"] == 130
     assert (tmp_path / "out" / "predictions.json").exists()
     assert not (tmp_path / "out" / "acceptance.zip").exists()
-
-
-def test_points_of_a_sweep_that_a_trip_ends_are_in_the_report(
-    accepted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def ended(*_: object, **__: object) -> NoReturn:
-        raise ExperimentTrippedError(Trip.LOSS_RATE, "check the cable")
-
-    folder = tmp_path / "out"
-    shutil.copytree(accepted, folder)
-    (folder / "measured" / "sweep.json").unlink()
-    kept = folder / "measured" / "sweep" / "sweep.json"
-    sweep_kept = json.loads(kept.read_text())
-    first = sweep_kept["points"].pop(0)
-    kept.write_text(json.dumps(sweep_kept | {"complete": False}))
-    quicker(monkeypatch)
-    monkeypatch.setattr(steps, "sweep", ended)
-    assert call(*SIMULATED, "--yes", "--out", folder) == 3
-    limits = [r for r in report_of(folder)["rows"] if r["name"].startswith("critical")]
-    assert [row["real"] is None for row in limits] == [True, False]
-    assert "the sweep ended before: trip:loss_rate: check the cable" in limits[0]["note"]
-    assert limits[1]["real"]["kick_rad"] and limits[1]["real"]["stderr"]
-    label = picture._label(limits[1])
-    assert f"(kick {limits[1]['real']['kick_rad']:.3g} rad; " in label and "emulated)" in label
-    assert limits[0]["name"].startswith(f"critical stiffness at B {first['virtual_damping']:.3g}")
 
 
 def test_after_a_lost_servo_nothing_moves_and_the_bundle_says_why(

@@ -29,7 +29,6 @@ from haptic_wall.controller.bench.rows import (
 )
 from haptic_wall.controller.cli.bench import ABOUT_S, SECTIONS
 from haptic_wall.controller.errors import PlatformError
-from haptic_wall.controller.experiments.maps.compiled import compiled
 from tests.cli.caller import Cli
 
 FOUND = Section(
@@ -178,16 +177,6 @@ def test_after_a_ctrl_c_what_is_finished_is_told(
 
 
 @pytest.mark.whole
-def test_walls_move_as_one_alone_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(array_simulation, "beside_peers", lambda: ([], []))
-    rows = {row.name: row.value for row in array_simulation.measure().rows}
-    apart = [value for name, value in rows.items() if name.startswith("largest difference")]
-    assert len(apart) == 2
-    assert max(apart) < 1e-9
-    how = "compiled" if compiled() else "not compiled"
-    assert sum(name.startswith(f"{how}, 8 random walls") for name in rows) == 3
-
-
 def test_peers_move_the_servo_alone_as_the_arrays_do() -> None:
     rows, notes = plant_alone.beside_peers()
     apart = {r.name: r.value for r in rows if r.name.startswith("largest difference")}

@@ -135,18 +135,6 @@ def test_a_servo_at_another_rate_is_found_examined_and_changed_only_when_asked(c
         assert "reply time" in checks
 
 
-@pytest.mark.whole
-@pytest.mark.realtime
-def test_another_id_and_another_model_are_named(cli: Cli) -> None:
-    with emulate("--servo", "XL430-W250:5") as (_, port):
-        _, checks, wrong, _ = report(cli, *at(port))
-        assert wrong == {"servo answers"}
-        assert "XL430-W250 id 5 at 4000000 bit/s" in checks["servo answers"]["found"]
-        _, checks, wrong, _ = report(cli, *at(port), "--set", "servo.id=5")
-        assert "model" in wrong
-        assert "no current mode" in checks["model"]["fix"]
-
-
 @pytest.mark.realtime
 def test_another_model_whose_torque_is_not_known_is_named(cli: Cli) -> None:
     constant = "servo.torque_constant=1.7"
@@ -256,13 +244,3 @@ def test_two_servos_with_one_id_are_told_from_a_bad_cable(
         _, checks, wrong, _ = report(cli, *at(port), *fix)
     assert wrong == {"servo answers"}
     assert "a second servo with this id" in checks["servo answers"]["fix"]
-
-
-@pytest.mark.whole
-@pytest.mark.realtime
-def test_the_preset_with_a_bus_of_its_own_needs_no_second_terminal(cli: Cli) -> None:
-    status, out, err = cli("doctor", "emulated-ideal", *QUIET)
-    assert status == 1
-    assert "No torque was enabled" in out
-    assert "return delay" in out
-    assert "registers of XM430-W350 id 1" in err

@@ -16,7 +16,6 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from matplotlib import rc_context
 
 from haptic_wall.controller.cli.main import COMMANDS, main
 from haptic_wall.controller.errors import UserError
@@ -202,13 +201,6 @@ def test_a_log_names_no_file(canary: str) -> None:
         log.append(rows(200))
     assert call("detect", "a.hwlog") == 2
     assert left() == set() and canary
-
-
-def test_settings_of_pictures_run_no_latex(canary: str) -> None:
-    """A ``matplotlibrc`` may lie beside a log."""
-    log = next(hostile_logs(canary))
-    with rc_context({"text.usetex": True}):
-        assert [call("log", log), call("detect", log)] == [0, 0]
 
 
 def test_a_change_names_no_module_but_those_of_the_run(canary: str) -> None:

@@ -1,16 +1,10 @@
 """``log`` tells what a run's log holds, and exports it for other tools."""
 
 import builtins
-import contextlib
 import csv
 import json
-import os
-import re
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from random import Random
 from types import ModuleType
 from typing import Any, NoReturn
 
@@ -23,10 +17,7 @@ from haptic_wall.controller.cli.log import command
 from haptic_wall.controller.cli.text import report_text
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs.file import LogWriter, append_end, read_log
-from haptic_wall.controller.logs.recording import Recording
 from haptic_wall.controller.logs.recordings import read_recordings
-from haptic_wall.controller.logs.rows import LogRows
-from haptic_wall.controller.logs.summary import LogSummary, summarised
 from haptic_wall.controller.report.sketch import Sketch
 from haptic_wall.controller.runtime.telemetry import FLAG_CONTACT, FLAG_OFF, FLAG_WARM_UP, ROW
 from haptic_wall.controller.settings.load import load_config
@@ -127,42 +118,6 @@ def test_a_log_without_rows_is_summarised_but_not_exported(tmp_path: Path) -> No
         answer(path, "--csv", tmp_path / "run.csv")
 
 
-EXPORTS = ["--csv", "--plot", "--cut"]
-
-
-def export_after(
-    log: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    option: str,
-    change: Callable[..., object],
-) -> str:
-    """What is said of an export of a log that is changed when it has just been summarised."""
-
-    def summarise(rows: LogRows) -> LogSummary:
-        summary = summarised(rows)
-        change()
-        return summary
-
-    monkeypatch.setattr("haptic_wall.controller.cli.log.summarised", summarise)
-    with pytest.raises(UserError) as refused:
-        answer(log, option, tmp_path / "export.png", "--from", "0")
-    assert not (tmp_path / "export.png").exists()
-    return str(refused.value)
-
-
-@pytest.mark.parametrize("option", EXPORTS)
-@pytest.mark.parametrize("replaced", [True, False])
-def test_a_log_that_is_replaced_or_cut_off_while_it_is_read_is_refused(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, replaced: bool
-) -> None:
-    (tmp_path / "other").write_bytes(log.read_bytes())
-    cut = partial(os.truncate, log, log.stat().st_size - 1)
-    change = partial((tmp_path / "other").rename, log) if replaced else cut
-    said = export_after(log, tmp_path, monkeypatch, option, change)
-    assert "replaced or cut off while it was read" in said
-
-
 def test_a_wall_that_was_off_in_the_midst_was_in_contact_with_nothing(
     log: Path, tmp_path: Path
 ) -> None:
@@ -214,18 +169,6 @@ def test_damage_is_told_and_the_rest_is_shown(log: Path, tmp_path: Path) -> None
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 752
     log.write_bytes(content[:-100])
     assert "cut off     the last" in answer(log)
-
-
-def test_a_log_whose_metadata_are_damaged_is_exported_but_not_drawn(
-    log: Path, tmp_path: Path
-) -> None:
-    content = log.read_bytes()
-    log.write_bytes(bytes(1000) + content[1000:])
-    answer(log, "--csv", tmp_path / "run.csv")
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
-    with pytest.raises(UserError, match="has no configuration, because that part of it is damaged"):
-        answer(log, "--plot", tmp_path / "run.png")
-    assert not (tmp_path / "run.png").exists()
 
 
 def test_a_stretch_is_shown_and_exported_by_the_log_s_time(
@@ -328,22 +271,6 @@ def test_mcap_without_its_library_names_the_extra(
     assert list(tmp_path.iterdir()) == [log]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_an_export_whose_terminal_is_closed_leaves_nothing(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
-) -> None:
-    def ended(path: Path, _: LogRows) -> None:
-        path.write_bytes(b"half")
-        os.kill(os.getpid(), number)
-        pytest.fail("went on")
-
-    monkeypatch.setattr("haptic_wall.controller.logs.csv_export.write_csv", ended)
-    before = signal.getsignal(number)
-    assert CliRunner().invoke(command, [str(log), "--csv", str(tmp_path / "a.csv")]).exit_code
-    assert list(tmp_path.iterdir()) == [log]
-    assert signal.getsignal(number) == before
-
-
 @pytest.mark.parametrize("option", ["--csv", "--plot", "--mcap", "--cut"])
 def test_an_export_that_is_interrupted_leaves_nothing(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str
@@ -399,51 +326,6 @@ def test_the_first_row_of_a_csv_has_no_exponents(log: Path, tmp_path: Path) -> N
     first, second = (tmp_path / "a.csv").read_text().splitlines()[1:3]
     assert ",0.0000001," in first
     assert ",1e-07," in second
-
-
-def test_a_csv_may_go_into_a_pipe(log: Path) -> None:
-    reading, writing = os.pipe()
-    with os.fdopen(reading, encoding="utf-8") as pipe:
-        answer(log, "--from", 0.1, "--to", 0.11, "--csv", f"/dev/fd/{writing}")
-        os.close(writing)
-        assert len(pipe.readlines()) == 11
-
-
-@pytest.mark.parametrize("seed", range(30))
-def test_a_log_of_before_checksums_with_damaged_numbers_is_told_of_and_never_a_defect(
-    log: Path, tmp_path: Path, seed: int
-) -> None:
-    """Where only the numbers tell, a block that no loop can have written is damage."""
-    old_content = re.sub(rb"  # crc32 \w{8} \w{8}", b" " * 27, log.read_bytes())
-    content = bytearray(old_content.replace(b'"checksum": "crc32", ', b" " * 21))
-    random = Random(seed)
-    for _ in range(random.choice((1, 5, 50))):
-        content[random.randrange(3000, len(content))] = random.randrange(256)
-    old = tmp_path / "old.hwlog"
-    old.write_bytes(content)
-    assert "checksum" not in read_log(old)[0]
-    for arguments in ((old,), (old, "--json"), (old, "--csv", tmp_path / "old.csv")):
-        result = CliRunner().invoke(command, list(map(str, arguments)))
-        assert result.exit_code in (0, 2) or isinstance(result.exception, UserError)
-    for recording in filter(None, readable(old)):
-        for part in recording.parts:
-            assert np.all(np.diff(part.times) > 0.0)
-
-
-@pytest.mark.parametrize("option", ["--mcap", "--cut"])
-def test_what_is_not_written_from_begin_to_end_wants_a_file(
-    log: Path, tmp_path: Path, option: str
-) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    result = CliRunner().invoke(command, [str(log), "--from", "0.1", option, str(pipe)])
-    assert isinstance(result.exception, UserError)
-    assert "found a pipe" in str(result.exception)
-
-
-def readable(path: Path) -> Iterator[Recording]:
-    with contextlib.suppress(UserError):
-        yield from read_recordings(path)
 
 
 LOSES: tuple[str, ...] = ("servo.faults=drop:p=0.5,at=2.0",)

@@ -1,7 +1,5 @@
 """Where log and picture of a run go, and what is said of a long one."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -66,16 +64,3 @@ def test_a_long_run_says_how_much_it_will_write() -> None:
     assert _length(config, None) == "until Ctrl-C; the log grows by 10 MB a minute"
     simulated = load_config("simulated", ["loop.clock=simulated"]).config
     assert _length(simulated, None).endswith("a simulated minute")
-
-
-def test_a_dash_is_standard_output(tmp_path: Path) -> None:
-    """The file is there alone; what else is said goes to standard error."""
-    done = subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", "init", "-", "--from", "lwr3"],
-        capture_output=True,
-        check=True,
-        cwd=tmp_path,
-    )
-    assert done.stdout.startswith(b"# Axis 3")
-    assert b"lwr3" in done.stderr
-    assert not any(tmp_path.iterdir())

@@ -28,7 +28,7 @@ DRAWING = {
     "rendered": ("rendered", *SIMULATED, "--out=a"),
     "identify": ("identify", *SIMULATED, "--out=a.yaml"),
 }
-WHOLE = "rendered", "identify"
+WHOLE = "rendered", "identify", "delay", "sweep", "zwidth"
 
 
 @pytest.mark.parametrize(

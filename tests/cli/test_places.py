@@ -9,7 +9,7 @@ import click
 import pytest
 
 from haptic_wall.controller.cli import main as program
-from haptic_wall.controller.cli.places import new_stem, take_folder
+from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.logs.columns import COLUMNS
 from haptic_wall.controller.system import file_kinds
 from haptic_wall.controller.system.claim import claimed
@@ -160,35 +160,3 @@ def test_only_the_folders_that_the_command_has_made_are_removed(folder: Path) ->
     assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == [
         *("given", "new", "new/full", "new/full/mine")
     ]
-
-
-@pytest.mark.parametrize("place", ["new_stem", "new_folder"])
-def test_a_folder_in_which_another_command_is_about_to_write_stays(place: str) -> None:
-    program = f"""
-import sys
-import click
-from haptic_wall.controller.cli.places import {place}
-with click.Context(click.Command("other")):
-    path = {place}("--out", "other")
-    print("has it", flush=True)
-    sys.stdin.read()
-    path.with_suffix(".hwlog").touch()
-    if "{place}" == "new_folder":
-        (path / "result").touch()
-"""
-    with command():
-        new_stem("--out", "one")
-        other = subprocess.Popen(
-            [sys.executable, "-c", program],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert other.stdout is not None and other.stdout.readline() == "has it\n"
-    other.communicate("", timeout=60)
-    assert other.returncode == 0
-
-
-def test_a_picture_without_a_mark_may_be_an_early_one(cli: Cli, folder: Path) -> None:
-    (folder / "b.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    assert "early versions did not mark theirs" in cli.refused(*BOUNDARY, "--plot", "b.png")

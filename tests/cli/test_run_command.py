@@ -1,7 +1,5 @@
 """``run`` writes where it is told, never one file over another, and ends with its report."""
 
-import errno
-import fcntl
 import json
 import os
 import resource
@@ -10,7 +8,7 @@ import time
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 import numpy as np
@@ -27,8 +25,8 @@ from haptic_wall.controller.processes.run_report import exit_status
 from haptic_wall.controller.runtime.safety import End, StopReason, Trip
 from haptic_wall.controller.runtime.telemetry import ROW
 from haptic_wall.hw.emulated.servo import EmulatedServo
+from tests.cases import sampled
 from tests.cli.caller import Cli
-from tests.typed import not_none
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -166,20 +164,6 @@ def test_the_second_of_two_runs_is_refused_whatever_it_calls_the_log(
     assert cli("run", *BRIEF, "--log", name, "--no-plot")[0] == 0
 
 
-def test_the_second_run_is_refused_where_nobody_can_lock_files(
-    cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuses(*_: object) -> NoReturn:
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(fcntl, "flock", refuses)
-    log = folder / "run.hwlog"
-    _, context = placed(log, Path("a.png"), None)
-    assert cli("run", *BRIEF, "--log", log)[0] == 2
-    context.close()
-    assert cli("run", *BRIEF, "--log", log)[0] == 0
-
-
 @pytest.mark.parametrize("option", ["--log", "--plot"])
 def test_a_pipe_is_refused_before_anybody_waits_for_its_reader(
     cli: Cli, tmp_path: Path, option: str
@@ -195,28 +179,6 @@ def test_the_configuration_is_not_written_over(cli: Cli, folder: Path, option: s
     err = cli.refused("run", *BRIEF, "./mine", option, "mine")
     assert f"CONFIG and {option} both name mine" in err
     assert (folder / "mine").read_text() == text
-
-
-def test_a_preset_is_no_file_that_could_be_written_over(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "haptic_wall.controller.report.run.plot_run", lambda _s, _m, path, *_: path.touch()
-    )
-    assert cli("run", *BRIEF, "simulated", "--log", "simulated")[0] == 0
-
-
-def test_a_name_with_dots_is_kept_whole_and_taken_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(time, "strftime", lambda _: "now")
-    names = ["wall.v1.yaml", "wall.v2.yaml", "wall.v2.yaml", "wall.v2.yaml"]
-    found = [placed(None, None, None, name=name) for name in names]
-    stems = ["now-wall.v1", "now-wall.v2", "now-wall.v2+", "now-wall.v2++"]
-    assert [(log.name, not_none(plot).name) for (log, plot), _ in found] == [
-        (f"{stem}.hwlog", f"{stem}.png") for stem in stems
-    ]
 
 
 MINE = {"notes.txt": b"mine", "photo.png": b"\x89PNG\r\n\x1a\n" + 300 * b"x", "empty": b""}
@@ -335,17 +297,6 @@ def test_a_full_disk_leaves_the_old_log_and_nothing_else(
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_limits_of_the_shell_are_told_in_a_sentence(cli: Cli) -> None:
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limit[1]))
-    try:
-        status, _, err = cli("run", *BRIEF)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert status == 4
-    assert "no memory for the rows (File too large): raise the limits" in err
-
-
 @pytest.mark.parametrize(
     ("reason", "waited_for", "log", "status"),
     [
@@ -390,7 +341,7 @@ def test_a_requested_wall_without_stiffness_is_no_success(
     assert ("ended as planned" in first) == (status == 0)
 
 
-@pytest.mark.parametrize(("current_limit", "status"), [(50, 3), (1193, 0)])
+@pytest.mark.parametrize(("current_limit", "status"), sampled([(50, 3), (1193, 0)], 2))
 def test_a_servo_whose_current_limit_leaves_the_wall_no_stiffness_is_no_success(
     cli: Cli,
     monkeypatch: pytest.MonkeyPatch,

@@ -107,30 +107,6 @@ def test_it_installs_again_when_the_project_file_has_changed(project: Path) -> N
     assert notes(project) == ["venv", "pip my project", "pip my project"]
 
 
-def test_a_project_that_was_moved_is_installed_again(project: Path) -> None:
-    install_python(project)
-    call(project, "run")
-    moved = project.parent / "moved"
-    project.rename(moved)
-    assert call(moved, "run").stdout == "haptic-wall run\n"
-    assert notes(moved) == ["venv", "pip my project", "venv", "pip moved"]
-
-
-def test_two_at_once_wait_for_each_other(project: Path) -> None:
-    install_python(project)
-    both = [
-        subprocess.Popen(
-            [project / "scripts" / "run"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment(project),
-        )
-        for _ in range(2)
-    ]
-    assert [process.communicate()[0] for process in both] == [b"haptic-wall run\n"] * 2
-    assert notes(project) == ["venv", "pip my project"]
-
-
 def test_the_test_script_runs_every_check_and_fails_if_one_does(project: Path) -> None:
     install_python(project)
     done = call(project, "test", "--whole", FAILING="mypy")
@@ -159,15 +135,6 @@ def test_without_the_venv_module_it_says_what_to_install(project: Path) -> None:
     done = call(project, "run", NO_ENSUREPIP="1")
     assert done.returncode == 1
     assert "apt-get install python3.11-venv" in done.stderr
-
-
-def test_a_failed_installation_is_tried_again(project: Path) -> None:
-    install_python(project)
-    failed = call(project, "run", NO_NETWORK="1")
-    assert failed.returncode == 1
-    assert failed.stdout == ""
-    assert "the installation failed; the reason is above" in failed.stderr
-    assert call(project, "run").returncode == 0
 
 
 def test_the_installation_does_not_name_its_folder(project: Path) -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from tests.cases import whole_only
 
-PENDULUM = Path(__file__).parents[2] / "docs" / "examples" / "xl330-pendulum"
 PROGRAM = """
 import os, signal, sys, time
 import haptic_wall.controller.{module} as module
@@ -30,20 +29,13 @@ MIDDLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
         *("cli.boundary", "report"),
         ("boundary", "--servo=MX-64", "--rate=1000", "--delay=0.002", "--virtual-damping=0"),
     ),
-    "map, before its rows": ("cli.map", "say", ("map", "simulated", OUT)),
     "map, theory": ("experiments.maps.maps", "_theory", ("map", "simulated", OUT)),
-    "map, in ./runs/": ("experiments.maps.maps", "_theory", ("map", "simulated")),
     "map, plan": (
         *("cli.map", "planned"),
         ("map", "simulated", OUT, f"--kick={','.join(map(str, range(1, 90)))}"),
     ),
     "paper": ("paper.items", "make", ("paper", "all", OUT)),
-    "config": ("cli.config", "load_config", ("config", "simulated")),
     "identify": ("experiments.identify.identification", "identify", ("identify", *SIMULATED)),
-    "identify --record": (
-        *("experiments.recorded.estimate", "identify_record"),
-        ("identify", f"--record={PENDULUM / 'kp400_lift_and_drop.csv'}"),
-    ),
     "rendered": (
         "experiments.rendered.rendering",
         "measure_rendering",

@@ -67,14 +67,6 @@ REPORT = {
 }
 
 
-def test_a_filter_of_the_velocity_is_named() -> None:
-    filtered = {"kind": "lowpass", "frequency_hz": 46.0, "q": 0.7}
-    guard: Any = REPORT["guard"]
-    text = joined(REPORT | {"guard": guard | {"velocity_filter": filtered}})
-    assert "filter low-pass at 46 Hz, quality 0.7, of the velocity that damps" in text
-    assert "filter" not in joined(REPORT)
-
-
 def joined(report: Mapping[str, Any]) -> str:
     return " ".join(report_text(report).split())
 
@@ -160,11 +152,6 @@ def test_what_is_not_known_is_left_out_or_named() -> None:
     assert "picture" not in text
 
 
-def test_an_oscillation_is_told_with_its_frequency() -> None:
-    oscillation = {"state": "growing", "frequency_hz": 12.34, "amplitude_rad": None}
-    assert "oscillation growing, 12.34 Hz" in joined(REPORT | {"oscillation": oscillation})
-
-
 def test_json_is_what_json_is() -> None:
     value = {
         "nan": math.nan,
@@ -213,16 +200,6 @@ def test_what_is_told_whole_is_not_counted_as_left_out() -> None:
     text = brief_text(REPORT | notes)
     assert "more        1 note: `run -v`" in text
     assert "…" not in text and "long" not in text, "a remedy stands whole or not at all"
-
-
-def test_how_a_run_ended_is_never_left_out_for_want_of_lines() -> None:
-    report = REPORT | {
-        "stop_reason": "trip:overspeed", "explanation": "fast " * 100, "torque_off": False
-    }  # fmt: skip
-    text = brief_text(report)
-    assert " ".join(text.split()).count("fast ") == 100
-    assert "the servo did not confirm that its torque is off" in " ".join(text.split())
-    assert text.endswith("picture     runs/run.png")
 
 
 @pytest.mark.parametrize("columns", [40, 80, 200])

@@ -21,9 +21,3 @@ def test_a_command_stays_in_one_line(monkeypatch: pytest.MonkeyPatch, columns: i
     monkeypatch.setenv("COLUMNS", str(columns))
     lines = wrapping.wrapped(f"log in again, or once: {COMMAND}, which lasts until the next boot")
     assert sum(COMMAND in line for line in lines) == 1
-
-
-def test_nothing_is_lost_and_a_long_word_is_not_broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "1")
-    text = f"see /a/very/long/path/{'x' * 50}/that-has-hyphens or {COMMAND}"
-    assert " ".join(wrapping.wrapped(text)) == text

@@ -106,7 +106,7 @@ def test_a_quarter_of_the_replies_lost_is_a_quarter_for_the_trip() -> None:
     assert found.result.stop_reason == "trip:loss_rate"
     calm = run_in_memory(
         ("safety.max_loss=0.5", "loop.warm_up_s=0.3"),
-        3.0,
+        2.0,
         adapter=(TIMER_MS * MS, 62),
         faults=["drop:every=4,way=reply"],
     )
@@ -120,10 +120,10 @@ def test_replies_that_stay_away_end_the_run_at_the_third() -> None:
     """Each takes longer than the silence that is allowed, and one or two are no reason to end."""
     sets = ("safety.max_silence_s=0.015", "safety.max_loss=1", "loop.warm_up_s=0.3")
     adapter = (TIMER_MS * MS, 62)
-    found = run_in_memory(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9"])
+    found = run_in_memory(sets, 1.5, adapter=adapter, faults=["drop:way=reply,at=0.9"])
     assert found.result.stop_reason == "trip:losses_in_row"
     assert not_none(found.result.bus)["lost"] == 3
-    calm = run_in_memory(sets, 3.0, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
+    calm = run_in_memory(sets, 1.5, adapter=adapter, faults=["drop:way=reply,at=0.9,times=2"])
     assert calm.result.stop_reason == "duration"
 
 

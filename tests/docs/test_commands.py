@@ -5,10 +5,8 @@ what is shown. Nothing is asserted about time.
 """
 
 import gc
-import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -38,9 +36,6 @@ PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 RUNS = [(page, words) for page, words in commands() if words[0] in ("haptic-wall", "scripts/run")]
 OTHERS = [(page, words) for page, words in commands() if (page, words) not in RUNS]
 BUSES = [words for _, words in RUNS if words[1:2] == ("emulate",)]
-PATIENT = ["servo.watchdog_s=2.54", "safety.heartbeat_s=10", "safety.max_silence_s=1"]
-PATIENT += ["safety.max_loss=1"]
-"""A machine that runs tests may stall for longer than a wall should."""
 
 NOTHING = {"rows": [], "notes": [], "histograms": [], "seconds": 0.0, "steal_percent": None}
 """A section of a benchmark that has measured nothing"""
@@ -192,19 +187,20 @@ async def served_nobody(*_: object) -> None:
     """Serves until Ctrl-C, which comes at once."""
 
 
-SLOW = {"acceptance", "boundary", "doctor", "zwidth"}
+SLOW = {"acceptance", "boundary", "doctor", "run", "zwidth"}
 """Commands that take half a second, of which --whole runs all that the pages show"""
 
 
 def each_first(
     commands_shown: Iterable[tuple[str, tuple[str, ...]]],
 ) -> Iterator[object]:
-    """All commands; of those that are slow, the first of each is not left to --whole."""
-    met: set[str] = set()
+    """All commands; of those that are slow, the first with these options is not left to --whole."""
+    met: set[tuple[str, ...]] = set()
     for page, words in commands_shown:
-        name, found = " ".join(words[1:2]), (page, words)
-        yield whole_only(found) if name in SLOW & met else found
-        met.add(name)
+        name, options = words[1:2], sorted({w.partition("=")[0] for w in words if w[:2] == "--"})
+        key = (*name, *(options if name == ("run",) else ()))
+        yield whole_only((page, words)) if key in met and {*name} <= SLOW else (page, words)
+        met.add(key)
 
 
 @pytest.mark.usefixtures("cut_short", "running_wall")
@@ -297,42 +293,6 @@ def bus(
     for emulator in started:
         emulator.kill()
         emulator.communicate()
-
-
-def second_terminal() -> list[str]:
-    """The tutorial's command for the other terminal."""
-    return next(list(words) for _, words in RUNS if words[1:3] == ("run", "emulated-port"))
-
-
-@pytest.mark.whole
-@pytest.mark.realtime
-def test_two_terminals(
-    bus: Callable[[Sequence[str]], tuple[subprocess.Popen[str], str | None, Path]], tmp_path: Path
-) -> None:
-    """The tutorial's bus, and the wall against it, for real; the bus then ends on Ctrl-C."""
-    first = next(words for page, words in RUNS if words in BUSES and page == "docs/tutorial.md")
-    emulator, _, there = bus(first)
-    words = [*second_terminal(), "--set", f"servo.port={there}"]
-    words += ["--duration", "0.3", "--json", "--log", str(tmp_path / "run.hwlog")]
-    words += [part for setting in PATIENT for part in ("--set", setting)]
-    for _ in range(3):  # a start-up that a stalled machine spoiled may be tried again
-        done = subprocess.run(
-            [*PROGRAM, *words[1:], "--plot", str(tmp_path / "run.png")],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode == 0:
-            break
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert report["stop_reason"] == "duration"
-    assert report["torque_off"] is True
-    assert all(check["ok"] for check in report["servo_checks"])
-    emulator.send_signal(signal.SIGINT)
-    assert emulator.wait(10) == 130
-    assert not there.exists()
-    assert (tmp_path / "truth.csv").read_text().startswith("time_s,event,id,instruction,")
 
 
 @pytest.mark.realtime

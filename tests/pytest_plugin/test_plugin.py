@@ -97,6 +97,7 @@ def test_one_that_does_not_start_or_dies_says_why_and_leaves_nothing(
         assert words in said
 
 
+@pytest.mark.whole
 def test_a_test_that_failed_for_a_bus_without_processor_is_run_once_more_and_says_so(
     outside: Callable[..., pytest.RunResult],
 ) -> None:
@@ -181,15 +182,6 @@ def test_it_ends_with_the_tests_however_they_end(tmp_path: Path) -> None:
     while pid in emulators(tmp_path):
         assert time.monotonic() < end
         time.sleep(0.02)
-
-
-def test_our_own_suite_has_it_once(pytestconfig: pytest.Config) -> None:
-    plugins = [
-        name
-        for name, plugin in pytestconfig.pluginmanager.list_name_plugin()
-        if getattr(plugin, "__name__", "").endswith("haptic_wall.controller.pytest_plugin")
-    ]
-    assert plugins == ["haptic_wall"]
 
 
 @pytest.mark.whole

@@ -11,22 +11,11 @@ import pytest
 
 from haptic_wall.controller.settings.load import load_config
 from scripts.rates import lower_bound, most_per_hour, upper_bound
-from scripts.studies.detector_table import KINDS_TRIED, STUDY, Tried, jobs, tried
+from scripts.studies.detector_table import KINDS_TRIED, STUDY, jobs, tried
 from scripts.study import Kept, usual
 from tests.scripts.computed import stale
 from tests.support.cases_drawn import LAWS, PRESETS, draw_law
-from tests.support.trial import Case, WallAsked
-from tests.support.truth import Truth
 from tests.support.truths_drawn import bench_of
-from tests.support.verdicts import Answered
-
-CASE = Case(
-    PRESETS[0], Truth(0.012, 0.012, 0.09, delay=0.001), WallAsked(8.0, 0.04), 2.0, operator="tap"
-)
-
-
-def answered(late_s: float = 0.0, after: float = 0.1) -> Answered:
-    return Answered(CASE, late_s == 0.0, late_s, False, None, False, 1.0, 0.1, after)
 
 
 def test_bounds_exclude_what_would_have_been_seen_more_often() -> None:
@@ -61,23 +50,6 @@ def test_every_law_is_drawn_with_numbers_that_a_configuration_takes(law: str) ->
         config = load_config("simulated", (*bench_of(PRESETS[0]).sets, *sets), runs=True).config
         assert config.law(0.0).name in (law, sets[0].partition("=")[2])
     assert len(drawn) == (1 if law in ("spring", "damper") else 5)
-
-
-def test_lines_count_what_is_late_and_what_grows_and_examples_run_again() -> None:
-    part = next(part for part in STUDY.parts if part.name == "bounces")
-    here, *_, there = jobs("bounces", usual(STUDY, walls=3))
-    found = [
-        (here, Tried(3, [answered(), answered(late_s=0.5)])),
-        (there, Tried(3, [answered(after=0.3)])),
-    ]
-    lines = list(part.lines(found))
-    assert lines[2].startswith(f"|{PRESETS[0]}|3|2|1 (>0.025)|0.50|0|0|0|2/2|")
-    assert lines[-1].startswith("|all|6|3|2 (>0.14)|0.50|0|0|0|2/3|")
-    assert len({line.count("|") for line in lines}) == 1
-    assert part.examples is not None
-    told = dict(part.examples(found))
-    assert list(told) == ["late by 0.50 s", "grows 3.00 times"]
-    assert eval(repr(told["late by 0.50 s"])) == CASE
 
 
 @pytest.mark.whole

@@ -1,8 +1,6 @@
 """Small defects are put where they should be, have names that last, and are noticed or not."""
 
 import ast
-import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,6 @@ from scripts.mutant_kinds import (
     ROLES,
     Mutant,
     all_mutants,
-    modules_of,
     mutants_of,
     mutated,
 )
@@ -22,7 +19,6 @@ from scripts.mutants import (
     Workers,
     chosen,
     reached,
-    save,
     tried,
 )
 
@@ -76,19 +72,6 @@ def test_a_mutant_changes_one_line(name: str, line: str) -> None:
     assert sum(old != new for old, new in zip(before, text.splitlines(), strict=True)) == 1
 
 
-@pytest.mark.whole
-def test_every_mutant_of_the_program_compiles_and_differs(thorough: bool) -> None:
-    for role in ROLES:
-        for path in modules_of(ROOT, role):
-            source = path.read_text("utf-8")
-            plain = ast.unparse(ast.parse(source)).strip()
-            found = mutants_of(role, path.name, source)
-            for one in found if thorough else found[len(found) // 2 :][:1]:
-                text, _ = mutated(source, one.number)
-                compile(text, path.name, "exec")
-                assert text.strip() != plain, one.id
-
-
 @pytest.fixture(scope="module")
 def found() -> list[Mutant]:
     """All mutants of the program."""
@@ -100,12 +83,6 @@ def test_names_are_unique_and_last_where_a_module_moves(found: list[Mutant]) -> 
     moved = by_name(f"{SOURCE}\n\ndef more():\n    return 1 + 2\n", "somewhere/else.py")
     assert set(by_name()) < set(moved)
     assert {one.role for one in found} == set(ROLES)
-
-
-def results(source: str, outcome: str = "killed", path: str = "a.py") -> list[dict[str, Any]]:
-    return [
-        {**asdict(one), "becomes": "", "outcome": outcome} for one in by_name(source, path).values()
-    ]
 
 
 @pytest.fixture
@@ -165,18 +142,3 @@ def test_mutants_are_tried_in_a_copy(project: Path, tmp_path: Path, thorough: bo
     assert outcomes == wanted
     assert any("fails without a mutant: tests/test_far.py::test_fails" in text for text in said)
     assert (project / "controller" / "runtime" / "safety.py").read_text() == source
-
-
-def test_comparing_ends_with_1_where_a_mutant_got_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name, outcome in (("before", "killed"), ("after", "survived")):
-        found = {one["id"]: one for one in results(SOURCE, outcome)}
-        save(tmp_path / f"{name}.json", found, {})
-    for names, status in ((("before", "before"), 0), (("before", "after"), 1)):
-        words = ["mutants", "--compare", *(str(tmp_path / f"{name}.json") for name in names)]
-        monkeypatch.setattr(sys, "argv", words)
-        with pytest.raises(SystemExit) as ended:
-            mutants.main()
-        assert ended.value.code == status
-    assert f"{len(found)} noticed before are not noticed after" in capsys.readouterr().out

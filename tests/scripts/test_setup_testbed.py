@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import pytest
 
 from scripts import setup_testbed
-from scripts.setup_testbed import GROUP, LATENCY, LIMITS, RULES
+from scripts.setup_testbed import GROUP, LIMITS, RULES
 
 ME = getpass.getuser()
 
@@ -130,40 +130,6 @@ def test_one_that_was_broken_off_can_be_undone(
     system.call("--undo", "--yes")
     assert system.groups == before
     assert not [path for path in system.root.rglob("*") if path.is_file()]
-
-
-@BEFORE
-@pytest.mark.parametrize("steps", range(7))
-def test_an_undoing_that_was_broken_off_can_be_ended(
-    system: SimpleNamespace,
-    monkeypatch: pytest.MonkeyPatch,
-    before: dict[str, list[str]],
-    steps: int,
-) -> None:
-    system.groups.update({name: list(members) for name, members in before.items()})
-    system.call("--yes", f"--user={ME}")
-    broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
-    system.call("--undo", "--yes")
-    assert system.groups == before
-    assert not [path for path in system.root.rglob("*") if path.is_file()]
-
-
-@pytest.mark.parametrize("steps", range(8))
-def test_undoing_gives_the_latency_device_back_at_once(
-    system: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, steps: int
-) -> None:
-    """Without its rule it would keep the group until a restart; broken off or not."""
-    given = []
-    monkeypatch.setattr("os.chown", lambda *words: given.append(words))
-    device = system.root / LATENCY
-    device.parent.mkdir()
-    device.touch()
-    device.chmod(0o660)
-    system.call("--yes", f"--user={ME}")
-    broken_off(system, monkeypatch, "undoing", steps, "--undo", "--yes")
-    system.call("--undo", "--yes")
-    assert given[:1] == [(device, 0, 0)]
-    assert device.stat().st_mode & 0o777 == 0o600
 
 
 def test_as_root_it_runs_nothing_of_the_users(tmp_path: Path) -> None:

@@ -2,12 +2,7 @@
 
 import importlib
 import json
-import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,19 +72,6 @@ def test_a_later_call_goes_on_where_one_ended(page: Path, tmp_path: Path) -> Non
     assert "3: inf (3, 3)\n" in text and "5: 25 (5, 5)\n" in text
 
 
-def test_the_status_says_whether_what_is_wanted_holds(page: Path) -> None:
-    part = Part(
-        "squares", PART.cases, squared, lines, in_turn=True,
-        wanted=lambda found: all(row.squared < 4 for _, row in found),
-    )  # fmt: skip
-    study = Study("squares.md", (part,), STUDY.options)
-    status = [
-        run(study, "squares", "Squares.", ["--out", str(page), "--count", count])
-        for count in ("2", "3")
-    ]
-    assert status == [0, 1]
-
-
 def test_a_missing_place_is_one_sentence_on_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,24 +135,3 @@ def test_every_script_that_a_page_names_is_there() -> None:
             wrong += [] if known else [f"{page.name}: scripts/{place} {name}"]
     assert wrong == []
     assert all(words[1] in names for _, words in commands() if words[0] == "scripts/study")
-
-
-def test_a_process_that_stands_for_another_passes_its_end_on(tmp_path: Path) -> None:
-    begun = tmp_path / "begun"
-    inner = (
-        "import os, pathlib, time;"
-        f" pathlib.Path({str(begun)!r}).write_text(str(os.getpid())); time.sleep(60)"
-    )
-    outer = (
-        "import os, sys; from scripts.study import waited;"
-        " sys.exit(-waited(sys.argv[1:], dict(os.environ)))"
-    )
-    words = [sys.executable, "-c", outer, sys.executable, "-c", inner]
-    with subprocess.Popen(words, cwd=ROOT) as stands:
-        while stands.poll() is None:
-            if begun.exists() and begun.read_text():
-                stands.terminate()
-            time.sleep(0.05)
-    assert abs(stands.returncode) == signal.SIGTERM
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(begun.read_text()), 0)

@@ -74,7 +74,7 @@ def candidates(count: int, seed: int) -> list[tuple[PlantParameters, tuple[float
 
 
 def test_motion_dies_below_the_onset_and_grows_above_it(thorough: bool, wholly: bool) -> None:
-    for plant, wall in candidates(50 if thorough else 12 if wholly else 4, 1):
+    for plant, wall in candidates(50 if thorough else 12 if wholly else 2, 1):
         k, big_b, delay = wall
         onset = onset_amplitude(
             plant.inertia, plant.damping, plant.coulomb, k, big_b, PERIOD, delay

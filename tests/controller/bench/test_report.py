@@ -2,18 +2,7 @@
 
 from pathlib import Path
 
-import pytest
-
 from haptic_wall.controller.bench.machine import ProcessorTime, processor_time, stolen_percent
-from haptic_wall.controller.bench.words import figure
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.04567, "0.0457"), (12.25, "12.2"), (999.97, "1,000"), (423456.0, "423,000"), (None, "–")],
-)
-def test_figures_have_three_digits(value: float | None, text: str) -> None:
-    assert figure(value) == text
 
 
 def test_the_hosts_share_is_of_all_processors_time(tmp_path: Path) -> None:

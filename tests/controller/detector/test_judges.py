@@ -13,15 +13,10 @@ from tests.support.judges import (
     deadline_after,
     own_oscillation,
 )
-from tests.support.trial import Case, Trial, WallAsked
-from tests.support.truth import Truth
+from tests.support.trial import Trial
 from tests.support.truths_drawn import bench_of
-from tests.support.verdicts import Answered, oscillation
 
 BENCH = bench_of(PRESETS[0])
-TRUTH = Truth(0.012, 0.012, 0.09, delay=0.001)
-LATE = Truth(0.007967, 0.005846, 0.045195, torque_gain=1.35, delay=0.008)
-"""Four times as late as the preset believes"""
 TIME = np.arange(8000) * 1e-3
 
 
@@ -63,13 +58,3 @@ def test_an_oscillation_must_decay_or_be_ended_before_its_deadline() -> None:
     for seconds, wanted in ((1.0, True), (7.0, False)):
         ended = made_up(swinging(seconds=seconds), trip="oscillation")
         assert own_oscillation(ended, BENCH.belief).in_time is wanted
-
-
-@pytest.mark.whole
-def test_a_wall_that_oscillates_by_itself_is_found_and_what_follows_is_judged() -> None:
-    wall = WallAsked(1e6, 0.04, forced=False)
-    verdict = oscillation(Case(BENCH.name, LATE, wall, position=0.1))
-    assert isinstance(verdict, Answered)
-    assert verdict.alarm_s < 2.0
-    assert not verdict.never and not verdict.unseen
-    assert oscillation(Case(BENCH.name, TRUTH, wall, position=0.1)) is None

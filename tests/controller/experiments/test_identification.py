@@ -11,16 +11,12 @@ import yaml
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.identify import (
-    bench,
     identification,
     one_way,
 )
-from haptic_wall.controller.experiments.identify.bench import Bench, UnidentifiableError
-from haptic_wall.controller.experiments.identify.effects import NONE
+from haptic_wall.controller.experiments.identify.bench import UnidentifiableError
 from haptic_wall.controller.experiments.identify.fitting import (
-    Fit,
     Friction,
-    NoFitError,
     fit_motion,
 )
 from haptic_wall.controller.experiments.identify.identification import (
@@ -84,10 +80,10 @@ def rigid(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Identified]:
-    """A servo, and what is found of it."""
+def usual(tmp_path_factory: pytest.TempPathFactory, wholly: bool) -> tuple[Config, Identified]:
+    """A servo, and what is found of it; by default of half the rows."""
     sets = ("servo.delay=0.0037", "servo.kick=0.0003", "wall.stiffness=3", "servo.hand=push")
-    config = config_of(*sets)
+    config = config_of(*sets, *(() if wholly else ("loop.rate_hz=500",)))
     return config, identify(config, tmp_path_factory.mktemp("usual"))
 
 
@@ -222,27 +218,6 @@ def test_an_ordinary_servo_is_found_and_the_misfit_named(
         assert width <= 2.0 * ideal * getattr(config.servo, name)
 
 
-def test_a_second_try_that_fails_loses_nothing_of_the_first(
-    usual: tuple[Config, Identified], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config, found = usual
-    first = replace(found.fit, residual=1.0, effects=replace(NONE, fitted=("gear_rest",)))
-
-    tried: list[bool] = []
-
-    def fit_one_way(*_: Any, gear_fades: bool = True, **__: Any) -> Fit:
-        tried.append(gear_fades)
-        if not gear_fades:
-            raise NoFitError("it does not converge")
-        return first
-
-    monkeypatch.setattr(bench, "fit_one_way", fit_one_way)
-    monkeypatch.setattr(bench, "fit_loaded", lambda *_: first)
-    moved = Bench(Testbed(config, tmp_path, print), bounds_of(config, 0.6), print)
-    assert moved._explained(motion_of(found.played.rows), rough=False) is first
-    assert tried == [True, False]
-
-
 def test_where_the_motion_tells_less_than_was_believed_the_belief_bounds_the_damping(
     usual: tuple[Config, Identified],
 ) -> None:
@@ -344,15 +319,6 @@ def test_a_load_is_written_as_a_part_of_the_whole_inertia(usual: tuple[Config, I
     raw["model"] |= model
     assert Config.model_validate(raw).model.load_inertia is not None
     assert model["load_inertia"]["high"] == pytest.approx(1.2 * load, rel=1e-5)
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("rigid")
-def test_a_damping_that_is_only_the_believed_one_is_told(tmp_path: Path) -> None:
-    """Friction that fades with the speed hides the damping; a belief without bounds is repeated."""
-    fading = Effects(stiction=1.8, stribeck=1.5)
-    known = identify(fading.on(config_of("model.damping=0.003")), tmp_path)
-    assert any("the damping is the believed one" in warning for warning in known.warnings)
 
 
 @pytest.mark.parametrize("start", sampled([1e200, 1e12], 2), ids=["overflows", "too large"])

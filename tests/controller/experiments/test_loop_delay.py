@@ -16,7 +16,6 @@ from haptic_wall.controller.experiments.steps.shaken import (
     plan_shaking,
     shake,
 )
-from haptic_wall.controller.experiments.steps.step_fit import lost_motion
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
@@ -124,14 +123,6 @@ def test_the_standard_error_is_honest(
     # on the upper side a fifth is granted to the scatter of the standard error itself.
     spread = 3.1 * np.sqrt(2.0 / count)
     assert 0.2 < np.mean(np.square(off)) < 1.44 * (1.0 + spread)
-
-
-@pytest.mark.whole
-def test_play_shows_as_lost_motion(tmp_path: Path) -> None:
-    config = config_of("servo.backlash=0.004", "servo.hand=none")
-    lost, stderr = not_none(lost_motion(shaken(config, tmp_path, bursts=6).fit))
-    assert lost == pytest.approx(0.004, abs=3 * stderr)
-    assert stderr < 5e-4
 
 
 def test_a_servo_that_does_not_move_is_told(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from typing import Any, ClassVar, NoReturn
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -134,35 +134,6 @@ def test_a_failing_task_is_not_hidden(setting: MapSettings) -> None:
 
     with pytest.raises(RuntimeError, match="the cluster is gone"):
         critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Broken())
-
-
-def test_an_executor_that_takes_no_more_tasks_is_not_hidden_and_its_tasks_are_cancelled(
-    setting: MapSettings,
-) -> None:
-    class Full(AtOnce):
-        futures: ClassVar[list[Future[Any]]] = []
-
-        def submit(self, *_: object, **__: object) -> Future[Any]:
-            if self.futures:
-                raise RuntimeError("no more tasks")
-            self.futures.append(Future())
-            return self.futures[-1]
-
-    with pytest.raises(RuntimeError, match="no more tasks"):
-        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Full())
-    assert Full.futures[0].cancelled()
-
-
-def test_a_task_that_somebody_cancels_is_not_taken_for_done(setting: MapSettings) -> None:
-    class Cancelling(Executor):
-        def submit(self, *_: object, **__: object) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.cancel()
-            future.set_running_or_notify_cancel()
-            return future
-
-    with pytest.raises(CancelledError):
-        critical_map(setting, DAMPINGS, STEPS, KICKS, executor=Cancelling())
 
 
 @pytest.mark.whole

@@ -150,6 +150,7 @@ def test_it_is_what_the_program_does(tmp_path: Path) -> None:
     assert np.ptp(rows["position"]) > 0.01
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("kinds", KINDS[1::2], ids=lambda kinds: " ".join(sorted(kinds)))
 def test_compiled_walls_move_to_the_last_bit_as_the_source_does(
     kinds: set[str], monkeypatch: pytest.MonkeyPatch
@@ -316,6 +317,7 @@ def test_nothing_is_compiled_without_numba(how: str, monkeypatch: pytest.MonkeyP
         "switched off": lambda: monkeypatch.setenv("NUMBA_DISABLE_JIT", "1"),
         "missing": lambda: monkeypatch.setitem(__import__("sys").modules, "numba", None),
     }
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     missing[how]()
     compiled.cache_clear()
     try:

@@ -3,7 +3,6 @@
 import errno
 import io
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -138,24 +137,6 @@ def test_every_intact_block_is_given_back_and_nothing_false(
     check()
 
 
-def test_a_log_of_before_checksums_is_read_past_its_damage(tmp_path: Path) -> None:
-    path = tmp_path / "old.hwlog"
-    head = b'{"format": "haptic-wall log", "version": 1, "name": "old"}'
-    with path.open("wb") as file:
-        np.save(file, np.frombuffer(head, np.uint8))
-        ends = []
-        for start in (0, 50, 100):
-            np.save(file, rows(50, start))
-            ends.append(file.tell())
-    assert pieces(path) == (list(range(150)), [], [])
-    content = path.read_bytes()
-    path.write_bytes(content[: ends[0]] + bytes(20) + content[ends[0] + 20 :])
-    numbers, (hole,), _ = pieces(path)
-    assert numbers == [*range(50), *range(100, 150)]
-    assert (hole.start, hole.start + hole.size) == tuple(ends[:2])
-    assert read_log(path)[0]["name"] == "old"
-
-
 def test_a_log_ends_with_how_the_run_ended(tmp_path: Path) -> None:
     path = write(tmp_path / "a.hwlog", rows(3))
     append_end(path, {"stop_reason": "trip:overspeed"})
@@ -174,22 +155,6 @@ def test_what_a_killed_writer_left_does_not_hide_the_end(tmp_path: Path) -> None
     assert [piece.last for piece in damage] == [False]
 
 
-def test_the_disk_is_asked_once_for_what_is_new_and_once_for_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-    monkeypatch.setattr(os, "fdatasync", lambda _: asked.append("rows"))
-    monkeypatch.setattr(os, "fsync", lambda _: asked.append("folder"))
-    with LogWriter(tmp_path / "a.hwlog", METADATA, ROW) as log:
-        log.append(rows(3))
-        log.sync()
-        log.sync()
-        assert asked == ["rows", "folder"]
-        log.append(rows(3, 3))
-        log.sync()
-    assert asked == ["rows", "folder", "rows"]
-
-
 def test_what_the_disk_has_lost_is_an_error_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,23 +168,6 @@ def test_what_the_disk_has_lost_is_an_error_once(
                 log.sync()
         log.append(rows(3))
         log.sync()
-
-
-@pytest.mark.parametrize("tell", [LogWriter.sync, LogWriter.close])
-@pytest.mark.parametrize("left", [0, 1000])
-def test_a_log_that_another_program_cuts_off_tells_it_once_and_goes_on(
-    tmp_path: Path, tell: Callable[..., object], left: int
-) -> None:
-    path = tmp_path / "run.hwlog"
-    log = LogWriter(path, METADATA, ROW)
-    log.append(rows(1000))
-    os.truncate(path, left)
-    log.append(rows(100, 1000))
-    with pytest.raises(OSError, match="another program has cut off its end"):
-        tell(log)
-    log.close()
-    assert path.stat().st_size < len(rows(300).tobytes()), "it has no hole"
-    np.testing.assert_array_equal(read_log(path)[1], rows(100, 1000))
 
 
 class _FullDisk(io.FileIO):
@@ -305,13 +253,6 @@ def test_a_log_cut_off_before_its_first_row_or_of_other_rows_is_not_gone_on_with
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(LogFormatError, match="metadata"):
         LogWriter.resume(path, ROW)
-
-
-def test_a_run_that_ended_before_its_log_began_leaves_no_half_of_one(tmp_path: Path) -> None:
-    log = tmp_path / "run.hwlog"
-    log.touch()
-    append_end(log, {"stop_reason": "interrupted"})
-    assert log.read_bytes() == b""
 
 
 def test_a_log_takes_its_place_with_its_first_rows(tmp_path: Path) -> None:

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.logs import csv_table
@@ -213,52 +211,6 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(
     with pytest.raises(UserError, match=r"LOG .*a\.csv: ") as error:
         read_recording(path)
     assert message in str(error.value)
-
-
-@settings(max_examples=60)
-@given(
-    st.lists(
-        st.sampled_from(
-            [
-                "0.001",
-                "5",
-                "-1",
-                "1e9",
-                "1.7e9",
-                "nan",
-                "inf",
-                "",
-                " ",
-                ",",
-                "\n",
-                "\r\n",
-                '"',
-                "x",
-                "\x1b",
-                "1e300",
-                "1_0",
-                "time_s",
-                "position_rad",
-            ]
-        ),
-        max_size=80,
-    ),
-    st.integers(0, 3),
-)
-def test_any_cells_are_refused_or_read(
-    tmp_path_factory: pytest.TempPathFactory, cells: list[str], even: bool
-) -> None:
-    path = tmp_path_factory.mktemp("csv") / "a.csv"
-    rows = "".join(f"{k * 10.0**even},{k}\n" for k in range(12))
-    path.write_text(f"time_s,position_rad\n{rows}{''.join(cells)}", newline="")
-    try:
-        found = list(read_recordings(path))
-    except UserError as error:
-        assert str(error).isprintable()
-    else:
-        for part in (part for each in found for part in each.parts):
-            assert np.all(np.diff(part.times) > 0.0)
-            assert part.times.size < 1000
 
 
 def test_units_that_are_hardly_s_and_rad_are_asked_for(tmp_path: Path) -> None:

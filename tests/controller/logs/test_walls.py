@@ -31,17 +31,6 @@ METADATA: dict[str, Any] = {"config": load_config("simulated", []).config.model_
 
 
 Change = dict[str, Any]
-WRONG: list[Change] = [
-    {"row": -1},
-    {"row": True},
-    {"changed": 3},
-    {"outcome": 5},
-    {"set": "x"},
-    {"set": [1]},
-    {"at_s": "1"},
-    {"at_s": 10**400},
-    {"why": 3},
-]
 Swung = tuple[Path, ChangedRun, NDArray[np.void]]
 
 
@@ -176,25 +165,6 @@ def test_a_log_of_an_absent_law_says_so(
     found, text = told(capsys, "detect", path)
     assert found == status and said in text
     assert told(capsys, "log", path, "--plot", tmp_path / "a.png")[0] == status
-
-
-@pytest.mark.parametrize(
-    "change",
-    [7, {}, *(event(0, None) | wrong for wrong in WRONG)],
-)
-def test_an_event_that_no_run_writes_is_damage(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any
-) -> None:
-    path = tmp_path / "run.hwlog"
-    rows = np.zeros(20, ROW)
-    rows["seq"] = rows["deadline_ns"] = np.arange(20)
-    with LogWriter(path, METADATA, ROW) as log:
-        log.append(rows[:10])
-        log.event(change)
-        log.append(rows[10:])
-    summary = json.loads(told(capsys, "log", path, "--json")[1])
-    assert (summary["rows"], summary["damaged"]["places"]) == (20, 1)
-    assert "an event" in summary["damaged"]["why"]
 
 
 def test_changes_come_from_events_and_from_the_end_in_the_order_of_their_rows(

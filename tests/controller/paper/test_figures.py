@@ -1,16 +1,13 @@
 """The figures' data hold what theory says of them, by closed-loop poles and by known values."""
 
-import csv
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from haptic_wall.controller.paper import boundaries, linear_error, lwr3
-from haptic_wall.controller.paper.curves import Curve, FigureData, write_csv
-from haptic_wall.controller.paper.items import ITEMS
+from haptic_wall.controller.paper.curves import Curve, FigureData
 from haptic_wall.controller.settings.load import load_config
 from tests.theory.oracles import Loop, radius
 
@@ -101,35 +98,3 @@ def test_figure_10_marks_where_the_line_is_off(fig10: FigureData) -> None:
             for share in (1 - 1e-6, 1 + 1e-6)
         )
         assert below < 1 < above
-
-
-def test_the_numbers_told_of_the_pictures_are_those_drawn() -> None:
-    told = {item.name: item.alternative for item in ITEMS}
-    for point in boundaries.figure_3().of_kind("peak"):
-        assert f"{point.y[0]:.4f}" in told["fig3"]
-        assert f"{point.x[0]:.3f}" in told["fig3"]
-    for line in lwr3.figure_8().curves:
-        assert line.x[-1] == 20
-        assert f"{line.y[-1]:.0f}" in told["fig8"]
-    for point in lwr3.figure_9().of_kind("peak"):
-        assert f"{point.y[0]:.0f}" in told["fig9"]
-        assert f"{point.x[0]:.3g}" in told["fig9"]
-    data = boundaries.figure_6()
-    for delay, percent in ((0.0, 10), (3.0, 18)):
-        curve, line = (one(data, kind, delay_periods=delay) for kind in ("exact", "linear"))
-        assert f"{100 * (1 - curve.y[-1] / line.y[-1]):.0f} %" == f"{percent} %"
-        assert f"{percent} % (d = {delay:g})" in told["fig6"]
-
-
-def test_csv_reads_back_what_is_drawn(tmp_path: Path) -> None:
-    curves = (
-        Curve("exact", {"delta": 0.1}, np.array([1 / 3, 2.0]), np.array([1e-17, -0.5])),
-        Curve("peak", {"delta": 0.1, "extra": 2.0}, np.array([1.0]), np.array([4.0])),
-    )
-    write_csv(FigureData("beta", "alpha", curves), tmp_path / "figure.csv")
-    with (tmp_path / "figure.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["kind"] for row in rows] == ["exact", "exact", "peak"]
-    assert [row["extra"] for row in rows] == ["", "", "2.0"]
-    assert [float(row["beta"]) for row in rows] == [1 / 3, 2.0, 1.0]
-    assert [float(row["alpha"]) for row in rows] == [1e-17, -0.5, 4.0]

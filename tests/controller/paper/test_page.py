@@ -67,17 +67,6 @@ def test_pictures_are_large_enough_to_print_and_not_blank(
     assert (np.ptp(pixels, axis=2) > 0.2).mean() > 0.001
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", ["table2", "fig6"])
-def test_the_same_data_give_the_same_files(
-    made: tuple[Path, list[Made]], tmp_path: Path, name: str
-) -> None:
-    folder, _ = made
-    again = make(name, tmp_path, simulated)
-    for path in (again.csv, again.png):
-        assert path.read_bytes() == (folder / path.name).read_bytes()
-
-
 def test_the_page_shows_every_item_with_its_files(made: tuple[Path, list[Made]], page: str) -> None:
     folder, _ = made
     text = " ".join(page.split())

@@ -11,9 +11,17 @@ from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray
 
 
+def some_simulated(virtual_damping: FloatArray, delay: FloatArray) -> FloatArray:
+    """A simulation of every seventh cell; theory stands in for the others."""
+    damping, late = (each.ravel() for each in np.broadcast_arrays(virtual_damping, delay))
+    found = np.array(critical_stiffness(1.0, 0.1, damping, 1e-3, late))
+    found[::7] = table2._simulate(damping[::7], late[::7])
+    return found.reshape(9, 4)
+
+
 @pytest.fixture(scope="module")
-def table() -> table2.Table2:
-    return table2.compare()
+def table(wholly: bool) -> table2.Table2:
+    return table2.compare(None if wholly else some_simulated)
 
 
 def test_all_cells_are_there(table: table2.Table2) -> None:

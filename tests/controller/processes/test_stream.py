@@ -3,8 +3,6 @@
 import json
 import math
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -153,25 +151,3 @@ def test_what_run_refuses(
     assert isinstance(refused.exception, UserError)
     assert said in str(refused.exception)
     assert list(tmp_path.iterdir()) == [], "nothing is made, and no earlier log replaced"
-
-
-@pytest.mark.whole
-@pytest.mark.realtime
-def test_a_run_is_watched_live(listener: socket.socket, tmp_path: Path) -> None:
-    words = ["run", "simulated", "--duration", "0.5", "--json", "--log", "a.hwlog"]
-    words += ["--set", "realtime.profile=off", "--no-plot"]
-    words += ["--stream", f"127.0.0.1:{listener.getsockname()[1]}", "--stream-rate", "50"]
-    done = subprocess.run(
-        [sys.executable, "-m", "haptic_wall.controller.cli.main", *words],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    rows = [json.loads(datagram) for datagram in heard(listener)]
-    ticks = json.loads(done.stdout)["ticks"]
-    assert len(rows) >= ticks // 20
-    times = [row["timestamp"] for row in rows]
-    assert times == sorted(times)
-    assert times[0] == 0.0

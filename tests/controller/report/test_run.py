@@ -171,13 +171,6 @@ def test_the_shortest_runs_can_be_drawn(
     draw(monkeypatch, tmp_path, run_rows(count), metadata())
 
 
-def test_failed_readings_leave_gaps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    rows = run_rows()
-    rows["position"][:50] = np.nan
-    rows["velocity"][:50] = np.nan
-    draw(monkeypatch, tmp_path, rows, metadata())
-
-
 def test_a_long_run_is_drawn_as_its_envelope(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

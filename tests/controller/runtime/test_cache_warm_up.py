@@ -140,40 +140,6 @@ def test_it_wakes_earlier_by_what_it_needs_and_is_still_on_time(machine: Machine
     assert needed < 50_000 + 1.2 * 60_000, "no more of the period is spent than that"
 
 
-def test_without_the_time_it_needs_there_is_none(machine: Machine) -> None:
-    began: list[int] = []
-    warm_up = made(machine, 60_000, began)
-    assert warm_up.practise(500_000)
-    need_ns = warm_up.need_ns
-    assert need_ns >= 60_000
-    began.clear()
-    warm_up(need_ns - 1)
-    assert began == []
-    warm_up(need_ns)
-    assert len(began) == 1
-    waiter = SpinWaiter(50_000, warm_up)
-    began.clear()
-    assert waiter.wait(machine.now + 40_000), "too near to sleep"
-    machine.oversleeps_ns = PERIOD_NS
-    waiter.wait(machine.now + PERIOD_NS)
-    assert began == []
-
-
-def test_what_it_needs_follows_what_it_takes_and_has_a_limit(machine: Machine) -> None:
-    costs = [40_000]
-    warm_up = made(machine, lambda: costs[0], [])
-    assert warm_up.practise(200_000)
-    for cost, least, most in ((120_000, 120_000, 145_000), (40_000, 40_000, 55_000)):
-        costs[0] = cost
-        for _ in range(2500):
-            warm_up(PERIOD_NS)
-        assert least <= warm_up.need_ns <= most
-    costs[0] = 900_000
-    for _ in range(600):
-        warm_up(PERIOD_NS)
-    assert warm_up.need_ns <= 200_000
-
-
 def test_an_error_ends_the_warm_ups_and_nothing_else(machine: Machine) -> None:
     def tick(*_: object) -> NoReturn:
         raise ZeroDivisionError("by design")

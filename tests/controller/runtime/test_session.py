@@ -26,7 +26,7 @@ from haptic_wall.controller.runtime.telemetry import (
 from haptic_wall.controller.runtime.tick import Tick
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.controller.theory import boundary, critical_stiffness, one_sided
+from haptic_wall.controller.theory import boundary, critical_stiffness, crossings, one_sided
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.contact import Contacts, exit_speed
 from haptic_wall.controller.theory.crossings import Crossing, Loops
@@ -240,15 +240,6 @@ def test_every_period_is_a_tick_or_missed(stalled: int, monkeypatch: pytest.Monk
     last = stalled == 999  # no tick follows that could tell it
     told = [] if last else [result.missed or 6]
     assert [row for row in rows["missed"] if row] == told
-
-
-def test_a_stop_that_is_asked_for_ends_the_run_with_torque_off() -> None:
-    telemetry = Telemetry.create()
-    telemetry.words[Word.STOP] = 1
-    result, _ = session("emulated-ideal", "loop.clock=simulated", telemetry=telemetry)
-    assert result.stop_reason == "interrupted"
-    assert result.torque_off
-    assert result.ticks == 0
 
 
 def test_the_wall_waits_for_a_shaft_that_was_pushed_into_it() -> None:
@@ -617,7 +608,7 @@ def test_a_notch_renders_a_damping_that_would_make_a_link_vibrate(kind: str, gro
 def test_a_start_computes_few_limits(sets: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Heavy friction, long differences and late torques took 22, 20 and 8 s."""
     solved: list[int] = []
-    crossing = boundary.first_crossing
+    crossing = crossings.first_crossing
 
     def counted(loops: Loops, virtual_damping: FloatArray) -> Crossing:
         solved.append(virtual_damping.size)

@@ -198,22 +198,6 @@ def test_every_field_refuses_what_is_not_a_number_or_a_name(field: Field) -> Non
         assert any(line.startswith(field.path) for line in found)
 
 
-@pytest.mark.parametrize(
-    ("sets", "silence_s"),
-    [
-        (["safety.max_losses_in_row=8"], 0.008),
-        (["safety.max_losses_in_row=8", "loop.rate_hz=500"], 0.016),
-        (["safety.max_losses_in_row=900"], 0.02),
-        (["safety.max_losses_in_row=8", "safety.max_silence_s=0.01"], 0.01),
-    ],
-)
-def test_losses_of_older_files_and_logs_are_read_as_a_time(
-    sets: list[str], silence_s: float
-) -> None:
-    """At most half of the Bus Watchdog, so that no log becomes unreadable."""
-    assert load_config("xm430-w350", sets).config.safety.max_silence_s == pytest.approx(silence_s)
-
-
 def test_static_friction_below_the_kinetic_one_and_noise_without_counts_are_refused() -> None:
     assert only("simulated", "servo.static_friction=0.05", "servo.coulomb=0.09") == (
         "servo.static_friction (from --set): found 0.05 N·m, wanted at least servo.coulomb, "
@@ -362,20 +346,6 @@ def test_an_unknown_preset_comes_with_a_suggestion_and_the_list() -> None:
         load_config("simulatd")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["!!bool abc", "!!timestamp abc", '!!float ""', '!!int ""', "!!float 1:x", "!!binary é",
-     "!!set abc", "!!python/name:os.system", "!!null x", "!!omap abc", "!!pairs [1]", "!!map x"],
-)  # fmt: skip
-def test_a_tag_is_read_or_refused_in_words(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "tagged.yaml"
-    file.write_text(f"wall: {{stiffness: {text}}}\n")
-    with pytest.raises(UserError):
-        load_config(str(file))
-    with pytest.raises(UserError):
-        load_config("simulated", [f"wall.stiffness={text}"])
-
-
 def test_what_may_never_end_is_not_a_configuration(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.symlink_to("/dev/zero")
@@ -421,28 +391,6 @@ def test_many_problems_are_counted_and_some_are_told(tmp_path: Path) -> None:
     told = str(refused.value).splitlines()
     assert "2001 problems" in told[0]
     assert told[-1] == "  ... and 1971 more"
-
-
-@pytest.mark.parametrize("text", ["a: &a [*a]", "a: &a {<<: *a}", "a: &a {b: {c: *a}}"])
-def test_an_alias_of_what_holds_it_is_refused(text: str) -> None:
-    with pytest.raises(UserError, match="an alias stands for what it is a part of"):
-        parse(text, "text")
-
-
-def test_what_a_merge_brings_in_may_be_overruled_wherever_it_stands() -> None:
-    data = parse("b: &b {k: 1}\np: {q: &x {<<: *b, k: 2}}\ny: {<<: *x}", "text")
-    assert data["y"] == data["p"]["q"] == {"k": 2}
-
-
-def test_the_first_of_several_merged_mappings_wins() -> None:
-    data = parse("a: &a {k: 1}\nb: &b {k: 2, m: 3}\ny: {<<: [*a, *b], n: 4}", "text")
-    assert data["y"] == {"k": 1, "m": 3, "n": 4}
-
-
-@pytest.mark.parametrize("text", ["y: {<<: 3}", "y: {<<: [{k: 1}, 3]}"])
-def test_only_mappings_are_merged(text: str) -> None:
-    with pytest.raises(UserError, match="<< takes a mapping or a list of mappings"):
-        parse(text, "text")
 
 
 def test_a_number_too_large_for_a_computer_is_refused_by_name() -> None:

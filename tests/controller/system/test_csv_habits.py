@@ -1,12 +1,11 @@
 """CSVs as spreadsheets of other languages write them are refused with their own name."""
 
-import csv
 from pathlib import Path
 
 import pytest
 
 from haptic_wall.controller.cli.main import main
-from haptic_wall.controller.system.csv_habits import habits, has_decimal_comma
+from haptic_wall.controller.system.csv_habits import has_decimal_comma
 
 GERMAN = "time_s;position_rad;torque_nm\n0,000;0,5;0,1\n0,001;0,6;0,1\n"
 FILES = {
@@ -52,20 +51,6 @@ def test_each_reader_of_csvs_names_it(
     assert place in said
     assert found.removeprefix("found ") in said
     assert "set the spreadsheet to English" in said
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "t,q\n0,0\n",
-        "a;b,c\n0,5\n",
-        "\n\n",
-        "sepal,width\n0,1\n",
-    ],
-)
-def test_nothing_else_is_taken_for_it(text: str) -> None:
-    assert habits(list(csv.reader(text.splitlines()))) == ""
 
 
 def test_a_number_with_a_decimal_comma_is_told_from_a_word() -> None:

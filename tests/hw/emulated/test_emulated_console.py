@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from haptic_wall.hw.emulated.console import Console
-from tests.hw.dynamixel.emulated_client import MS, Client
+from tests.hw.dynamixel.emulated_client import Client
 
 
 @contextmanager
@@ -56,25 +56,3 @@ def test_the_end_of_the_lines_is_not_the_end_of_the_bus() -> None:
     os.close(there)
     assert lines.listens(0) == ()
     assert [text for text, _ in client.bus.faults] == ["drop"]
-
-
-def test_a_terminal_is_left_alone_while_somebody_else_is_in_front_of_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Reading there would stop the whole bus (SIGTTIN)."""
-    client = Client()
-    master, slave = os.openpty()
-    try:
-        monkeypatch.setattr(os, "tcgetpgrp", lambda _: os.getpgrp() + 1)
-        lines = Console(client.bus, slave, lambda _: None, lambda _: None)
-        os.write(master, b"drop\n")
-        lines.read(0)
-        assert client.bus.faults == []
-        assert lines.listens(100 * MS) == ()
-        monkeypatch.setattr(os, "tcgetpgrp", lambda _: os.getpgrp())
-        assert lines.listens(1_000 * MS) == (slave,)
-        lines.read(1_000 * MS)
-        assert [text for text, _ in client.bus.faults] == ["drop"]
-    finally:
-        os.close(master)
-        os.close(slave)

@@ -32,15 +32,6 @@ def test_the_manuals_first_example() -> None:
     assert client.read(1, DATA_1, 1) == 0
 
 
-def test_factory_addresses_are_plain_memory() -> None:
-    client = Client()
-    data = bytes(range(1, 29))
-    assert client.answer(1, Instruction.WRITE, words(DATA_1) + data).error == 0
-    assert client.answer(1, Instruction.READ, words(DATA_1, 28)).params == data
-    assert client.answer(1, Instruction.WRITE, words(DATA_29) + data).error == 0
-    assert client.answer(1, Instruction.READ, words(DATA_29, 28)).params == data
-
-
 def test_what_is_measured_is_of_the_instant_through_indirect_data_too() -> None:
     client = Client()
     client.enable_current_mode()
@@ -66,16 +57,6 @@ def test_several_registers_in_one_write_all_or_nothing() -> None:
     assert client.read(1, LED, 1) == 1
 
 
-def test_rules_of_the_register_shown_are_inherited() -> None:
-    client = Client()
-    show(client, POSITION, LED, GOAL_CURRENT, 66)
-    assert client.write(1, DATA_1, 1, 1) == ErrorCode.ACCESS  # read only
-    assert client.write(1, DATA_1 + 1, 2, 1) == ErrorCode.DATA_RANGE
-    assert client.write(1, DATA_1 + 2, 1, 1) == ErrorCode.DATA_LENGTH  # half of a register
-    assert client.write(1, DATA_1 + 3, 1, 1) == ErrorCode.ACCESS  # no register
-    assert client.read(1, DATA_1 + 3, 1) == 0
-
-
 @pytest.mark.parametrize(
     ("address", "error"),
     [
@@ -91,25 +72,6 @@ def test_rules_of_the_register_shown_are_inherited() -> None:
 )
 def test_what_may_be_shown(address: int, error: int) -> None:
     assert Client().write(1, ADDRESS_1, address, 2) == error
-
-
-def test_addresses_are_of_ram_and_a_reboot_forgets_them() -> None:
-    client = Client()
-    client.enable_current_mode()
-    show(client, LED)  # not locked by torque
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, ADDRESS_1, 2) == DATA_1
-
-
-@pytest.mark.parametrize(("firmware", "data", "entries"), [(52, 208, 20), (53, 224, 28)])
-def test_the_x330_has_fewer_and_moved_them(firmware: int, data: int, entries: int) -> None:
-    client = Client(("XL330-M288", 1), firmware=firmware)
-    last = ADDRESS_1 + 2 * (entries - 1)
-    assert client.write(1, last, LED, 2) == 0
-    assert client.write(1, data + entries - 1, 1, 1) == 0
-    assert client.read(1, LED, 1) == 1
-    assert client.answer(1, Instruction.READ, words(data + entries, 1)).error == ErrorCode.ACCESS
 
 
 @settings(max_examples=60)

@@ -9,7 +9,6 @@ from dataclasses import replace
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import (
-    ALERT,
     BROADCAST,
     ErrorCode,
     Frame,
@@ -17,10 +16,9 @@ from haptic_wall.hw.dynamixel.codec import (
     crc16,
     encode,
 )
-from haptic_wall.hw.emulated.collision import Sending, collide
 from haptic_wall.hw.emulated.instructions import CLEAR_KEY
 from haptic_wall.hw.truth import TrueServo
-from tests.hw.dynamixel.emulated_client import BYTE_NS, FREE, MS, Client
+from tests.hw.dynamixel.emulated_client import FREE, MS, Client
 
 ID, BAUD_RATE, RETURN_DELAY, SECONDARY_ID, HOMING = 7, 8, 9, 12, 20
 TEMPERATURE_LIMIT, MAX_VOLTAGE, MIN_VOLTAGE, STARTUP = 31, 32, 34, 60
@@ -87,14 +85,6 @@ def test_factory_reset_of_everything_is_refused_when_broadcast_since_firmware_42
         assert (client.servos[9].memory["homing_offset"] == 0) == reset
 
 
-def test_factory_reset_but_ids_may_be_broadcast() -> None:
-    client = spoiled()
-    client.send(BROADCAST, Instruction.FACTORY_RESET, b"\x01")
-    client.pass_time(500 * MS)
-    assert client.servos[9].id == 9
-    assert client.servos[9].baud == 57_600
-
-
 @pytest.mark.parametrize(
     ("instruction", "params", "error"),
     [
@@ -114,12 +104,6 @@ def test_without_its_option_and_its_key_nothing_is_done(
     assert client.read(1, POSITION, 4) > 3 * 4096
 
 
-def test_clear_came_with_a_firmware() -> None:
-    for firmware, error in ((41, ErrorCode.INSTRUCTION), (42, 0)):
-        client = Client((X, 1), firmware=firmware)
-        assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == error
-
-
 # Clear
 
 
@@ -133,22 +117,6 @@ def test_clear_brings_the_position_back_into_one_turn() -> None:
         (reply,) = client.replies()
         assert (reply.id, reply.error) == (1, 0)
         assert client.read(1, POSITION, 4, signed=True) == 1024
-
-
-@pytest.mark.parametrize("mode", [4, 5])
-def test_clear_moves_nothing_that_is_held(mode: int) -> None:
-    """The vendor's example clears with torque on: left as it was, the goal is two turns away."""
-    client = Client(true=replace(FREE, damping=0.05))
-    client.write(1, OPERATING_MODE, mode, 1)
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    client.write(1, GOAL_POSITION, 10_000, 4)
-    client.pass_time(8_000 * MS)
-    held = client.position()
-    assert client.read(1, POSITION, 4) == 10_000
-    assert client.answer(1, Instruction.CLEAR, b"\x01" + CLEAR_KEY).error == 0
-    client.pass_time(2_000 * MS)
-    assert client.read(1, POSITION, 4) == client.read(1, GOAL_POSITION, 4) == 10_000 % 4096
-    assert client.position() == pytest.approx(held, abs=1e-4)
 
 
 def test_clear_is_refused_while_it_moves() -> None:
@@ -197,15 +165,6 @@ def test_bulk_write_reaches_each_with_its_own_registers_and_is_not_answered() ->
     assert client.replies() == []
     assert client.read(1, MAX_VOLTAGE, 2) == 160
     assert client.read(2, TEMPERATURE_LIMIT, 1) == 80
-
-
-@pytest.mark.parametrize("cut", [1, 2, 3, 5])
-def test_a_bulk_write_that_does_not_add_up_does_nothing(cut: int) -> None:
-    client = Client((X, 1), (X, 2))
-    params = bytes([1]) + words(LED, 1) + b"\x01" + bytes([2]) + words(GOAL_CURRENT, 2) + words(3)
-    client.send(BROADCAST, Instruction.BULK_WRITE, params[:-cut])
-    assert client.replies() == []
-    assert client.read(1, LED, 1) == 0
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
@@ -264,32 +223,6 @@ def test_a_secondary_id_reaches_ram_alone_and_is_never_answered() -> None:
     assert client.read(1, LED, 1) == 0
 
 
-def test_reg_write_and_action_to_a_secondary_id() -> None:
-    client = grouped()
-    client.send(5, Instruction.REG_WRITE, words(LED) + b"\x01")
-    client.replies()
-    assert leds(client) == [0, 0, 0, 0, 0]
-    assert [client.read(i, REGISTERED, 1) for i in client.servos] == [1] * 5
-    client.send(5, Instruction.ACTION)
-    client.replies()
-    assert leds(client) == [1, 1, 1, 1, 1]
-    assert [client.read(i, REGISTERED, 1) for i in client.servos] == [0] * 5
-
-
-def test_a_secondary_id_that_is_its_own_changes_nothing() -> None:
-    """ "The actuator will respond as if commands are sent only to its primary ID"."""
-    client = Client()
-    assert client.write(1, SECONDARY_ID, 1, 1) == 0
-    assert client.write(1, LED, 1, 1) == 0  # one answer: ``ask`` sees to it
-    assert client.read(1, LED, 1) == 1
-    assert client.write(1, HOMING, 7, 4) == 0  # EEPROM too
-    assert client.read(1, HOMING, 4) == 7
-    register = words(GOAL_CURRENT) + words(3)
-    assert client.answer(1, Instruction.REG_WRITE, register).error == 0
-    assert client.answer(1, Instruction.ACTION).error == 0  # carried out once
-    assert client.answer(1, Instruction.ACTION).error == ErrorCode.INSTRUCTION
-
-
 # Two servos with one id
 
 
@@ -309,31 +242,6 @@ def test_different_answers_of_one_id_collide_and_both_obey() -> None:
     assert leds(client) == [1, 1]
     client.write(1, LED, 0, 1)  # the same answer of both comes through
     assert leds(client) == [0, 0]
-
-
-def test_answers_of_one_id_that_come_apart_are_both_heard() -> None:
-    client = Client((X, 1), ("XL330-M288", 2))
-    assert client.write(2, RETURN_DELAY, 250, 1) == 0  # 500 µs, much more than a ping's 35
-    client.write(2, ID, 1, 1)
-    start = client.clock.now_ns()
-    client.send(1, Instruction.PING)
-    replies = client.replies()
-    assert [int.from_bytes(r.params[:2], "little") for r in replies] == [1020, 1200]
-    assert replies[1].params[2:] == b"\x30"
-    ends = [float(row[0]) for row in client.rows() if row[1] == "tx"][-2:]
-    wire_ns = (10 + 14) * BYTE_NS
-    expected = [(start + wire_ns) * 1e-9, (start + wire_ns + 500_000) * 1e-9]
-    assert ends == pytest.approx(expected, abs=1e-9)
-
-
-def test_answers_of_one_id_that_overlap_are_garbled() -> None:
-    client = Client((X, 1), (X, 2))
-    client.write(2, RETURN_DELAY, 5, 1)  # 10 µs: four bytes later
-    client.write(2, ID, 1, 1)
-    client.send(1, Instruction.PING)
-    start = client.clock.now_ns()
-    assert client.line.wait(start + 3 * MS)
-    assert len(client.line.read()) == 14 + 4
 
 
 # What a host may send that is not as it should be
@@ -398,21 +306,6 @@ def test_lists_are_for_all_and_not_for_one(instruction: Instruction) -> None:
     assert reply.error == ErrorCode.INSTRUCTION
 
 
-def test_a_status_is_no_instruction() -> None:
-    client = Client()
-    client.send(1, Instruction.STATUS, b"\x00")
-    client.send(BROADCAST, Instruction.STATUS, b"\x00")
-    assert client.replies() == []
-
-
-def test_the_alert_is_in_every_answer_while_an_error_is_latched() -> None:
-    client = Client((X, 1), (X, 2))
-    client.write(1, MIN_VOLTAGE, 130, 2)  # present: 12.0 V
-    client.send(BROADCAST, Instruction.BULK_READ, b"\x01" + words(LED, 1) + b"\x02" + words(LED, 1))
-    assert [r.error for r in client.replies()] == [ALERT, 0]
-    assert client.answer(1, 0x77).error == ALERT | ErrorCode.INSTRUCTION
-
-
 @pytest.mark.parametrize(("ids", "shares"), [((1, 2, 3), 3), ((1, 9, 2), 1), ((9, 1, 2), 0)])
 def test_fast_bulk_read_breaks_off_at_a_missing_servo(
     ids: tuple[int, int, int], shares: int
@@ -430,14 +323,3 @@ def test_fast_bulk_read_breaks_off_at_a_missing_servo(
     if shares:
         assert int.from_bytes(wire[5:7], "little") == 1 + sum(sizes) + 4 * 3  # as if all would come
         assert crc16(wire[:-2]) == int.from_bytes(wire[-2:], "little")
-
-
-def test_bytes_that_collide_are_pulled_low_in_whole_byte_times() -> None:
-    frame = Frame(1, Instruction.STATUS, 0, b"")
-    first = Sending(0, 1_000_000, frame, b"\xf0\x0f\xff\x55")
-    second = Sending(20_000, 1_000_000, frame, b"\x3c\xf5\x01")  # two bytes later
-    apart = Sending(60_000, 1_000_000, frame, b"\x07")  # 10 µs behind the end of both
-    assert list(collide([apart, second, first])) == [
-        (0, frame, b"\xf0\x0f\x3c\x55\x01"),
-        (10_000, frame, b"\x07"),
-    ]

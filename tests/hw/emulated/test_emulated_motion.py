@@ -24,7 +24,6 @@ CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 # A published identification of an MX-64, the next relative of an XM430 (Rhoban "bam").
 MX64 = TrueServo(0.011951, 0.011692, 0.09039, position=math.pi, torque_limit=20.0)
 COUNTS = 4096 / (2 * math.pi)
-RPM = 2 * math.pi / 60
 
 
 class Sdk:
@@ -88,16 +87,6 @@ def test_position_mode_goes_to_its_goal_and_says_when_it_is_there(model: str) ->
     assert servo["velocity_trajectory"] == 0
 
 
-def test_an_integral_gain_takes_the_last_counts_away() -> None:
-    sticky = replace(MX64, coulomb=0.4)
-    held = Sdk(true=sticky).on(goal_position=2600)
-    helped = Sdk(true=sticky).on(position_i_gain=400, goal_position=2600)
-    for servo in (held, helped):
-        servo.pass_time(4)
-    assert abs(held["present_position"] - 2600) >= 8
-    assert abs(helped["present_position"] - 2600) <= 3
-
-
 def test_enabling_torque_moves_nothing() -> None:
     servo = Sdk(goal_position=100).on()
     servo.pass_time(0.2)
@@ -111,13 +100,6 @@ def test_torque_on_by_goal_update_goes_where_the_goal_says() -> None:
     assert servo["present_position"] == pytest.approx(2300, abs=5)
 
 
-def test_goals_beyond_the_limits_are_refused() -> None:
-    servo = Sdk(max_position_limit=3000, min_position_limit=1000).on()
-    assert servo.set("goal_position", 3001) == ErrorCode.DATA_LIMIT
-    assert servo.set("goal_position", 999) == ErrorCode.DATA_LIMIT
-    assert Sdk(mode=EXTENDED).on().set("goal_position", 1_048_576) == ErrorCode.DATA_RANGE
-
-
 def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
     servo = Sdk(mode=EXTENDED).on(goal_position=-10_000)
     servo.pass_time(5)
@@ -125,19 +107,6 @@ def test_extended_mode_counts_turns_and_position_mode_forgets_them() -> None:
     assert servo.client.position() == pytest.approx(-10_000 / COUNTS, abs=5 / COUNTS)
     servo.write(torque_enable=0, operating_mode=POSITION)
     assert servo["present_position"] == pytest.approx(-10_000 % 4096, abs=5)
-
-
-def test_turning_it_by_hand_counts_turns_until_position_mode_is_switched_on() -> None:
-    turned = replace(MX64, position=2.25 * 2 * math.pi)
-    servo = Sdk(mode=CURRENT, true=turned)
-    assert servo["present_position"] == 2.25 * 4096
-    servo.write(operating_mode=CURRENT_POSITION)
-    assert servo["present_position"] == 2.25 * 4096
-    servo.write(operating_mode=POSITION)
-    assert servo["present_position"] == 1024
-    servo = Sdk(true=turned)
-    assert servo["present_position"] == 2.25 * 4096
-    assert servo.on()["present_position"] == 1024
 
 
 @pytest.mark.parametrize("drive_mode", [0, 1])
@@ -181,15 +150,6 @@ def test_velocity_mode_settles_at_its_goal(model: str, goal: int) -> None:
     assert servo["moving"] == 0
 
 
-def test_velocity_mode_ramps_with_its_profile_acceleration() -> None:
-    """214.577 rev/min² per unit, 0.229 rev/min per unit: 64 ms x goal / acceleration."""
-    servo = Sdk(mode=VELOCITY, true=FREE).on(profile_acceleration=10, goal_velocity=100)
-    servo.pass_time(0.32)
-    assert servo["velocity_trajectory"] == pytest.approx(50, abs=1)
-    servo.pass_time(0.33)
-    assert servo["velocity_trajectory"] == 100
-
-
 @pytest.mark.parametrize("name", sampled((n for n, m in MODELS.items() if m.no_load_rpm), 4))
 @pytest.mark.parametrize("duty", [885, -300])
 def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, duty: int) -> None:
@@ -201,54 +161,6 @@ def test_a_duty_turns_a_free_motor_at_its_share_of_the_no_load_speed(name: str, 
     assert servo["present_pwm"] == duty
     if "present_current" in servo.registers:
         assert abs(servo["present_current"]) <= 1
-
-
-@pytest.mark.parametrize("name", [X, SMALL, LOAD, "XH540-V270"])
-def test_a_duty_at_a_standstill_makes_its_share_of_the_stall_torque(name: str) -> None:
-    """Held by friction; in an XL330 the supply sees duty times the current that flows."""
-    model = MODELS[name]
-    servo = Sdk(name, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885 // 3)
-    servo.pass_time(0.1)
-    assert servo.client.torque() == pytest.approx(not_none(model.stall_torque) / 3, rel=1e-3)
-    if model.current_mode:
-        share = 1 / 9 if model.senses_supply_current else 1 / 3
-        expected = not_none(model.stall_current) * share * 1e3 / model.current_unit_ma
-        assert servo["present_current"] == pytest.approx(expected, abs=1)
-    else:
-        assert servo["present_load"] == pytest.approx(333, abs=1)
-
-
-def test_the_speed_rises_as_that_of_a_motor_at_a_voltage_does() -> None:
-    """m w' = k_t (U - k_e w) / R: an exponential, whatever the controller's period.
-
-    Goal PWM is at PWM Limit after the change of mode, so enabling torque is enough.
-    """
-    servo = Sdk(mode=PWM, true=TrueServo(inertia=0.012, torque_limit=20.0)).on()
-    begun = servo.client.clock.now_ns() - 11 * 2500  # a reply of 11 bytes after the write
-    stall, no_load = 4.1, 46 * RPM
-    for _ in range(5):
-        servo.pass_time(0.0037)
-        now = servo.client.clock.now_ns()
-        expected = no_load * -math.expm1(-(now - begun) * 1e-9 * stall / no_load / 0.012)
-        assert servo.servo.state(now).velocity == pytest.approx(expected, rel=1e-6)
-
-
-def test_pwm_slope_takes_18_ms_to_full_duty() -> None:
-    """The manual's own example: 5 V at 140 x 1.977 mV/ms."""
-    servo = Sdk(SMALL, PWM, replace(MX64, coulomb=50.0)).on(goal_pwm=885)
-    servo.pass_time(0.009)
-    assert servo["present_pwm"] == pytest.approx(885 / 2, abs=60)
-    servo.pass_time(0.007)
-    assert servo["present_pwm"] < 885
-    servo.pass_time(0.004)
-    assert servo["present_pwm"] == 885
-
-
-def test_goal_pwm_limits_the_other_modes() -> None:
-    servo = Sdk(true=FREE).on(goal_pwm=200, goal_position=4000)
-    servo.pass_time(0.3)
-    assert servo["present_pwm"] == 200
-    assert servo["present_velocity"] == pytest.approx(200 / 885 * 46 / 0.229, abs=1)
 
 
 def test_current_based_position_gives_way_where_goal_current_says() -> None:
@@ -284,67 +196,6 @@ def test_a_trapezoid_takes_the_manuals_time(true: TrueServo) -> None:
     assert servo["position_trajectory"] == 5048
     servo.pass_time(0.5)
     assert servo["present_position"] == pytest.approx(5048, abs=5)
-
-
-@pytest.mark.parametrize(
-    ("profile", "kind"),
-    [((0, 0), 0x00), ((100, 0), 0x10), ((100, 5), 0x20), ((100, 200), 0x30), ((0, 50), 0x00)],
-)
-def test_moving_status_names_the_profile(profile: tuple[int, int], kind: int) -> None:
-    speed, acceleration = profile
-    servo = Sdk().on(profile_acceleration=acceleration, profile_velocity=speed, goal_position=2448)
-    servo.pass_time(0.05)
-    assert servo["moving_status"] & 0x30 == kind
-
-
-def test_a_time_based_profile_takes_its_time() -> None:
-    servo = Sdk(drive_mode=4).on(profile_acceleration=200, profile_velocity=1000)
-    servo.write(goal_position=3048)
-    servo.pass_time(0.5)
-    assert servo["position_trajectory"] == pytest.approx(2548, abs=2)
-    servo.pass_time(0.495)
-    assert servo["moving"] == 1
-    assert servo["moving_status"] & 0x02
-    servo.pass_time(0.3)
-    assert servo["moving"] == 0
-    assert servo["present_position"] == pytest.approx(3048, abs=5)
-
-
-def test_a_new_goal_on_the_way_is_met_without_a_jump_in_velocity() -> None:
-    servo = Sdk(mode=EXTENDED).on(profile_acceleration=20, profile_velocity=100, goal_position=6000)
-    servo.pass_time(0.5)
-    assert servo["velocity_trajectory"] == 100
-    servo.write(goal_position=0)
-    assert servo["velocity_trajectory"] == pytest.approx(100, abs=2)
-    servo.pass_time(0.32)
-    assert servo["velocity_trajectory"] == pytest.approx(0, abs=2)
-    servo.pass_time(4)
-    assert servo["present_position"] == pytest.approx(0, abs=5)
-
-
-def test_one_that_is_held_says_it_does_not_follow() -> None:
-    servo = Sdk(true=replace(MX64, coulomb=50.0)).on(profile_velocity=100, goal_position=3048)
-    servo.pass_time(1)
-    assert servo["moving_status"] & 0x09 == 0x08
-    assert servo["present_position"] == 2048
-
-
-def test_a_change_of_mode_resets_goals_gains_and_profile() -> None:
-    servo = Sdk()
-    changed = {
-        "position_p_gain": 100,
-        "position_d_gain": 7,
-        "velocity_i_gain": 5,
-        "profile_velocity": 90,
-        "profile_acceleration": 9,
-        "goal_pwm": 100,
-        "goal_current": 10,
-    }
-    servo.write(**changed)
-    servo.write(operating_mode=CURRENT_POSITION)
-    for name in changed:
-        assert servo[name] == servo.registers[name].default or name.startswith("goal_")
-    assert (servo["goal_pwm"], servo["goal_current"]) == (885, 1193)
 
 
 def test_torque_off_leaves_it_limp_on_its_way() -> None:

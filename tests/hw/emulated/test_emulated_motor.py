@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.dynamixel.tables.models import Model
-from haptic_wall.hw.emulated.health import OVERLOAD_NS, STALL_RISE, THERMAL_S
+from haptic_wall.hw.emulated.health import OVERLOAD_NS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
@@ -46,31 +46,6 @@ def test_an_xl330_agrees_with_a_published_identification() -> None:
     assert motor.resistance == pytest.approx(3.49835, rel=0.05)
     torque_per_volt = motor.torque_constant / motor.resistance
     assert torque_per_volt == pytest.approx(0.37005 / 3.49835, rel=0.02)
-
-
-@pytest.mark.parametrize("name", ["XD540-T270", "XW430-T333", "XW540-H260"])
-def test_models_without_figures_take_their_limits_for_them(name: str) -> None:
-    model = MODELS[name]
-    motor = motor_of(model, 2.0)
-    limit = model.current_limit * model.current_unit_ma * 1e-3
-    assert motor.current(1.0, model.voltage, 0.0) == pytest.approx(limit)
-    speed = model.registers["velocity_limit"].default * 0.229 * RPM
-    assert motor.current(1.0, model.voltage, speed) == pytest.approx(0, abs=1e-9)
-
-
-@given(
-    sensed=st.floats(-1.75, 1.75).filter(lambda i: abs(i) > 1e-4),
-    speed=st.floats(-15, 15),
-    name=st.sampled_from([model.name for model in published]),
-)
-def test_the_motor_current_found_for_a_sensed_one_is_sensed_as_it(
-    sensed: float, speed: float, name: str
-) -> None:
-    model = MODELS[name]
-    motor = motor_of(model, not_none(model.torque_constant))
-    current = motor.from_sensed(sensed, model.voltage, speed)
-    assert motor.sensed(current, model.voltage, speed) == pytest.approx(sensed, rel=1e-6)
-    assert current * sensed > 0
 
 
 @given(duty=st.floats(-1, 1), speed=st.floats(-12, 12))
@@ -156,20 +131,6 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
     assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
 
 
-def test_it_warms_as_a_first_order_system_does() -> None:
-    client = held("XM430-W350", 500)
-    share = (500 * 2.69e-3 / 2.3) ** 2
-    for seconds in (20, 200):
-        start = client.read(1, TEMPERATURE, 1)
-        client.pass_time(seconds * 1000 * MS)
-        end = 32 + STALL_RISE * share
-        expected = end + (start - end) * math.exp(-seconds / THERMAL_S)
-        assert client.read(1, TEMPERATURE, 1) == pytest.approx(expected, abs=1.1)
-    client.write(1, GOAL_CURRENT, 0, 2)
-    client.pass_time(10 * round(THERMAL_S) * 1000 * MS)
-    assert client.read(1, TEMPERATURE, 1) == 32
-
-
 @pytest.mark.parametrize(
     ("model", "mode"), sampled([("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)], 3)
 )
@@ -205,36 +166,6 @@ def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str,
     assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
 
 
-def test_with_its_protection_off_it_gets_as_hot_as_its_register_can_say() -> None:
-    client = Client(true=HELD, recorded=False)
-    client.write(1, SHUTDOWN, 0, 1)
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 1193, 2)  # 1.4 times the stall current
-    client.pass_time(1_000_000 * MS)
-    assert client.read(1, TEMPERATURE, 1) == 255
-    assert client.torque() != 0
-
-
-@pytest.mark.parametrize("celsius", [-40.0, 20.0, 79.0])
-def test_it_starts_as_warm_as_the_place_it_stands_in(celsius: float) -> None:
-    client = Client(true=replace(HELD, ambient=celsius), recorded=False)
-    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
-    assert client.answer(1, Instruction.PING).error == 0
-    client.pass_time(1_000_000 * MS)
-    assert client.read(1, TEMPERATURE, 1) == max(celsius, 0)
-
-
-@pytest.mark.parametrize(("volts", "error"), [(9.4, 0x01), (9.5, 0), (16.0, 0), (16.1, 0x01)])
-def test_it_is_powered_up_with_the_supply_it_is_given(volts: float, error: int) -> None:
-    client = Client(true=replace(HELD, supply=volts), fast=False)
-    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
-    assert client.read(1, HARDWARE_ERROR, 1) == error
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, VOLTAGE, 2) == round(volts * 10)
-    assert client.read(1, HARDWARE_ERROR, 1) == error
-
-
 @pytest.mark.parametrize("volts", [9.0, 16.5])
 def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
     """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
@@ -247,16 +178,6 @@ def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
         assert client.read(1, VOLTAGE, 2) == round(volts * 10)
         assert client.read(1, HARDWARE_ERROR, 1) == 0x01
         assert client.torque() == pytest.approx(torque)
-
-
-def test_the_supply_decides_how_fast_a_duty_turns_it() -> None:
-    client = Client(true=FREE)
-    client.write(1, MODE, 16, 1)
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    client.servos[1].set_supply(10.0, client.clock.now_ns())
-    client.pass_time(500 * MS)
-    velocity = client.read(1, PRESENT_VELOCITY, 4, signed=True)
-    assert velocity == pytest.approx(46 / 0.229 * 10 / 12, abs=1)
 
 
 @pytest.mark.parametrize("mode", [1, 3, 5])
@@ -274,15 +195,6 @@ def test_a_controller_that_cannot_do_it_is_overloaded(mode: int) -> None:
     assert client.read(1, HARDWARE_ERROR, 1) == 0x20
     assert client.torque() == 0
     assert client.read(1, TORQUE_ENABLE, 1) == 0
-
-
-def test_holding_with_less_than_all_it_has_is_no_overload() -> None:
-    client = Client(true=HELD)
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    client.write(1, GOAL_POSITION, client.read(1, 132, 4) + 100, 4)
-    client.pass_time(2 * OVERLOAD_NS)
-    assert client.read(1, HARDWARE_ERROR, 1) == 0
-    assert client.torque() != 0
 
 
 def test_the_measured_current_has_an_offset_and_a_filter() -> None:
@@ -326,16 +238,3 @@ def test_goal_current_acts_through_the_current_loop() -> None:
     assert client.torque() < 0.5 * goal
     client.pass_time(100 * MS)
     assert client.torque() == pytest.approx(goal)
-
-
-def test_a_supply_sensed_servo_has_a_current_loop_too() -> None:
-    """Its controller steps each millisecond; the loop goes on between the steps."""
-    true = replace(HELD, current_bandwidth=5.0, back_emf=True)
-    client = Client((SMALL, 1), true=true, recorded=False)
-    client.servos[1].memory["pwm_slope"] = 255
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 368, 2)
-    client.pass_time(20 * MS)
-    assert 0.05 < client.torque() < 0.2
-    client.pass_time(300 * MS)
-    assert client.torque() == pytest.approx(0.26, rel=1e-3)

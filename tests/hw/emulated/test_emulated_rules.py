@@ -68,16 +68,6 @@ def test_without_torque_enable_it_is_limp_and_coasts() -> None:
     assert client.servos[1].state(client.clock.now_ns()).velocity == pytest.approx(speed)
 
 
-def test_a_goal_written_without_torque_is_kept_and_acts_when_it_is_enabled() -> None:
-    client = Client()
-    client.write(1, OPERATING_MODE, 0, 1)
-    assert client.write(1, GOAL_CURRENT, 30, 2) == 0
-    assert client.read(1, GOAL_CURRENT, 2) == 30
-    assert client.torque() == 0.0
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    assert client.torque() == pytest.approx(30 * TORQUE_UNIT)
-
-
 @pytest.mark.parametrize("address", [ID, RETURN_DELAY, OPERATING_MODE, CURRENT_LIMIT, STARTUP])
 def test_eeprom_is_locked_while_torque_is_enabled(address: int) -> None:
     client = Client()
@@ -264,13 +254,6 @@ def test_startup_configuration_enables_torque_at_power_up() -> None:
     assert client.read(1, TORQUE_ENABLE, 1) == 1
 
 
-def test_homing_offset_shifts_the_position() -> None:
-    client = Client()
-    before = client.read(1, POSITION, 4, signed=True)
-    client.write(1, HOMING, -1000, 4)
-    assert client.read(1, POSITION, 4, signed=True) == before - 1000
-
-
 @pytest.mark.parametrize(
     ("mode", "offset", "shown"),
     [
@@ -300,15 +283,6 @@ def test_position_counts_over_turns_and_a_reboot_forgets_them() -> None:
     client.ask(1, Instruction.REBOOT)
     client.pass_time(500 * MS)
     assert client.read(1, POSITION, 4, signed=True) == counts + 4096
-
-
-@pytest.mark.parametrize("counts_per_rev", [0, 1000])
-def test_another_encoder_still_reads_4096_counts_a_turn(counts_per_rev: int) -> None:
-    client = Client(true=replace(FREE, counts_per_rev=counts_per_rev))
-    step = 4096 / (counts_per_rev or 4096)
-    assert client.read(1, POSITION, 4, signed=True) == pytest.approx(
-        FREE.position * 4096 / (2 * math.pi), abs=0.5 + step / 2
-    )
 
 
 @pytest.mark.parametrize(

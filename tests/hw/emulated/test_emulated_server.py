@@ -20,7 +20,7 @@ import dynamixel_sdk
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
 from haptic_wall.hw.dynamixel.codec.frames import Frame
 from haptic_wall.hw.emulated.server import PseudoTerminal
 from tests.typed import not_none
@@ -102,58 +102,6 @@ def test_a_kernel_that_does_not_tell_the_speed_is_no_trouble(
     monkeypatch.setattr(fcntl, "ioctl", refused)
     with PseudoTerminal() as terminal:
         assert terminal.baud is None
-
-
-def test_the_vendors_sdk_sets_up_reads_writes_and_meets_errors(tmp_path: Path) -> None:
-    link, record = tmp_path / "bus", tmp_path / "record.csv"
-    servos = ("--servo", "XM430-W350:1", "--servo", "XL330-M288:2:52")
-    options = ("--link", str(link), "--record", str(record), "--set", "servo.position=1")
-    with emulate(*servos, *options) as (process, path), sdk(str(link)) as (port, sdk2):
-        assert Path(path).resolve() == link.resolve()
-        assert sdk2.ping(port, 1) == (1020, 0, 0)
-        assert sdk2.ping(port, 2) == (1200, 0, 0)
-        for i in (1, 2):
-            assert sdk2.write1ByteTxRx(port, i, 9, 0) == (0, 0)
-            assert sdk2.write1ByteTxRx(port, i, 11, 0) == (0, 0)
-            assert sdk2.write2ByteTxRx(port, i, 102, 0) == (0, 0)
-            assert sdk2.write1ByteTxRx(port, i, 64, 1) == (0, 0)
-        assert sdk2.read2ByteTxRx(port, 1, 38) == (1193, 0, 0)
-        assert sdk2.write1ByteTxRx(port, 1, 11, 3) == (0, ErrorCode.ACCESS)
-        assert sdk2.write2ByteTxRx(port, 1, 102, 1194) == (0, ErrorCode.DATA_LIMIT)
-        assert sdk2.write4ByteTxRx(port, 1, 132, 0) == (0, ErrorCode.ACCESS)
-
-        reads = dynamixel_sdk.GroupSyncRead(port, sdk2, 120, 16)
-        writes = dynamixel_sdk.GroupSyncWrite(port, sdk2, 102, 2)
-        for i in (1, 2):
-            assert reads.addParam(i)
-        for read in (reads.txRxPacket, reads.fastSyncRead):
-            assert read() == 0
-            assert [reads.getData(i, 132, 4) for i in (1, 2)] == [652, 652]
-        assert writes.addParam(1, [0x2C, 0x01])
-        assert writes.txPacket() == 0
-        deadline = time.monotonic() + WAIT_S
-        while reads.getData(1, 132, 4) < 700 and time.monotonic() < deadline:
-            assert reads.fastSyncRead() == 0
-        assert reads.getData(1, 132, 4) >= 700  # 300 x 2.69 mA push it, whatever the friction
-        assert reads.getData(2, 132, 4) == 652
-        assert sdk2.reboot(port, 1) == (0, 0)
-
-        process.send_signal(signal.SIGINT)
-        assert process.wait(WAIT_S) == 130
-    assert not os.path.lexists(link)
-    with record.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert None not in rows[-1]
-    assert None not in rows[-1].values()
-    times = [float(row["time_s"]) for row in rows]
-    assert times == sorted(times)
-    assert times[-1] == pytest.approx(time.monotonic(), abs=WAIT_S)
-    states = [float(r["time_s"]) for r in rows if r["event"] == "state" and r["id"] == "1"]
-    assert states == pytest.approx([states[0] + 1e-3 * n for n in range(len(states))], abs=1e-8)
-    pushed = [r for r in rows if r["id"] == "1" and float(r["torque_nm"]) > 0]
-    assert float(pushed[0]["torque_nm"]) == pytest.approx(300 * 2.69e-3 * 4.1 / 2.3)
-    reboot = next(r for r in rows if r["event"] == "rx" and r["instruction"] == "8")
-    assert float(reboot["torque_nm"]) == 0.0
 
 
 def test_terminal_is_raw_and_clients_come_and_go_at_their_speed() -> None:

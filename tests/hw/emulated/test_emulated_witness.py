@@ -1,15 +1,12 @@
 """The record, and that a bus in memory does the same every time."""
 
 import csv
-import errno
 import io
 
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction
 from haptic_wall.hw.dynamixel.codec.frames import Frame
-from haptic_wall.hw.emulated.servo import TrueState
-from haptic_wall.hw.emulated.witness import Event, Witness
 from tests.hw.dynamixel.emulated_client import MS, TORQUE_UNIT, Client
 
 
@@ -82,22 +79,3 @@ def test_time_passes_only_in_wait_and_never_beyond_the_deadline() -> None:
     assert client.line.wait(begun)  # still there
     assert len(client.line.read()) == 14
     assert not client.line.wait(begun)
-
-
-class FullDisk(io.StringIO):
-    def write(self, text: str) -> int:
-        if self.tell() > 300:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return super().write(text)
-
-
-def test_a_full_disk_ends_the_record_and_nothing_else() -> None:
-    witness = Witness(FullDisk())
-    row = Event(1_234_567_890, "state", 1, None, TrueState(0.1, 0.2, 0.3), None, b"")
-    for _ in range(20):
-        witness.add(row)
-        witness.write(1)
-    witness.close()
-    assert witness.failure is not None
-    assert witness.failure.errno == errno.ENOSPC
-    assert witness.waiting == 0

@@ -83,7 +83,7 @@ def test_the_simulated_wall_turns_unstable_at_the_boundary(
     """From 1e-4 below the critical stiffness to 1e-4 above it."""
     random = np.random.default_rng(masses)
     found = 0
-    while found < (200 if thorough else 10):
+    while found < (200 if thorough else 5):
         true, late = (
             drawn(random, masses, encoder),
             random.integers(0, 4) + random.integers(10) / 10,

@@ -241,22 +241,6 @@ def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking(
     assert abs(mechanism.position - 0.05) > 0.01
 
 
-def test_the_instants_at_which_it_is_looked_at_matter_no_more_than_the_error() -> None:
-    true = servo(**EVERYTHING, delay=1.7e-3, backlash=0.004, hand="tap", position=0.05)
-    rng = random.Random(3)
-    often, seldom = Mechanism(true, 0), Mechanism(true, 0)
-    for k in range(500):
-        torque = rng.gauss(0.0, 0.3)
-        often.command(torque, k * MS)
-        seldom.command(torque, k * MS)
-        for cut in sorted(rng.sample(range(1, MS), 3)):
-            often.advance(k * MS + cut)
-    often.advance(500 * MS)
-    seldom.advance(500 * MS)
-    assert often.position == pytest.approx(seldom.position, abs=1e-5)
-    assert often.measured()[0] == pytest.approx(seldom.measured()[0], abs=1e-5)
-
-
 def test_an_eccentric_encoder_errs_once_a_turn_and_keeps_count_of_turns() -> None:
     for turns in (0, 3, -100):
         for angle in (0.0, 0.7, 2.0, 4.0):

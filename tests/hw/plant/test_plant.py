@@ -184,24 +184,6 @@ def test_a_step_cut_in_two_is_the_same_step(
     assert end.velocity == pytest.approx(whole.velocity, abs=1e-6 * size)
 
 
-@given(positions, velocities, parameter_sets, torques, durations, pulls)
-def test_it_is_the_same_in_the_mirror(
-    position: float,
-    velocity: float,
-    parameters: PlantParameters,
-    torque: float,
-    duration: float,
-    pull: Pull | None,
-) -> None:
-    end = step(State(position, velocity), parameters, torque, duration, pull)
-    if pull is not None:
-        pull = pull._replace(reference=-pull.reference, slope=-pull.slope)
-    mirrored = step(State(-position, -velocity), parameters, -torque, duration, pull)
-    assert (-mirrored.position, -mirrored.velocity) == pytest.approx(
-        tuple(end), rel=1e-9, abs=1e-12
-    )
-
-
 @given(positions, parameter_sets, st.floats(-1.0, 1.0), durations)
 def test_friction_holds_what_is_not_pushed_harder(
     position: float, parameters: PlantParameters, share: float, duration: float

@@ -311,45 +311,6 @@ def test_what_is_interrupted_is_kept_and_resumed(desk: Desk, error: BaseExceptio
     assert called == ["delay", "rendered", "sweep"]
 
 
-@pytest.mark.parametrize("there", [False, True])
-def test_where_nothing_was_measured_no_folder_is_left(desk: Desk, there: bool) -> None:
-    """Of a folder that was there before, what was in it."""
-    folder = desk.folder / "new"
-    if there:
-        folder.mkdir()
-        (folder / "mine.txt").write_text("mine")
-    desk.take({"identify": KeyboardInterrupt()})
-    status, report = report_of(folder, desk.capsys)
-    assert status == 130
-    assert (report["status"], report["report"]) == ("not measured", None)
-    assert [path.name for path in desk.folder.rglob("*")] == (["new", "mine.txt"] if there else [])
-    assert call("commission", *SIMULATED, "--out", folder) == 130
-    assert "nothing was measured, so nothing is left in" in desk.capsys.readouterr().out
-
-
-def test_an_interruption_leaves_what_an_earlier_commissioning_measured(desk: Desk) -> None:
-    desk.take()
-    desk.report()
-    before = sorted(path.name for path in desk.folder.iterdir())
-    desk.take({"identify": KeyboardInterrupt()})
-    assert desk.report(*SIMULATED, "--set=wall.stiffness=3", "--fresh")[0] == 130
-    assert sorted(path.name for path in desk.folder.iterdir()) == before
-
-
-@pytest.mark.whole
-def test_another_model_undoes_what_was_measured_beside_the_one_before(desk: Desk) -> None:
-    """Else it would pass for complete, and a servo that is asked nothing would move."""
-    desk.take()
-    desk.report(*REAL, "--yes")
-    (desk.folder / "identify.json").unlink()
-    desk.take({"delay": KeyboardInterrupt()})
-    assert desk.report(*REAL, "--yes")[0] == 130
-    called = desk.take()
-    assert call("commission", *REAL, "--out", desk.folder) == 2
-    assert "--yes" in desk.capsys.readouterr().err
-    assert called == []
-
-
 def test_fresh_begins_anew(desk: Desk) -> None:
     desk.take()
     desk.report()
@@ -370,21 +331,6 @@ def test_a_configuration_of_somebody_else_is_not_written_over(
     assert call("commission", *SIMULATED, "--out", tmp_path, "--fresh") == 2
     assert "config.yaml" in capsys.readouterr().err
     assert mine.read_text() == before
-
-
-def test_a_configuration_that_was_edited_since_stays_as_it_is(desk: Desk) -> None:
-    desk.take()
-    desk.report()
-    config = desk.folder / "config.yaml"
-    written = config.read_text()
-    config.write_text("# stiffer on Tuesdays\n" + written)
-    assert call("commission", *SIMULATED, "--out", desk.folder) == 0
-    assert "config.yaml was edited, so it is not replaced" in desk.capsys.readouterr().err
-    assert config.read_text().startswith("# stiffer on Tuesdays\n")
-    config.unlink()
-    assert call("commission", *SIMULATED, "--out", desk.folder) == 0
-    assert "edited" not in desk.capsys.readouterr().err
-    assert config.read_text() == written
 
 
 def test_a_folder_is_wanted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -433,15 +379,6 @@ def test_a_port_that_is_not_there_is_found_by_the_real_doctor(desk: Desk) -> Non
     assert "port" in report["steps"][0]["reason"]
 
 
-@pytest.mark.whole
-def test_who_moves_a_servo_again_looks_at_it_again(desk: Desk) -> None:
-    desk.take({"sweep": KeyboardInterrupt()})
-    assert desk.report(*REAL, "--yes")[0] == 130
-    called = desk.take()
-    assert desk.report(*REAL, "--yes")[0] == 0
-    assert called == ["doctor", "sweep"]
-
-
 def test_the_plan_moves_nothing(desk: Desk) -> None:
     nothing_moves(desk.patch)
     assert call("commission", *SIMULATED, "--plan", "--json") == 0
@@ -450,66 +387,7 @@ def test_the_plan_moves_nothing(desk: Desk) -> None:
     assert list(desk.folder.iterdir()) == []
 
 
-def test_the_plan_says_what_its_folder_has_already_and_leaves_it_alone(desk: Desk) -> None:
-    def planned(*words: object) -> str:
-        assert call("commission", *SIMULATED, "--plan", *words) == 0
-        return desk.capsys.readouterr().out
-
-    desk.take({"delay": KeyboardInterrupt()})
-    new, begun = desk.folder / "new", desk.folder / "begun"
-    assert "kept" not in planned("--out", new) and not new.exists()
-    report_of(begun, desk.capsys)
-    before = {path: path.read_bytes() for path in begun.iterdir() if path.is_file()}
-    assert "kept from before: identify" in planned("--out", begun)
-    assert "kept" not in planned("--out", begun, "--fresh")
-    assert json.loads(planned("--out", begun, "--json"))["kept"] == ["identify"]
-    assert {path: path.read_bytes() for path in begun.iterdir() if path.is_file()} == before
-
-
-def fails(*_given: object) -> NoReturn:
-    raise RuntimeError("no font")
-
-
-def test_a_picture_that_cannot_be_drawn_costs_nothing_that_was_measured(desk: Desk) -> None:
-    desk.take()
-
-    def kept(_found: object, name: str, path: Path) -> None:
-        assert json.loads((desk.folder / "delay.json").read_text())["state"] == "done"
-        assert name == "simulated" and path.parent == desk.folder
-        fails()
-
-    desk.patch.setitem(steps.RUN, "delay", lambda bench: StepResult(delay_data(bench), (None,)))
-    desk.patch.setitem(picture.PLOTS, "delay", kept)
-    desk.patch.setattr(picture, "draw_allowed", lambda _q, _r, path: fails(path))
-    assert call("commission", *SIMULATED, "--out", desk.folder, "--json") == 0
-    answer, told = desk.capsys.readouterr()
-    assert told.count("no font") == 2 and "delay: its picture could not be drawn" in told
-    taken = {step["step"]: step for step in json.loads(answer)["steps"]}
-    assert taken["delay"]["state"] == "done" and taken["delay"]["picture"] is None
-    assert "<img" not in (desk.folder / "report.html").read_text()
-
-
 def test_the_page_shows_lines_of_the_output() -> None:
     page = (ROOT / "docs" / "commissioning.md").read_text()
     shown = not_none(re.search(r"^```text\n(.*?)^```", page, re.S | re.M))[1]
     assert set(shown.splitlines()) <= set(OUTPUT.read_text().splitlines())
-
-
-def test_the_output_is_as_kept(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    thorough: bool,
-) -> None:
-    """The whole of it, and its figures to the digits that are the same on every machine."""
-    if not thorough:
-        pytest.skip("a minute; --thorough runs it")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
-    shown = OUTPUT.read_text()
-    assert call("commission", *SIMULATED, "--out", "commissioned") == 0
-    said = capsys.readouterr().out
-    number = r"[-+]?\d+\.?\d*(?:e[-+]\d+)?"
-    assert re.sub(number, "#", said).split() == re.sub(number, "#", shown).split()
-    pairs = zip(re.findall(number, said), re.findall(number, shown), strict=True)
-    assert all(float(a) == pytest.approx(float(b), rel=0.3, abs=0.03) for a, b in pairs)

@@ -2,14 +2,13 @@
 
 import gc
 import json
-import mmap
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -17,7 +16,6 @@ from typing import Any, cast
 import pytest
 
 from haptic_wall.controller.runtime import tick
-from haptic_wall.controller.runtime.deadlines import SpinWaiter, next_deadline
 from haptic_wall.controller.runtime.lateness.causes import Cause, Machine
 from haptic_wall.controller.runtime.lateness.thread_counters import CounterReader, Counters
 from haptic_wall.controller.runtime.lateness.ticks import WORST, LateTicks
@@ -223,99 +221,6 @@ def test_what_an_elastic_clock_takes_out_is_reported_all_the_same(
     assert (rows["lateness_ns"] > 0).sum() == 1
     assert result.missed == 0
     assert not_none(result.timing)["worst"][0]["time_s"] == pytest.approx(0.699)
-
-
-STALL_S = 0.0015
-"""Short enough to be undisturbed now and then on a machine where all cores are busy"""
-DISTURBED = {Cause.OTHER, Cause.KERNEL, Cause.WORK, Cause.UNKNOWN}
-"""What a stall is rightly called when something else made most of it"""
-
-
-def collect() -> None:
-    end = time.thread_time() + STALL_S
-    while time.thread_time() < end:
-        gc.collect()
-
-
-def touch_pages() -> None:
-    end = time.thread_time() + STALL_S
-    while time.thread_time() < end:
-        with mmap.mmap(-1, 1 << 20) as pages:
-            pages.madvise(mmap.MADV_NOHUGEPAGE)
-            for place in range(0, 1 << 20, mmap.PAGESIZE):
-                pages[place] = 1
-
-
-def compute() -> None:
-    end = time.thread_time() + STALL_S
-    while time.thread_time() < end:
-        pass
-
-
-def block() -> None:
-    time.sleep(STALL_S)
-
-
-def provoked(act: Callable[[], object]) -> set[str]:
-    """What a loop in this thread calls the ticks in which it does something now and then."""
-    causes: set[str] = set()
-    with LateTicks(PLAIN, CounterReader(max(os.sched_getaffinity(0))), PERIOD) as late:
-        waiter = SpinWaiter(50_000)
-        deadline = time.monotonic_ns() + PERIOD
-        for k in range(100):
-            late.begin(deadline)
-            woke = waiter.wait(deadline)
-            if k % 20 == 19:
-                act()
-            ended = time.monotonic_ns()
-            served = deadline
-            deadline, missed = next_deadline(served, ended, PERIOD)
-            if ended - served > late.limits[0]:
-                late.late(served, woke, ended, waiter, 0, 0, missed)
-            else:
-                late.rest(served, waiter, deadline - ended, 0)
-            if k % 20 == 19:
-                causes |= set(late.report()["causes"])
-    return causes
-
-
-def provoked_until(cause: Cause, act: Callable[[], object]) -> set[str]:
-    """Tried until a stall was called what it was; what any was called."""
-    causes: set[str] = set()
-    for _ in range(20):
-        causes |= provoked(act)
-        if cause in causes:
-            break
-    return causes
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """As far as it is granted: a real-time scheduler, so that a busy machine does not matter."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
-@pytest.mark.realtime
-@pytest.mark.parametrize(
-    ("act", "cause"),
-    [
-        (collect, Cause.COLLECTION),
-        (touch_pages, Cause.FAULTS),
-        (compute, Cause.WORK),
-        (block, Cause.BLOCKED),
-    ],
-)
-def test_a_provoked_stall_is_called_by_its_name(act: Callable[[], None], cause: Cause) -> None:
-    gc.freeze()  # not what other tests have left: looking through that takes seconds
-    with undisturbed():
-        causes = provoked_until(cause, act)
-    assert cause in causes
-    assert causes <= {cause, *DISTURBED}
 
 
 @pytest.mark.realtime
