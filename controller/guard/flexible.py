@@ -41,6 +41,9 @@ _SLOWER = 0.93
 """Fraction of a frequency down to which a coarse grid of delays counts it"""
 _NOTCH = 0.25
 """Largest relative step of the interval, in widths of a notch"""
+_STOPPED, _STEPS = 3.0, 1.4
+"""Frequency below which frequencies follow each other by a ratio, over that at which friction stops
+the servo; the ratio"""
 _MOTORS = 1.6
 """Largest ratio of two motor inertias of the grid"""
 _BESIDE = np.linspace(-2.0, 2.0, 17)
@@ -355,6 +358,11 @@ def _scan(
     phase = math.tau * (knot.high - knot.low) * (knot.delay + period)
     count = 2 + math.ceil(phase / _step(knot.high, period)) if phase > 0.0 else 1
     rates = np.linspace(knot.low, knot.high, count)
+    # beside the rate at which friction stops it the frequency counts by itself, not by its phase
+    slow = min(knot.high, _STOPPED * belief.damping.high / (math.tau * belief.inertia.low))
+    if 0.0 < knot.low < slow:
+        more = math.ceil(math.log(slow / knot.low) / math.log(_STEPS))
+        rates = np.unique([*rates, *np.geomspace(knot.low, slow, more + 1)])
     if velocity_filter is not None and _is_notch(velocity_filter):
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)
