@@ -114,7 +114,8 @@ class Sampled:
         inner = np.arange(1, order)
         companion[:, inner, inner - 1] = 1.0
         inverse = np.linalg.eigvals(companion).astype(np.complex128)
-        found: ComplexArray = 1.0 / np.where(np.abs(inverse) < 1e-12, 1e-12, inverse)
+        found = np.empty_like(inverse)
+        np.divide(1.0, np.where(np.abs(inverse) < 1e-12, 1e-12, inverse), out=found)
         return found
 
 
