@@ -30,8 +30,9 @@ from haptic_wall.controller.theory import (
     passive_limit,
 )
 from haptic_wall.controller.theory.backlash import backlash_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.controller.theory.flexible_scan import RigidScan
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 from haptic_wall.controller.theory.passivity import passive_slope
 
@@ -43,9 +44,6 @@ ON_A_LINK = 0.4
 """Fraction of the limit of a believed vibration that a two-sided law of several slopes may use: a
 law of many ridges can turn the shaft in one direction for ever, where their frequency is near that
 of the vibration"""
-SCANNED = 0.98
-"""Fraction of a rigid servo's limits with a velocity filter that is used: they are found on a grid
-of frequencies, to a hundredth"""
 LOOKED_UP = 0.05
 """Largest fraction by which the table underestimates the one-sided limit."""
 
@@ -124,9 +122,6 @@ def evaluate(
     m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
     n = request.velocity_samples
     belief = situation.belief
-    rigid_loop = None
-    if request.velocity_filter is not None:
-        rigid_loop = RigidScan(m, b, t, t_d, n, request.velocity_filter)
     ceiling, rigid = damping_ceiling(request, situation, plants)
     nothing_stable, vibration = g * rigid, ceiling
     most = encoder_damping(request, settings, situation, t, rigid)
@@ -141,10 +136,8 @@ def evaluate(
         damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping)
         damping = np.clip(damping, -most, most) + 0.0
     acting = g * damping
-    if rigid_loop is None:
-        exact = critical_stiffness(m, b, acting, t, t_d, n)
-    else:
-        exact = np.minimum(SCANNED * rigid_loop.limits(acting), _UNBOUND)
+    filtered = request.velocity_filter
+    exact = _critical(plants, request, acting)
     one_sided = None
     if request.side != "both":
         one_sided = (
@@ -161,7 +154,7 @@ def evaluate(
         of_ceiling = np.divide(damping, vibration, out=full, where=vibration > 0.0)
         flexible = fast_limit(belief, exact / g, of_ceiling, shortest * t)
     elif belief.is_flexible:
-        filtered, served = request.velocity_filter, situation.served
+        served = situation.served
         flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted, filtered, served)
         if one_sided is not None:
             rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
@@ -214,13 +207,10 @@ def damping_ceiling(
     Returns:
         (with the believed vibration, of a rigid servo)
     """
-    m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
+    g, t, t_d = plants.gain, plants.period, plants.delay
     n, belief = request.velocity_samples, situation.belief
     filtered = request.velocity_filter
-    if filtered is None:
-        rigid = max_virtual_damping(m, b, t, t_d, n) / g
-    else:
-        rigid = SCANNED * RigidScan(m, b, t, t_d, n, filtered).ceilings() / g
+    rigid = _ceiling(plants, request) / g
     if belief.is_fast(situation.served[0] * situation.period):
         return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
     if belief.is_flexible:
@@ -505,19 +495,29 @@ def unstable_nominally(
         before_device: Delay without the device's own lag [s].
     """
     p = Plants.nominal(situation, before_device)
-    n = request.velocity_samples
     acting = p.gain * request.damping
-    if request.velocity_filter is not None:
-        loop = RigidScan(p.inertia, p.damping, p.period, p.delay, n, request.velocity_filter)
-        if request.stiffness > 0:
-            above: NDArray[np.bool_] = p.gain * request.stiffness >= loop.limits(acting)
-            return above
-        beyond: NDArray[np.bool_] = (acting < -p.damping) | (acting >= loop.ceilings())
-        return beyond
     if request.stiffness > 0:
-        critical = critical_stiffness(p.inertia, p.damping, acting, p.period, p.delay, n)
-        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= critical
+        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)
         return unstable
-    ceiling = max_virtual_damping(p.inertia, p.damping, p.period, p.delay, n)
-    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= ceiling)
+    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= _ceiling(p, request))
     return runs_away
+
+
+def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
+    """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
+    m, b, n = plants.inertia, plants.damping, request.velocity_samples
+    loop = (acting, plants.period, plants.delay, n)
+    if request.velocity_filter is None:
+        return critical_stiffness(m, b, *loop)
+    found = chain_boundary(*one_mass(m, b), *loop, request.velocity_filter).stiffness
+    bounded: FloatArray = np.minimum(found, _UNBOUND)
+    return bounded
+
+
+def _ceiling(plants: Plants, request: Request) -> FloatArray:
+    """Return the damping above which no rigid servo is stable, in acting units."""
+    m, b = plants.inertia, plants.damping
+    loop = (plants.period, plants.delay, request.velocity_samples)
+    if request.velocity_filter is None:
+        return max_virtual_damping(m, b, *loop)
+    return chain_ceiling(*one_mass(m, b), *loop, request.velocity_filter)

@@ -1,8 +1,7 @@
 """Computes limits on many two-mass servos at once, on a frequency grid: quick, accurate to 2 %.
 
-As ``flexible``, but crossings of the unit circle are found between the points of a grid, which is
-dense near the transmission's resonance and antiresonance, instead of as roots of polynomials. The
-servos of a belief and one delay take milliseconds.
+As ``crossings``, but between points of a coarser grid and without refining. The servos of a belief
+and one delay take milliseconds.
 """
 
 from __future__ import annotations
@@ -12,15 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_wall.controller.theory.chain import one_mass, sampled, two_masses
-from haptic_wall.controller.theory.checks import ComplexArray, FloatArray, IntArray
+from haptic_wall.controller.theory.chain import sampled, two_masses
+from haptic_wall.controller.theory.checks import ComplexArray, FloatArray
 from haptic_wall.controller.theory.crossings import Loops
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _FEW, _EVEN = 96, 120
 """Frequencies of the grid: in equal ratios, and in equal steps"""
-_MORE = 600
-"""Of the first for a rigid servo, which has no resonance beside which the grid is dense"""
 _FLANK = np.geomspace(1e-5, 0.4, 80)
 _ABOUT = np.concatenate([1.0 - _FLANK, 1.0 + _FLANK])
 """Frequencies about a filter's, relative to it: on the flanks of a notch its phase turns"""
@@ -87,48 +84,6 @@ class FlexibleScan:
         return np.where(stable, self._parts.stiffness(big_b), 0.0)
 
 
-class RigidScan:
-    """The same for rigid servos, each with its own period and delay."""
-
-    def __init__(
-        self,
-        inertia: FloatArray,
-        damping: FloatArray,
-        period: FloatArray,
-        delay: FloatArray,
-        samples: int,
-        velocity_filter: VelocityFilter | None = None,
-    ) -> None:
-        """Prepare; all arrays of shape (n,), arguments as of ``FlexibleScan``."""
-        late = delay / period
-        whole = np.floor(late + 1e-12)
-        chain, _ = one_mass(inertia, damping)
-        self._parts: list[tuple[IntArray, _Parts]] = []
-        self._ceiling, self._floor = np.zeros(inertia.size), np.zeros(inertia.size)
-        for d in np.unique(whole).tolist():
-            part = np.flatnonzero(whole == d)
-            fraction = np.maximum(late[part] - d, 0.0)
-            chains = sampled(chain.take(part), period[part], fraction)
-            loops = Loops(chains, period[part], int(d), samples, velocity_filter)
-            none = np.empty((part.size, 0))
-            w = _grid(none, d + 1.0, velocity_filter, none, _MORE)
-            parts = _Parts.of(*loops.responses(w))
-            self._ceiling[part], self._floor[part] = parts.dampings()
-            self._parts.append((part, parts))
-
-    def ceilings(self) -> FloatArray:
-        """Return the virtual damping above which no stiffness from 0 on is stable [N·m·s/rad]."""
-        return self._ceiling
-
-    def limits(self, virtual_damping: FloatArray) -> FloatArray:
-        """Return the stiffness up to which every stiffness from 0 on is stable [N·m/rad]."""
-        found = np.zeros(self._ceiling.size)
-        for part, parts in self._parts:
-            found[part] = parts.stiffness(virtual_damping[part])
-        stable = (virtual_damping < self._ceiling) & (virtual_damping > self._floor)
-        return np.where(stable, found, 0.0)
-
-
 class _Parts(NamedTuple):
     """Real and imaginary parts of F and D; dampings × servos × frequencies."""
 
@@ -161,11 +116,10 @@ def _grid(
     late: float,
     velocity_filter: VelocityFilter | None,
     ratios: FloatArray,
-    few: int = _FEW,
 ) -> FloatArray:
     """Return rising frequencies up to pi, a row for each servo [rad]."""
     slowest = min(_SLOWEST / (1.0 + late), 0.5 * np.min(resonances, initial=_SLOWEST))
-    common = np.concatenate([np.geomspace(slowest, np.pi, few), np.linspace(0.05, np.pi, _EVEN)])
+    common = np.concatenate([np.geomspace(slowest, np.pi, _FEW), np.linspace(0.05, np.pi, _EVEN)])
     beside = np.geomspace(0.4, np.clip(0.3 * ratios, 1e-5, 0.1), _BESIDE, axis=-1)
     about = np.concatenate([1.0 - beside, np.ones_like(beside[..., :1]), 1.0 + beside], axis=-1)
     near = (resonances[..., None] * about).reshape(len(resonances), -1)
