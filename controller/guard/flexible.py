@@ -265,6 +265,8 @@ def _limit(
     at = [_limit_at(belief, period, knot, damping, *loop) for knot in shorter]
     for knot in (below, above):
         scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
+        if _is_quick(belief, period):
+            scale = min(scale, 1.0)
         at.append(scale * _limit_at(belief, period, knot, damping, *loop))
     return min(at)
 
@@ -283,6 +285,12 @@ def _limit_at(
     return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
 
 
+def _is_quick(belief: Belief, period: float) -> bool:
+    """Whether friction stops the lightest motor within about a period."""
+    lightest = belief.inertia.low - min(belief.load_inertia.high, HEAVIEST * belief.inertia.low)
+    return belief.damping.high * period > _QUICK * lightest
+
+
 def knots(
     belief: Belief, period: float, delay: float, inserted: float, every: bool = False
 ) -> list[Knot]:
@@ -293,9 +301,8 @@ def knots(
     delay: a notch lets a faster vibration pass where it stops a slower one.
     """
     hz = belief.flexible_hz
-    lightest = belief.inertia.low - min(belief.load_inertia.high, HEAVIEST * belief.inertia.low)
-    quick = belief.damping.high * period > _QUICK * lightest
-    grid = _delays(hz.low, hz.high, period, delay, every, _QUARTER if quick else math.inf)
+    most = _QUARTER if _is_quick(belief, period) else math.inf
+    grid = _delays(hz.low, hz.high, period, delay, every, most)
     shortest = min(inserted + belief.delay.low, delay)
     if grid[-1].low > 0.0:
         shortest = max(shortest, delay - 1.0 / grid[-1].low)
