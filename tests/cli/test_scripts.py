@@ -153,7 +153,7 @@ def test_the_installation_does_not_name_its_folder(project: Path) -> None:
 
 # .ci/run, with a suite that only looks where it is
 
-PARTS = ("wheel", "bare")
+PARTS = ("wheel", "bare", "lowest")
 SUITE = """#!/bin/sh
 cd "$(dirname "$0")/.." && pwd
 echo "$* $LC_ALL"
