@@ -284,7 +284,7 @@ class EmulatedServo:
         self._refresh(now_ns)
         if self.memory["moving"]:
             return ErrorCode.RESULT_FAIL
-        self.drive.clear_turns(now_ns)
+        self.drive.clear_turns()
         return ErrorCode.NONE
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
