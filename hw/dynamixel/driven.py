@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Final
 
 from haptic_wall.hw.dynamixel.drivable import drivable
@@ -85,7 +84,7 @@ class Driven:
     def meet(self) -> tuple[Startup, int]:
         """Read the model number; record whether its control table is known."""
         startup = Startup(self._settings, self._model, self._exchange, self.station, self._constant)
-        number = startup.model_number()
+        number = startup.table.ping()
         self.known = model_by_number(number) is not None
         return startup, number
 
@@ -129,18 +128,6 @@ class Driven:
         most = self._most
         goal = self.goal = self.law.goal(max(-most, min(most, torque)))
         return goal
-
-    def is_good(self, values: Mapping[str, int]) -> bool:
-        """Judge polled values; see ``HealthWatch.judge``.
-
-        Raises:
-            TorqueLostError: The torque is gone.
-            ServoHealthError: The servo must not be driven any longer.
-        """
-        try:
-            return self.health.judge(values, self.facts.name)
-        except TorqueLostError as error:
-            raise self.watchdog.explained(error) from error
 
     def be_one(self) -> None:
         """Refuse a second servo with this id.

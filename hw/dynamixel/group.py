@@ -22,6 +22,7 @@ from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
     ServoLostError,
+    TorqueLostError,
     UnfitServoError,
 )
 from haptic_wall.hw.serialport.line import FdLine, Line
@@ -127,8 +128,7 @@ class DynamixelGroup:
         except BaseException:
             self._off()
             raise
-        if len(servos) == 1 or exchange.way is not Way.PLAIN:
-            self._reply_ns = max(each.reply_ns for each in ready)
+        self._reply_ns = max(each.reply_ns for each in ready)
         if self._reply_ns:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
@@ -265,7 +265,7 @@ class DynamixelGroup:
             UnfitServoError: There is none.
         """
         exchange = self.exchange
-        for way in Way:
+        for way in (Way.FAST, Way.SYNC):
             exchange.select(exchange.stations, way)
             for _ in range(_TRIES):
                 exchange.request()
@@ -311,7 +311,11 @@ class DynamixelGroup:
     def _judge(self, one: Driven) -> None:
         """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
         if values := self._polls.values(one.station.block):
-            if not one.is_good(values):
+            try:
+                good = one.health.judge(values, one.facts.name)
+            except TorqueLostError as error:
+                raise one.watchdog.explained(error) from error
+            if not good:
                 self._hold()
                 one.watchdog.look(0, under_torque=one.goal != 0)
             self._polls.answered()

@@ -97,20 +97,11 @@ class Startup:
         name = f"id {settings.id} at {settings.baud} baud on {where}"
         self.table = Table(station, name, model.registers)
 
-    def model_number(self) -> int:
-        """Return the model number; nothing else is requested from a servo of unknown kind.
-
-        Raises:
-            ServoMissingError: No reply.
-            UnfitServoError: It refuses.
-        """
-        return self.table.ping()
-
     def run(self, number: int, watch: tuple[str, str]) -> Ready:
         """Check everything, set what the driver may set, and enable torque at zero torque.
 
         Args:
-            number: Number from ``model_number``.
+            number: The model number.
             watch: Descriptions of what is watched, and of what would be with enough time.
 
         Raises:
