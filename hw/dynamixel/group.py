@@ -191,8 +191,9 @@ class DynamixelGroup:
                     # A latched error explains more than its consequences.
                     self._judge(one)
                 readings.append(one.reading(sample))
-            if len(readings) > 1:
-                self._refuse_alerts()
+            for one in self.servos if len(readings) > 1 else ():
+                if one.alert:  # who drives one servo decides
+                    raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
         except ServoError as error:
             raise self._all_off(error) from error.__cause__
         return readings
@@ -319,12 +320,6 @@ class DynamixelGroup:
                 self._hold()
                 one.watchdog.look(0, under_torque=one.goal != 0)
             self._polls.answered()
-
-    def _refuse_alerts(self) -> None:
-        """A latched error ends the run of several; who drives one servo decides."""
-        for one in self.servos:
-            if one.alert:
-                raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
 
     def _all_off(self, error: ServoError) -> ServoError:
         """Switch the torques of several off; return the error, with what else is wrong."""

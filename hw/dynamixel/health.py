@@ -211,11 +211,9 @@ class HealthWatch:
             )
         for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
             if kind in values:
-                value = self.last[kind] = values[kind]
-                self._strike(kind, find(value), name)
+                fault = find(values[kind])
+                self.last[kind] = values[kind]
+                self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
+                if fault is not None and self._strikes[kind] >= _TWICE:
+                    raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
         return values.get("bus watchdog", bounds.watchdog) == bounds.watchdog
-
-    def _strike(self, kind: str, fault: Problem | None, name: str) -> None:
-        self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
-        if fault is not None and self._strikes[kind] >= _TWICE:
-            raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))

@@ -127,7 +127,7 @@ class Drive:
 
     def motion(self, position: int) -> Motion:
         """Return the controllers' state, with the shaft at ``position`` [counts]."""
-        if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
+        if self._active in (None, CURRENT_MODE, PWM_MODE):
             return Motion(0, 0, position)
         return self.controllers.motion(position)
 
