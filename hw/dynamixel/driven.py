@@ -88,18 +88,15 @@ class Driven:
         self.known = model_by_number(number) is not None
         return startup, number
 
-    def start(self, watch: tuple[str, str]) -> Ready:
+    def start(self) -> Ready:
         """Check and set up the servo; torque is on at a goal of zero then.
-
-        Args:
-            watch: Descriptions of what is watched, and of what would be with enough time.
 
         Raises:
             ServoError: See ``DynamixelServo.start``; the caller switches the torque off.
         """
         startup, number = self.meet()
         try:
-            ready = startup.run(number, watch)
+            ready = startup.run(number)
         except UnfitServoError as error:
             if self.known:
                 raise

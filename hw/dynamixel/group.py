@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Final
 
 from haptic_wall.hw.dynamixel.cut import torque_off
@@ -17,7 +16,7 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.dynamixel.startup import WATCHED, Ready
+from haptic_wall.hw.dynamixel.startup import Ready
 from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
@@ -111,7 +110,7 @@ class DynamixelGroup:
         try:
             for one in servos:
                 exchange.select([one.station])
-                ready.append(one.start(self._polls.describe()))
+                ready.append(one.start())
             if len(servos) > 1:
                 self._choose_way()
                 self._polls = self._plan()
@@ -137,11 +136,8 @@ class DynamixelGroup:
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
         self._run(running=True)
-        watched, _ = self._polls.describe()
-        return [
-            [replace(one, found=watched) if one.name == WATCHED else one for one in each.checks]
-            for each in ready
-        ]
+        watched = Check("watched while it runs", True, *self._polls.describe())
+        return [[*each.checks, watched] for each in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
