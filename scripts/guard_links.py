@@ -8,22 +8,23 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief, Bounded
+from haptic_wall.controller.guard.bins import decide_bin
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.theory.chain import Chain, two_masses
+from haptic_wall.controller.guard.schedule import interval_bins_ns, served_range
+from haptic_wall.controller.theory.chain import Chain, sampled, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits, returned
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.flexible import (
-    flexible_boundary,
-    flexible_ceiling,
-)
+from haptic_wall.controller.theory.crossings import Loops, poles
+from haptic_wall.controller.theory.flexible import flexible_boundary, flexible_ceiling
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 from haptic_wall.hw.truth import EncoderSide
-from scripts.served_links import ServedLink, Wall, growth, served_links
 from scripts.study import Found, Given, Part, table
 
 PERIOD = 1e-3
 SERVOS = ((0.011951, 0.011692), (0.0018142, 0.0036617))
 """Inertia and viscous friction: published fits of an MX-64 and an XL330"""
+GROWS = 1e-6
+"""Rate of growth that counts as such [1/s]"""
 PHASES = np.array([1e-9, 0.5, 0.9, 0.97, 1.0])
 NAMES = (
     "inertia",
@@ -40,7 +41,7 @@ class Outcome(NamedTuple):
     """The worst that one belief's walls do on a truth inside it."""
 
     random: float
-    """Largest modulus of a pole over the random truths"""
+    """Fastest growth of a pole over the random truths [1/s]"""
     searched: float
     """The same, of the optimiser's search"""
     thrown: float
@@ -169,18 +170,41 @@ def _filter(random: np.random.Generator, kind: Kind, hz: float) -> VelocityFilte
     return None
 
 
-def modulus(
-    belief: Belief,
+def growth(
     truths: FloatArray,
-    age: float,
+    chain: Chain,
+    interval: FloatArray,
+    delay: FloatArray,
     wall: Decision,
     velocity_filter: VelocityFilter | None,
 ) -> FloatArray:
-    """Return the largest modulus of a closed-loop pole of each truth."""
-    every, chain = np.ones(len(truths)), chain_of(truths, belief.encoder)
-    rate = growth(truths, chain, PERIOD * every, age * every, wall, velocity_filter)
-    found: FloatArray = np.exp(PERIOD * rate)
+    """Return the rate at which each truth's loop grows, at most [1/s].
+
+    Args:
+        truths: Columns as of the study.
+        chain: The servos.
+        interval: Interval between ticks of each [s].
+        delay: Delay of each, without the servo's lag [s].
+        wall: The commanded gains.
+        velocity_filter: Filter of the velocity that damps.
+    """
+    found = np.zeros(len(truths))
+    late = (delay + truths[:, NAMES.index("delay")]) / interval
+    gain = truths[:, NAMES.index("torque_gain")]
+    for whole in np.unique(np.floor(late)).tolist():
+        part = np.flatnonzero(np.floor(late) == whole)
+        chains = sampled(chain.take(part), interval[part], late[part] - whole)
+        loops = Loops(chains, interval[part], int(whole), 1, velocity_filter)
+        closed = poles(loops, gain[part] * wall.stiffness, gain[part] * wall.damping)
+        found[part] = np.log(np.abs(closed).max(axis=1)) / interval[part]
     return found
+
+
+def _shares(random: np.random.Generator, truths: int, size: int) -> FloatArray:
+    """Draw points between 0 and 1, half of them corners."""
+    shares = random.random((truths, size))
+    corners = random.random(shares.shape) < 0.5
+    return np.where(random.random((truths, 1)) < 0.5, shares, corners)
 
 
 def thrown(belief: Belief, truths: FloatArray, age: float, wall: Decision) -> float:
@@ -229,17 +253,17 @@ def outcome(case: Search) -> Outcome:
         return decide(request, GuardSettings(), situation, [age], age, explained=False)[0]
 
     both = decided(Request(1e9, asked, "both", velocity_filter=filtered))
-    shares = random.random((truths, len(NAMES)))
-    corners = random.random(shares.shape) < 0.5
-    shares = np.where(random.random((truths, 1)) < 0.5, shares, corners)
-    tried = modulus(belief, inside(belief, shares), age, both, filtered)
+    shares = _shares(random, truths, len(NAMES))
+
+    def growths(shares: FloatArray) -> FloatArray:
+        found, every = inside(belief, shares), np.ones(len(shares))
+        chain = chain_of(found, belief.encoder)
+        return growth(found, chain, PERIOD * every, age * every, both, filtered)
+
+    tried = growths(shares)
     worst = np.argsort(-tried)
-
-    def height(point: FloatArray) -> float:
-        return -float(modulus(belief, inside(belief, point[None]), age, both, filtered)[0])
-
     found = differential_evolution(
-        height,
+        lambda point: -float(growths(point[None])[0]),
         [(0.0, 1.0)] * len(NAMES),
         init=shares[worst[:10]],
         maxiter=steps,
@@ -275,7 +299,7 @@ def lines(found: Found[Search, Outcome]) -> list[str]:
     for kind, words in KINDS.items():
         rows = np.array([row for case, row in found if case.kind == kind])
         truths = sum(case.truths for case, _ in found if case.kind == kind)
-        grow, by_search = (int(np.sum(rows[:, n] > 1.0 + 1e-9)) for n in (0, 1))
+        grow, by_search = (int(np.sum(rows[:, n] > GROWS)) for n in (0, 1))
         thrown = rows[np.isfinite(rows[:, 2]), 2]
         shares = [_spread(rows[:, n]) for n in (4, 5, 3)]
         worst = f"{int(np.sum(thrown > 1.0 + 1e-6))} of {4 * thrown.size}" if thrown.size else ""
@@ -297,10 +321,20 @@ KINDS: dict[Kind, str] = {
 }
 SERVED_BINS = 6
 """Bins of each belief that are searched"""
+_POPULATION = 40
 
 
-def served(case: Search) -> list[ServedLink]:
-    """Draw a belief and a wall, and search some bins of the served interval."""
+class Served(NamedTuple):
+    """Fastest growth of one wall in one bin of the served interval [1/s]."""
+
+    random: float
+    """Over random truths, ages and intervals of the bin"""
+    searched: float
+    """Of an optimiser's search"""
+
+
+def served(case: Search) -> list[Served]:
+    """Draw a belief and a wall, and search some bins for intervals at which it grows."""
     seed, number, truths, steps, kind = case
     random = np.random.default_rng((seed, number, list(KINDS).index(kind)))
     belief, age, of_ceiling = drawn(random, kind)
@@ -310,51 +344,81 @@ def served(case: Search) -> list[ServedLink]:
     ceiling = flexible_ceiling(
         *middle_of(belief), PERIOD, delay, encoder=belief.encoder, velocity_filter=filtered
     )
+    situation = Situation(belief, PERIOD, 4.1, 0.0)
+    request = Request(1e9, of_ceiling * float(ceiling), "both", velocity_filter=filtered)
+    bins = interval_bins_ns(round(PERIOD * 1e9), flexible=True)
+    found = []
+    for index in random.choice(len(bins), SERVED_BINS, replace=False).tolist():
+        (wall,) = decide_bin(
+            request, GuardSettings(), situation, late, [round(age * 1e9)], bins, index
+        )
+        low, high = (share * bins[index] * 1e-9 for share in served_range(bins, index))
 
-    def servos(shares: FloatArray) -> tuple[FloatArray, Chain]:
-        found = inside(belief, shares)
-        return found, chain_of(found, belief.encoder)
+        def growths(
+            shares: FloatArray, low: float = low, high: float = high, wall: Decision = wall
+        ) -> FloatArray:
+            interval = low + shares[:, -1] * (high - low)
+            delay = shares[:, -2] * age + [_ring(late, t) for t in interval.tolist()]
+            known = inside(belief, shares[:, :-2])
+            chain = chain_of(known, belief.encoder)
+            return growth(known, chain, interval, delay, wall, filtered)
 
-    wall = Wall(belief, age, late, of_ceiling * float(ceiling), filtered)
-    return served_links(wall, random, servos, len(NAMES), truths, steps, SERVED_BINS)
+        shares = _shares(random, truths, len(NAMES) + 2)
+        tried = growths(shares)
+        search = differential_evolution(
+            lambda points, growths=growths: -growths(np.atleast_2d(points.T)),
+            [(0.0, 1.0)] * shares.shape[1],
+            init=shares[np.argsort(-tried)[:_POPULATION]],
+            maxiter=steps,
+            seed=index,
+            polish=False,
+            tol=0.0,
+            updating="deferred",
+            vectorized=True,
+        )
+        found.append(Served(float(tried.max()), -float(search.fun)))
+    return found
 
 
-def served_lines(found: Found[Search, list[ServedLink]]) -> list[str]:
-    """Count growth over kinds of beliefs, and compare with bins that count their end alone."""
+def _ring(steps: int, interval: float) -> float:
+    """Return the mean delay of the ring at an interval [s]."""
+    each = interval / PERIOD
+    waiting = [min(steps - n * each, 1.0) for n in range(math.ceil(steps / each))]
+    return interval * sum(waiting)
+
+
+def served_lines(found: Found[Search, list[Served]]) -> list[str]:
+    """Count growth over kinds of beliefs."""
     cells = []
     for kind, words in KINDS.items():
         own = np.array([each for case, row in found if case.kind == kind for each in row])
         tried = sum(case.truths * len(row) for case, row in found if case.kind == kind)
-        _, random, searched, stiffness, damping = own.T
+        random, searched = own.T
         grow, by_search = (int(np.sum(each > GROWS)) for each in (random, searched))
         fastest = f"{max(random.max(), searched.max()):.2g}"
-        costs = _spread(stiffness), _spread(damping)
-        cells.append((words, len(own), tried, grow, by_search, fastest, *costs))
-    head = ("belief", "walls", "truths", "grow", "by search", "fastest [1/s]", "K", "B")
+        cells.append((words, len(own), tried, grow, by_search, fastest))
+    head = ("belief", "walls", "truths", "grow", "by search", "fastest [1/s]")
     return table(head, *cells)
 
 
-GROWS = 1e-6
-"""Rate of growth that counts as such [1/s]"""
-
-
-def searches(given: Given) -> list[Search]:
+def _searches(given: Given, seed: int, beliefs: int) -> list[Search]:
     """Return the beliefs of each kind."""
     return [
-        Search(given.seed, i, given.truths, given.steps, kind)
-        for kind in KINDS
-        for i in range(given.beliefs)
+        Search(seed, i, given.truths, given.steps, kind) for kind in KINDS for i in range(beliefs)
     ]
 
 
-def served_cases(given: Given) -> list[Search]:
-    """Return the beliefs of each kind whose served intervals are searched."""
-    return [
-        Search(given.seed + 400, i, given.truths, given.steps, kind)
-        for kind in KINDS
-        for i in range(given.served)
-    ]
-
-
-LINKS = Part("links", searches, outcome, lines, case_s=4.0)
-SERVED = Part("served", served_cases, served, served_lines, case_s=6.0)
+LINKS = Part(
+    "links",
+    lambda given: _searches(given, given.seed, given.beliefs),
+    outcome,
+    lines,
+    case_s=4.0,
+)
+SERVED = Part(
+    "served",
+    lambda given: _searches(given, given.seed + 400, given.served),
+    served,
+    served_lines,
+    case_s=6.0,
+)

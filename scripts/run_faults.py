@@ -6,7 +6,6 @@ import pty
 import resource
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -185,12 +184,6 @@ def full_disk(target: Target) -> None:
     resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (size, -1))
 
 
-def hostile_clients(target: Target) -> None:
-    """Clients that do the running wall no good, for a second."""
-    loads = [sys.executable, "-m", "scripts.chaos.loads", "clients", str(target.log), "1"]
-    subprocess.run(loads, check=True)
-
-
 def room_again(target: Target) -> None:
     """The log may become longer again."""
     resource.prlimit(target.pids["recorder"], resource.RLIMIT_FSIZE, (-1, -1))
@@ -227,7 +220,6 @@ FAULTS = (
     Fault("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
     Fault("dial: SIGKILL", sent(KILL, "dial"), goes_on=True),
     Fault("dial: SIGSTOP until the end", sent(STOP, "dial"), goes_on=True),
-    Fault("dial: a thousand hostile clients for 1 s", hostile_clients, goes_on=True),
     Fault("adapter: unplugged", lambda target: target.bus.inject("unplug-adapter")),
     Fault("cable: no byte arrives any more", lambda target: target.bus.inject("drop")),
 )

@@ -21,16 +21,11 @@ import importlib
 import itertools
 import json
 import re
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
 
@@ -40,7 +35,6 @@ from haptic_wall.controller.bench.machine import machine, versions
 from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.experiments.cluster import cluster
 from haptic_wall.controller.experiments.processes import cores, not_from_the_terminal, processes
-from scripts.compiled_package import SIMULATED, compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 PART = re.compile(r"(<!-- computed: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.S)
@@ -90,8 +84,6 @@ class Part(Generic[Case, Row]):
     """Time for one case on one core, about [s]"""
     in_turn: bool = False
     """One case after the other in this process: what is measured in real time"""
-    around: Callable[[Given], AbstractContextManager[object]] = nullcontext
-    """Entered before the first case that is made in turn, left after the last"""
     wanted: Callable[[Found[Case, Row]], bool] = _every_row
     """Whether what is wanted holds; the exit status is 1 where it does not"""
     examples: Callable[[Found[Case, Row]], Iterable[tuple[str, object]]] | None = None
@@ -108,8 +100,6 @@ class Study:
     options: tuple[Option, ...] = ()
     everywhere: bool = False
     """The text is the same on every machine, so that none is named"""
-    compilable: bool = False
-    """Its rows are of simulated ticks, which only move numbers: they may run compiled"""
 
 
 class Kept:
@@ -171,13 +161,12 @@ def begun(
 
     def wait() -> list[tuple[Case, Row]]:
         told = 0.0
-        with part.around(given):
-            for number, row in made():
-                kept.add(part, cases[number], row)
-                rows[number] = row
-                if time.monotonic() - told >= 1.0 or len(rows) == len(cases):
-                    told = time.monotonic()
-                    _say(f"{part.name} {len(rows)}/{len(cases)}: {cases[number]}: {row}")
+        for number, row in made():
+            kept.add(part, cases[number], row)
+            rows[number] = row
+            if time.monotonic() - told >= 1.0 or len(rows) == len(cases):
+                told = time.monotonic()
+                _say(f"{part.name} {len(rows)}/{len(cases)}: {cases[number]}: {row}")
         return [(case, rows[number]) for number, case in enumerate(cases) if number in rows]
 
     return wait
@@ -288,12 +277,6 @@ def _parser(study: Study, name: str, doc: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--dask", metavar="ADDRESS", help="compute on the cluster of this Dask scheduler"
     )
-    if study.compilable:
-        parser.add_argument(
-            "--compiled",
-            action="store_true",
-            help="compile the simulation first (2 min): the same rows in less than half the time",
-        )
     if any(part.examples for part in study.parts):
         parser.add_argument(
             "--examples", type=Path, metavar="FILE", help="write counter-examples to FILE"
@@ -308,9 +291,6 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
     """Make a study's parts, and write its page; 1 where something that is wanted does not hold."""
     parser = _parser(study, name, doc)
     options = parser.parse_args(arguments)
-    again = getattr(options, "compiled", False) and not (options.known or is_compiled())
-    if again and options.dask:
-        parser.error("--compiled compiles for this machine: leave it out with --dask")
     chosen = {key: value for key, value in vars(options).items() if value is not None}
     given = usual(study, quick=getattr(options, "quick", False))
     given = Given(**vars(given) | chosen)
@@ -323,8 +303,6 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
         )
     text, holds = source.read_text(encoding="utf-8"), True
     renewed(text, dict.fromkeys((part.name for part in parts), ()))  # before the work
-    if again:
-        return _compiled_run(name, arguments)
     kept, began, examples = Kept(options.rows), time.monotonic(), ""
     with contextlib.ExitStack() as stack:
         pool: Executor | None = None
@@ -352,40 +330,8 @@ def run(study: Study, name: str, doc: str, arguments: Sequence[str]) -> int:
     return 0 if holds else 1
 
 
-def is_compiled() -> bool:
-    """Whether this process has the compiled simulation."""
-    tick = find_spec("haptic_wall.controller.runtime.tick")
-    return tick is not None and not str(tick.origin).endswith(".py")
-
-
-def _compiled_run(name: str, arguments: Sequence[str]) -> int:
-    """Run a study in a process that has the compiled simulation."""
-    with tempfile.TemporaryDirectory() as folder:
-        _say(f"compiling {len(SIMULATED)} modules: this takes about 2 min")
-        path = f"{compiled(Path(folder), SIMULATED)}{os.pathsep}{ROOT}"
-        # Without -P the folder of the call comes first, which may hold the sources.
-        words = [sys.executable, "-P", "-m", "scripts.study", name, *arguments]
-        return waited(words, {**os.environ, "PYTHONPATH": path})
-
-
-def waited(words: Sequence[str], env: dict[str, str]) -> int:
-    """Run a command to its end, in place of this process; return its status."""
-    started: list[subprocess.Popen[bytes]] = []
-
-    def end(*_: object) -> None:
-        for child in started:
-            child.terminate()
-
-    # A terminal interrupts both; whoever ends this process means the other one.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    signal.signal(signal.SIGTERM, end)
-    started.append(subprocess.Popen(words, env=env))
-    return started[0].wait()
-
-
 def _command(study: Study, name: str, options: Given) -> str:
     words = ["scripts/study", name, *(["--quick"] if getattr(options, "quick", False) else [])]
-    words += ["--compiled"] if getattr(options, "compiled", False) else []
     for each in study.options:
         value = getattr(options, each.name)
         if value is not None and value != each.usual:

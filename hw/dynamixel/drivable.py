@@ -14,15 +14,17 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
         UnfitServoError: The model is unknown, has no current mode, or its constant is not known.
     """
     model = MODELS.get(settings.model)
+    known = [each.name for each in MODELS.values() if each.current_mode]
     if model is None:
-        known = ", ".join(model.name for model in MODELS.values() if model.current_mode)
         raise UnfitServoError(
-            f"The model {settings.model} is not known", advice=f"set servo.model to one of {known}."
+            f"The model {settings.model} is not known",
+            advice=f"set servo.model to one of {', '.join(known)}.",
         )
     if not model.current_mode:
+        kinds = dict.fromkeys(name.partition("-")[0] for name in known)
         raise UnfitServoError(
             f"The {model.name} has no current mode, so it cannot be commanded in torque",
-            advice=f"use one of {', '.join(_drivable_kinds())}.",
+            advice=f"use one of {', '.join(kinds)}.",
         )
     constant = settings.torque_constant or model.torque_constant
     if constant is None:
@@ -31,8 +33,3 @@ def drivable(settings: DriverSettings) -> tuple[Model, float]:
             advice="measure it and set servo.torque_constant [N·m/A].",
         )
     return model, constant
-
-
-def _drivable_kinds() -> list[str]:
-    """Return the first parts of the names of models with a current mode, such as XM430."""
-    return list(dict.fromkeys(m.name.partition("-")[0] for m in MODELS.values() if m.current_mode))

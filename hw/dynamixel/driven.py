@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Final
 
 from haptic_wall.hw.dynamixel.drivable import drivable
@@ -85,22 +84,19 @@ class Driven:
     def meet(self) -> tuple[Startup, int]:
         """Read the model number; record whether its control table is known."""
         startup = Startup(self._settings, self._model, self._exchange, self.station, self._constant)
-        number = startup.model_number()
+        number = startup.table.ping()
         self.known = model_by_number(number) is not None
         return startup, number
 
-    def start(self, watch: tuple[str, str]) -> Ready:
+    def start(self) -> Ready:
         """Check and set up the servo; torque is on at a goal of zero then.
-
-        Args:
-            watch: Descriptions of what is watched, and of what would be with enough time.
 
         Raises:
             ServoError: See ``DynamixelServo.start``; the caller switches the torque off.
         """
         startup, number = self.meet()
         try:
-            ready = startup.run(number, watch)
+            ready = startup.run(number)
         except UnfitServoError as error:
             if self.known:
                 raise
@@ -129,18 +125,6 @@ class Driven:
         most = self._most
         goal = self.goal = self.law.goal(max(-most, min(most, torque)))
         return goal
-
-    def is_good(self, values: Mapping[str, int]) -> bool:
-        """Judge polled values; see ``HealthWatch.judge``.
-
-        Raises:
-            TorqueLostError: The torque is gone.
-            ServoHealthError: The servo must not be driven any longer.
-        """
-        try:
-            return self.health.judge(values, self.facts.name)
-        except TorqueLostError as error:
-            raise self.watchdog.explained(error) from error
 
     def be_one(self) -> None:
         """Refuse a second servo with this id.

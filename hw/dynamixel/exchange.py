@@ -91,8 +91,6 @@ class Exchange:
         self._refused: set[Station] = set()
         """Servos that refused a request meanwhile"""
         self._sent_ns = 0
-        self._sent_later_ns: dict[Station, int] = {}
-        """When a servo was requested that was not requested along with the first [ns]"""
         self._begun = False  # any byte has come since the last request
         self._excused = 0  # broken frames that are no broken replies to the last request
         self._undecided: Station | None = None
@@ -191,13 +189,13 @@ class Exchange:
         corrupt = parser.corrupt
         if expected is None or not parser.idle or order is not self._order:
             self.waited_ns = 0
-            return self._search(asked, deadline_ns, corrupt)
+            return self._search(deadline_ns, corrupt)
         began_ns = now_ns()
         come = self.line.wait(deadline_ns)
         received_ns = now_ns()
         self.waited_ns = received_ns - began_ns
         if not come:
-            return self._search(asked, _NO_TIME, corrupt)
+            return self._search(_NO_TIME, corrupt)
         data = self.line.read()
         values = expected.match(data)
         if values is not None:
@@ -218,7 +216,7 @@ class Exchange:
                 station.counts.cycles -= 1
         self._process(data)
         late = began_ns >= deadline_ns  # a bus without a servo may never be silent
-        return self._search(asked, _NO_TIME if late else deadline_ns, corrupt)
+        return self._search(_NO_TIME if late else deadline_ns, corrupt)
 
     def send(self, goals: Sequence[int]) -> None:
         """Send each its goal current, in its model's unit, in one frame without a reply.
@@ -248,18 +246,14 @@ class Exchange:
         ids = [station.id for station in self._order]
         return SampleRequest(self.way, ids, self.blocks[length], length)
 
-    def _search(self, asked: SampleRequest, deadline_ns: int, corrupt: int) -> list[Sample]:
+    def _search(self, deadline_ns: int, corrupt: int) -> list[Sample]:
         """Search what comes until ``deadline_ns`` [ns] for the replies; return the samples.
 
         Args:
-            asked: The request.
             deadline_ns: ``_NO_TIME``: nothing more is read.
             corrupt: The parser's count of broken frames before.
         """
-        if asked.others:
-            self._search_one_by_one(asked, deadline_ns)
-        else:
-            self._gather(self._missing, deadline_ns)
+        self._gather(deadline_ns)
         broken = self.parser.corrupt - corrupt - self._excused
         self._excused = 0
         whole = broken <= 0 and not self._refused
@@ -267,25 +261,11 @@ class Exchange:
             return self._samples({})
         return self._close(broken)
 
-    def _search_one_by_one(self, asked: SampleRequest, deadline_ns: int) -> None:
-        """Request each in turn; a missing servo does not take the time of others."""
-        order = self._order
-        share_ns = max(0, deadline_ns - self._now_ns()) // len(order)
-        self._sent_later_ns.clear()
-        self._missing = []
-        for station, frame in zip(order, (b"", *asked.others), strict=True):
-            now_ns = self._now_ns()
-            if frame:
-                self._sent_later_ns[station] = now_ns
-                self.line.write(frame)
-            self._missing = [*self._missing, station]
-            self._gather([station], now_ns + share_ns)
-
-    def _gather(self, awaited: Sequence[Station], deadline_ns: int) -> None:
-        """Process received bytes until all of ``awaited`` have answered or time is up."""
+    def _gather(self, deadline_ns: int) -> None:
+        """Process received bytes until all have answered or time is up."""
         line, now_ns = self.line, self._now_ns
         began_ns = _NO_TIME
-        while began_ns < deadline_ns and any(each in self._missing for each in awaited):
+        while began_ns < deadline_ns and self._missing:
             if self._found and all(station.silent >= _GONE for station in self._missing):
                 deadline_ns = min(deadline_ns, now_ns() + _GRACE_NS)
             began_ns = now_ns()
@@ -325,7 +305,7 @@ class Exchange:
         if asked is None or len(data) != asked.length:
             return False
         tick, current, position = asked.unpack(data)
-        sent_ns = self._sent_later_ns.get(station, self._sent_ns)
+        sent_ns = self._sent_ns
         if not station.accept(tick, sent_ns, self._now_ns()):
             return False
         station.answered, station.position, station.block = len(data), position, data
@@ -357,8 +337,7 @@ class Exchange:
             counts.corrupt += corrupt
             counts.lost += not corrupt
             outcome = Outcome.CORRUPT if corrupt else Outcome.LOST
-            sent_ns = self._sent_later_ns.get(station, self._sent_ns)
-            lost[station] = Sample(outcome, 0, 0, False, sent_ns)
+            lost[station] = Sample(outcome, 0, 0, False, self._sent_ns)
             if begun and not corrupt:
                 self._undecided, begun = station, False
             if not place or not joint:  # those after it could not reply

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Final
 
 from haptic_wall.hw.dynamixel.cut import torque_off
@@ -17,11 +16,12 @@ from haptic_wall.hw.dynamixel.driven import Driven
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.dynamixel.startup import WATCHED, Ready
+from haptic_wall.hw.dynamixel.startup import Ready
 from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
     ServoLostError,
+    TorqueLostError,
     UnfitServoError,
 )
 from haptic_wall.hw.serialport.line import FdLine, Line
@@ -110,7 +110,7 @@ class DynamixelGroup:
         try:
             for one in servos:
                 exchange.select([one.station])
-                ready.append(one.start(self._polls.describe()))
+                ready.append(one.start())
             if len(servos) > 1:
                 self._choose_way()
                 self._polls = self._plan()
@@ -127,8 +127,7 @@ class DynamixelGroup:
         except BaseException:
             self._off()
             raise
-        if len(servos) == 1 or exchange.way is not Way.PLAIN:
-            self._reply_ns = max(each.reply_ns for each in ready)
+        self._reply_ns = max(each.reply_ns for each in ready)
         if self._reply_ns:
             jitter_ns = 2e9 * self._period_s
             exchange.patience_ns = round(_REPLY_PATIENCE * self._reply_ns + jitter_ns)
@@ -137,11 +136,8 @@ class DynamixelGroup:
             one.bus.reply_s = self._reply_ns * 1e-9
             one.bus.counts = one.station.counts = BusCounts()
         self._run(running=True)
-        watched, _ = self._polls.describe()
-        return [
-            [replace(one, found=watched) if one.name == WATCHED else one for one in each.checks]
-            for each in ready
-        ]
+        watched = Check("watched while it runs", True, *self._polls.describe())
+        return [[*each.checks, watched] for each in ready]
 
     def request(self) -> None:
         """Request all positions, without waiting unless a Bus Watchdog may have tripped.
@@ -191,8 +187,9 @@ class DynamixelGroup:
                     # A latched error explains more than its consequences.
                     self._judge(one)
                 readings.append(one.reading(sample))
-            if len(readings) > 1:
-                self._refuse_alerts()
+            for one in self.servos if len(readings) > 1 else ():
+                if one.alert:  # who drives one servo decides
+                    raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
         except ServoError as error:
             raise self._all_off(error) from error.__cause__
         return readings
@@ -265,7 +262,7 @@ class DynamixelGroup:
             UnfitServoError: There is none.
         """
         exchange = self.exchange
-        for way in Way:
+        for way in (Way.FAST, Way.SYNC):
             exchange.select(exchange.stations, way)
             for _ in range(_TRIES):
                 exchange.request()
@@ -311,16 +308,14 @@ class DynamixelGroup:
     def _judge(self, one: Driven) -> None:
         """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
         if values := self._polls.values(one.station.block):
-            if not one.is_good(values):
+            try:
+                good = one.health.judge(values, one.facts.name)
+            except TorqueLostError as error:
+                raise one.watchdog.explained(error) from error
+            if not good:
                 self._hold()
                 one.watchdog.look(0, under_torque=one.goal != 0)
             self._polls.answered()
-
-    def _refuse_alerts(self) -> None:
-        """A latched error ends the run of several; who drives one servo decides."""
-        for one in self.servos:
-            if one.alert:
-                raise ServoHealthError(f"The {one.facts.name} reports a hardware error.")
 
     def _all_off(self, error: ServoError) -> ServoError:
         """Switch the torques of several off; return the error, with what else is wrong."""

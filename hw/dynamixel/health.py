@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.samples import LENGTHS, SAMPLE_ADDRESS, SAMPLE_END, Way
@@ -40,17 +40,13 @@ _HEAT_MARGIN: Final = 2
 """Distance below Temperature Limit at which the run ends, before the servo shuts down [°C]"""
 
 
-class _Item(NamedTuple):
-    register: str
-    name: str
-
-
-_ITEMS: Final = (
-    _Item("torque_enable", "torque enable"),
-    _Item("bus_watchdog", "bus watchdog"),
-    _Item("present_input_voltage", "supply"),
-    _Item("present_temperature", "temperature"),
-)
+_ITEMS: Final = {
+    "torque enable": "torque_enable",
+    "bus watchdog": "bus_watchdog",
+    "supply": "present_input_voltage",
+    "temperature": "present_temperature",
+}
+"""The watched registers by their names in messages"""
 _EVERYTHING: Final = (64, 147)
 _TORQUE_AND_WATCHDOG: Final = (64, SAMPLE_END)
 _WATCHDOG: Final = (98, SAMPLE_END)
@@ -131,9 +127,9 @@ class HealthPolls:
         ]
         self._wanted = {
             end - address: [
-                (item, register.address - address, register.size)
-                for item in _ITEMS
-                if address <= (register := REGISTERS[item.register]).address < end
+                (name, register.address - address, register.size)
+                for name, found in _ITEMS.items()
+                if address <= (register := REGISTERS[found]).address < end
             ]
             for address, end in blocks
         }
@@ -145,9 +141,9 @@ class HealthPolls:
 
     def describe(self) -> tuple[str, str]:
         """Describe the watched values with their intervals; also list all that could be watched."""
-        everything = ", ".join(item.name for item in _ITEMS)
-        turns = [{item.name for item, *_ in self._wanted[length]} for length in self._lengths]
-        looks = {item.name: sum(item.name in turn for turn in turns) for item in _ITEMS}
+        everything = ", ".join(_ITEMS)
+        turns = [{name for name, *_ in self._wanted[length]} for length in self._lengths]
+        looks = {name: sum(name in turn for turn in turns) for name in _ITEMS}
         groups = [
             f"{', '.join(names)} every {EVERY_NS * len(turns) / count * 1e-9:g} s"
             for count in sorted(set(looks.values()) - {0})
@@ -170,9 +166,7 @@ class HealthPolls:
         if len(block) != self.asked:
             return {}
         wanted = self._wanted[self.asked]
-        return {
-            item.name: int.from_bytes(block[at : at + size], "little") for item, at, size in wanted
-        }
+        return {name: int.from_bytes(block[at : at + size], "little") for name, at, size in wanted}
 
     def answered(self) -> None:
         """Go on to the next block with the next poll; an unanswered one is repeated."""
@@ -217,11 +211,9 @@ class HealthWatch:
             )
         for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
             if kind in values:
-                value = self.last[kind] = values[kind]
-                self._strike(kind, find(value), name)
+                fault = find(values[kind])
+                self.last[kind] = values[kind]
+                self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
+                if fault is not None and self._strikes[kind] >= _TWICE:
+                    raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))
         return values.get("bus watchdog", bounds.watchdog) == bounds.watchdog
-
-    def _strike(self, kind: str, fault: Problem | None, name: str) -> None:
-        self._strikes[kind] = self._strikes[kind] + 1 if fault else 0
-        if fault is not None and self._strikes[kind] >= _TWICE:
-            raise ServoHealthError(replace(fault, what=f"The {name} {fault.what}"))

@@ -27,7 +27,7 @@ from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
-from haptic_wall.hw.dynamixel.watchdog import Armed, rearm, watchdog_units
+from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
 from haptic_wall.hw.dynamixel.wire import CYCLE_BYTES
 from haptic_wall.hw.errors import ServoLostError, UnfitServoError
 from haptic_wall.hw.servo import Outcome
@@ -111,7 +111,7 @@ def prove_the_sign(
         push = probe_sign(table.station, exchange, direction * limit, name)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
         units = watchdog_units(settings)
-        if not tripped or rearm(table.station, units, under_torque=False) is not Armed.YES:
+        if not tripped or not rearm(table.station, units, under_torque=False):
             break
     torque = law.torque(push.peak)
     came = law.torque(push.measured)

@@ -59,14 +59,14 @@ class Sample(NamedTuple):
 
 
 class Way(Enum):
-    """Ways to read several servos, from the fastest."""
+    """Ways to read servos, from the fastest."""
 
     FAST = Instruction.FAST_SYNC_READ
     """One request, one joint reply; firmware 45 or later, X330 46"""
     SYNC = Instruction.SYNC_READ
     """One request, a reply of each"""
     PLAIN = Instruction.READ
-    """A request and a reply of each; the way of a single servo"""
+    """One request, one reply: the way of a single servo"""
 
 
 class SampleRequest:
@@ -81,13 +81,12 @@ class SampleRequest:
 
     Attributes:
         length: Number of bytes.
-        frame: The request on the wire; of the first servo with ``PLAIN``.
-        others: Those of the other servos.
+        frame: The request on the wire.
         expected: Recognises the undisturbed replies; None: each is searched for.
         unpack: Takes tick, current and position from a reply's data.
     """
 
-    __slots__ = ("expected", "frame", "length", "others", "unpack")
+    __slots__ = ("expected", "frame", "length", "unpack")
 
     def __init__(
         self, way: Way, ids: Sequence[int], address: int, length: int, *, prepared: bool = False
@@ -95,12 +94,11 @@ class SampleRequest:
         self.length = length
         block = struct.pack("<HH", address, length)
         if way is Way.PLAIN:
-            frames = [encode(id_, Instruction.READ, block) for id_ in ids]
+            self.frame = encode(ids[0], Instruction.READ, block)
         else:
-            frames = [encode(BROADCAST, way.value, block + bytes(ids))]
-        self.frame, *self.others = frames
+            self.frame = encode(BROADCAST, way.value, block + bytes(ids))
         self.expected: ExpectedReplies | None = None
-        if prepared and not self.others:
+        if prepared:
             self.expected = ExpectedReplies(ids, length, _FIELDS, joint=way is Way.FAST)
         self.unpack = struct.Struct(f"<{SAMPLE_ADDRESS - address}x{_FIELDS}").unpack_from
 

@@ -11,7 +11,7 @@ from haptic_wall.hw.settings import DriverSettings
 
 
 class DynamixelServo:
-    """Driver of one servo on a line; the servo may be real or emulated."""
+    """Driver of one servo on a line, real or emulated; see ``Servo`` for what its methods raise."""
 
     facts: Facts
     bus: Bus
@@ -42,9 +42,6 @@ class DynamixelServo:
 
         Raises:
             StrangeServoError: It is of no known model; nothing was written.
-            UnfitServoError: A check failed; torque is off, or the message says it may not be.
-            ServoMissingError: Nothing answers.
-            ServoLostError: It stops answering; the message says whether torque is off.
         """
         self.trouble = ""
         (checks,) = self._group.start()
@@ -69,12 +66,6 @@ class DynamixelServo:
         A position that implies a speed above ``max_speed`` is refused: the reply is broken in spite
         of a valid checksum, or the encoder has a fault. If such positions persist they are passed
         on, so that the speed limit ends the run.
-
-        Raises:
-            ServoLostError: The port is gone.
-            TorqueLostError: The torque is gone.
-            ServoHealthError: The servo is in no state to be driven any longer.
-            RuntimeError: There was no request.
         """
         return self._group.collect(deadline_ns)[0]
 
@@ -83,14 +74,6 @@ class DynamixelServo:
 
         A servo that senses its supply current gives this torque only at a standstill: it gives less
         when it moves with the torque, more when it moves against it.
-
-        Returns:
-            The torque really sent [N·m].
-
-        Raises:
-            ServoLostError: The port is gone.
-            ValueError: The torque is not a finite number.
-            RuntimeError: The servo is not started.
         """
         one = self._one
         goal = one.goal_of(torque)
@@ -98,11 +81,9 @@ class DynamixelServo:
         return one.law.torque(goal)
 
     def stop(self) -> bool:
-        """Send zero torque, switch torque off and read it back; safe to call at any time.
+        """Send zero torque, switch torque off and return whether that was read back.
 
-        Returns:
-            Whether torque off was read back. False if the port is gone. False if no known model has
-            replied: then nothing was written.
+        If no known model has replied, nothing was written, and it was not.
         """
         off = self._group.stop()
         self.trouble = self._one.trouble
@@ -113,11 +94,7 @@ class DynamixelServo:
         self._group.close()
 
     def idle(self) -> None:
-        """Make the line's system calls without effect, to keep them quick; see ``HasIdleWork``.
-
-        Raises:
-            ServoLostError: The port is gone.
-        """
+        """Make the line's system calls without effect, to keep them quick; see ``HasIdleWork``."""
         self._group.idle()
 
     def health(self) -> tuple[float, float]:

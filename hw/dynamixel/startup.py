@@ -37,7 +37,6 @@ from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
 
-WATCHED: Final = "watched while it runs"
 _SAMPLE_PATIENCE_NS: Final = 100_000_000
 _SAMPLE_ATTEMPTS: Final = 3
 _REPLIES: Final = 5
@@ -97,21 +96,11 @@ class Startup:
         name = f"id {settings.id} at {settings.baud} baud on {where}"
         self.table = Table(station, name, model.registers)
 
-    def model_number(self) -> int:
-        """Return the model number; nothing else is requested from a servo of unknown kind.
-
-        Raises:
-            ServoMissingError: No reply.
-            UnfitServoError: It refuses.
-        """
-        return self.table.ping()
-
-    def run(self, number: int, watch: tuple[str, str]) -> Ready:
+    def run(self, number: int) -> Ready:
         """Check everything, set what the driver may set, and enable torque at zero torque.
 
         Args:
-            number: Number from ``model_number``.
-            watch: Descriptions of what is watched, and of what would be with enough time.
+            number: The model number.
 
         Raises:
             ServoLostError: It stops replying.
@@ -134,7 +123,6 @@ class Startup:
         self._judge_constant(seen.law)
         self._report("position", f"{self._sample().counts * POSITION_UNIT:.3f} rad", "known")
         longest_ns, reply_ns = self._measure_reply()
-        self._report(WATCHED, *watch)
         self._refuse_if_unfit()
         self._torque_on()
         current_limit = seen["current_limit"]

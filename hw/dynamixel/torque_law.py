@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 from haptic_wall.hw.dynamixel.tables import Model
 
@@ -23,64 +22,39 @@ _HUGE = 1e9
 """More than any limit, and still a whole number where a ratio or its square is infinite"""
 
 
-class TorqueLaw(Protocol):
-    """Relation of goal currents [current units] and torques [N·m]; odd in both."""
-
-    @property
-    def step(self) -> float:
-        """Return the torque of the smallest goal, the largest difference of neighbours [N·m]."""
-
-    def goal(self, torque: float) -> int:
-        """Return the goal for a torque within a servo's limit [N·m]."""
-
-    def within(self, torque: float) -> int:
-        """Return the largest goal whose torque does not exceed this one [N·m], >= 0."""
-
-    def torque(self, goal: int) -> float:
-        """Return the torque of a goal, or of a measured current, at a standstill [N·m]."""
-
-
 @dataclass(frozen=True, slots=True)
-class Proportional:
-    """The law of a servo that senses its motor's current."""
+class TorqueLaw:
+    """Relation of goal currents [current units] and torques [N·m]; odd in both.
 
-    step: float
-
-    def goal(self, torque: float) -> int:
-        """Return the nearest goal."""
-        return round(torque / self.step)
-
-    def within(self, torque: float) -> int:
-        """Return the largest goal that gives no more."""
-        return math.floor(min(torque / self.step + _WHOLE, _HUGE))
-
-    def torque(self, goal: int) -> float:
-        """Return the proportional torque."""
-        return goal * self.step
-
-
-@dataclass(frozen=True, slots=True)
-class Root:
-    """The law of a servo that senses its supply's current, at a standstill.
-
-    One unit of current makes ``step``, four make twice that: torques between zero and ``step`` are
-    not possible. Goals are rounded toward zero, so that no more acts than was requested.
+    Of a servo that senses its motor's current it is proportional. Of one that senses its supply's,
+    at a standstill, it is a root: one unit of current makes ``step``, four make twice that, and
+    torques between zero and ``step`` are not possible. There goals are rounded toward zero, so that
+    no more acts than was requested.
     """
 
     step: float
+    """Torque of the smallest goal, the largest difference of neighbours [N·m]"""
+    root: bool = False
+    """The servo senses its supply's current"""
 
     def goal(self, torque: float) -> int:
-        """Return the next goal toward zero."""
+        """Return the goal for a torque within a servo's limit [N·m]."""
         ratio = torque / self.step
-        return int(math.copysign(min(ratio * ratio + _WHOLE, _HUGE), ratio))
+        if self.root:
+            return int(math.copysign(min(ratio * ratio + _WHOLE, _HUGE), ratio))
+        return round(ratio)
 
     def within(self, torque: float) -> int:
-        """Return the largest goal that gives no more."""
-        return self.goal(torque)
+        """Return the largest goal whose torque does not exceed this one [N·m], >= 0."""
+        if self.root:
+            return self.goal(torque)
+        return math.floor(min(torque / self.step + _WHOLE, _HUGE))
 
     def torque(self, goal: int) -> float:
-        """Return the torque by the square root."""
-        return math.copysign(math.sqrt(abs(goal)), goal) * self.step
+        """Return the torque of a goal, or of a measured current, at a standstill [N·m]."""
+        if self.root:
+            return math.copysign(math.sqrt(abs(goal)), goal) * self.step
+        return goal * self.step
 
 
 def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
@@ -92,9 +66,9 @@ def torque_law(model: Model, constant: float, volts: float) -> TorqueLaw:
         volts: Voltage of the supply [V], where the supply's current is sensed.
     """
     if not model.senses_supply_current:
-        return Proportional(constant * model.current_unit_ma * 1e-3)
+        return TorqueLaw(constant * model.current_unit_ma * 1e-3)
     unit = model.current_unit_ma * 1e-3
-    return Root(constant * motor_current(unit, volts, 0.0, resistance(model), 0.0))
+    return TorqueLaw(constant * motor_current(unit, volts, 0.0, resistance(model), 0.0), True)
 
 
 def resistance(model: Model) -> float:

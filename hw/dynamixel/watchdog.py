@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import Final
 
 from haptic_wall.hw.clock import Clock, Suspension
@@ -17,17 +16,6 @@ _BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
 _GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
 _NEVER_NS: Final = 1 << 62
-
-
-class Armed(Enum):
-    """The state of a Bus Watchdog."""
-
-    YES = "armed"
-    """It has its setting, or has been armed again at zero torque"""
-    NO = "not armed"
-    """It has tripped or was changed, and there was a torque to lose"""
-    UNKNOWN = "unknown"
-    """The servo does not reply"""
 
 
 def watchdog_units(settings: DriverSettings) -> int:
@@ -46,7 +34,7 @@ def watchdog_units(settings: DriverSettings) -> int:
     return units
 
 
-def rearm(station: Station, units: int, *, under_torque: bool) -> Armed:
+def rearm(station: Station, units: int, *, under_torque: bool) -> bool | None:
     """Check whether the servo still accepts goals; arm it again if no torque was lost.
 
     A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return of
@@ -60,23 +48,27 @@ def rearm(station: Station, units: int, *, under_torque: bool) -> Armed:
         units: Its setting [20 ms].
         under_torque: The last goal was not zero.
 
+    Returns:
+        Whether it has its setting, perhaps armed again at zero torque; False: it has tripped or was
+        changed, and there was a torque to lose; None: the servo does not reply.
+
     Raises:
         ServoLostError: The port is gone.
     """
     found = read_patiently(station, _BUS_WATCHDOG, QUICK_NS)
     if found is None:  # unknown whether there is a torque to lose
-        return Armed.UNKNOWN
+        return None
     if found == units:
-        return Armed.YES
+        return True
     if under_torque:
-        return Armed.NO
+        return False
     steps = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
     if found == WATCHDOG_TRIPPED:
         steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
     armed = all(
         confirmed(station, register, value, 3 * QUICK_NS[-1:]) == value for register, value in steps
     )
-    return Armed.YES if armed else Armed.UNKNOWN
+    return armed or None
 
 
 class WatchdogMonitor:
@@ -163,7 +155,7 @@ class WatchdogMonitor:
             TorqueLostError: The torque is gone.
         """
         armed = rearm(self._station, self._units, under_torque=under_torque)
-        if armed is not Armed.YES:
+        if not armed:
             raise self.explained(self._lost(armed, silence_ns))
 
     def explained(self, error: ServoLostError) -> ServoLostError:
@@ -180,10 +172,10 @@ class WatchdogMonitor:
             "its Bus Watchdog has dropped it: keep the computer awake, then start again."
         )
 
-    def _lost(self, found: Armed, silence_ns: int) -> ServoLostError:
+    def _lost(self, armed: bool | None, silence_ns: int) -> ServoLostError:
         """Return the error for a watchdog that was not armed."""
         silence = f"{silence_ns * 1e-6:.0f} ms"
-        if found is Armed.UNKNOWN:
+        if armed is None:
             return lost(
                 self._station,
                 self._name,

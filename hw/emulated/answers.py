@@ -158,7 +158,7 @@ def _fast_read(listed: Sequence[Entry], by_id: _ById, now_ns: int) -> list[Answe
         servos = [
             servo
             for servo in by_id.get(entry.id, ())
-            if servo.knows_fast_sync_read and servo.memory["status_return_level"]
+            if servo.model.knows_fast_reads(servo.firmware) and servo.memory["status_return_level"]
         ]
         if servos and len(shares) == sent:
             first = first or servos[0]

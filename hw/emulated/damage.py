@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from random import Random
 
 from haptic_wall.hw.dynamixel.codec import MAX_ID, crc16
+from haptic_wall.hw.dynamixel.codec.frames import HEADER
 from haptic_wall.hw.emulated.faults import Fault
-from haptic_wall.hw.emulated.traffic import HEADER
 
 _ID, _SHORTEST = 4, 10
 _NOISE = 8

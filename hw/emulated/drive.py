@@ -115,23 +115,21 @@ class Drive:
                 self.forget_turns()
             if mode != CURRENT_MODE:
                 hold = not self.table.enabled_by_goal
-                self.controllers.engage(mode, self.position(), hold=hold, now_ns=now_ns)
+                self.controllers.engage(mode, self.position(), hold=hold)
             self.next_ns = now_ns
             self._catch_up(now_ns)
-        elif mode != CURRENT_MODE:
-            self.controllers.follow(now_ns)
 
     def stop(self, now_ns: int) -> None:
         """React to a trip of the Bus Watchdog: limp in current mode, else hold the position."""
         if self._active not in (None, CURRENT_MODE):
-            self.controllers.stop(self.position(), now_ns)
+            self.controllers.stop(self.position())
         self.update(now_ns)
 
-    def motion(self, position: int, now_ns: int) -> Motion:
+    def motion(self, position: int) -> Motion:
         """Return the controllers' state, with the shaft at ``position`` [counts]."""
-        if self._active is None or self._active in (CURRENT_MODE, PWM_MODE):
-            return Motion(0, False, 0, position)
-        return self.controllers.motion(position, now_ns)
+        if self._active in (None, CURRENT_MODE, PWM_MODE):
+            return Motion(0, 0, position)
+        return self.controllers.motion(position)
 
     def counts(self) -> int:
         """Return the encoder's multi-turn counts, at the present time."""
@@ -151,12 +149,16 @@ class Drive:
         counts, sign = self.counts(), self.table.position_inverted
         self._lost = sign * (sign * counts // COUNTS_PER_REV * COUNTS_PER_REV)
 
-    def clear_turns(self, now_ns: int) -> None:
-        """Reduce Present Position to one turn at a standstill, and shift the goals."""
+    def clear_turns(self) -> None:
+        """Reduce Present Position to one turn at a standstill, and shift Goal Position with it.
+
+        The manual is silent about the goal. An unchanged one would turn the servo by as many turns
+        as were cleared.
+        """
         before = self.position()
         self.forget_turns()
         if self._active in POSITION_MODES:
-            self.controllers.renumber(self.position() - before, now_ns)
+            self._memory["goal_position"] += self.position() - before
 
     def electrical(self) -> tuple[float, float]:
         """Return the measured current [A], and the duty (fraction of the supply on the motor).
@@ -250,7 +252,7 @@ class Drive:
                 if self.stuck_at is not None
                 else sign * self.mechanism.velocity * _COUNTS_PER_RAD
             )
-            output = self.controllers.output(self.position(), seen, now_ns)
+            output = self.controllers.output(self.position(), seen)
             asked = sign * output / PWM_FULL
             limit = 1.0
             at_limit = mode != PWM_MODE and abs(output) >= abs(memory["goal_pwm"])

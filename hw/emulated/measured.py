@@ -46,10 +46,10 @@ def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
         velocity, current, pwm = -velocity, -current, -pwm
     if drive.held_pose:
         current, velocity = HELD_POSE
-    status, ongoing, lead_velocity, lead_position = drive.motion(position, now_ns)
+    status, lead_velocity, lead_position = drive.motion(position)
     return _PRESENT.pack(
         tick,
-        ongoing or abs(velocity) > table.memory["moving_threshold"],
+        abs(velocity) > table.memory["moving_threshold"],
         status,
         pwm,
         min(max(current, -0x8000), 0x7FFF),

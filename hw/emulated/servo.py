@@ -155,11 +155,6 @@ class EmulatedServo:
         return ALERT if self.memory["hardware_error_status"] else 0
 
     @property
-    def knows_fast_sync_read(self) -> bool:
-        """Whether its firmware supports fast sync read."""
-        return self.model.knows_fast_reads(self.firmware)
-
-    @property
     def watchdog_from_ns(self) -> int:
         """Return a time before which the Bus Watchdog does not trip at any setting [ns]."""
         return self._heard_ns + WATCHDOG_UNIT_NS
@@ -252,8 +247,10 @@ class EmulatedServo:
         mode = self.memory["operating_mode"] if address < EEPROM_END else None
         error = self.table.write(address, data, ram_only=ram_only)
         if error == ErrorCode.NONE:
-            if mode is not None and mode != self.memory["operating_mode"]:
-                self._change_mode(now_ns)
+            now = self.memory["operating_mode"]
+            if mode not in (None, now) and now in (POSITION_MODE, EXTENDED_MODE):
+                drive.advance(now_ns)
+                drive.forget_turns()  # the position modes begin within one turn
             if self.memory["torque_enable"] and not self._held:
                 # The scripted operator waits for the torque, as a user of the wall would, and does
                 # not disturb a start-up that checks the shaft.
@@ -284,7 +281,7 @@ class EmulatedServo:
         self._refresh(now_ns)
         if self.memory["moving"]:
             return ErrorCode.RESULT_FAIL
-        self.drive.clear_turns(now_ns)
+        self.drive.clear_turns()
         return ErrorCode.NONE
 
     def reset(self, option: int, now_ns: int) -> ErrorCode:
@@ -324,12 +321,6 @@ class EmulatedServo:
         self.drive.advance(now_ns)
         self.table.latch(bits)
         self.drive.update(now_ns)
-
-    def _change_mode(self, now_ns: int) -> None:
-        """Start a new mode; the position modes begin within one turn."""
-        if self.memory["operating_mode"] in (POSITION_MODE, EXTENDED_MODE):
-            self.drive.advance(now_ns)
-            self.drive.forget_turns()
 
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import Frame
+from haptic_wall.hw.dynamixel.codec.frames import HEADER
 
-HEADER: Final = b"\xff\xff\xfd\x00"
 _INSTRUCTION_AT: Final = 7
 """Offset of the instruction in a frame"""
 

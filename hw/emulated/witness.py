@@ -1,18 +1,8 @@
 """The witness: a record of every frame and of the true motion, independent of any controller.
 
-CSV with the columns of ``COLUMNS``. Rows are kept in memory and written when the bus is idle, so
-that writing never delays a reply.
-
-- ``rx``: an instruction has fully arrived and has taken effect.
-- ``tx``: the last byte of a reply has left.
-- ``state``: every millisecond, for every servo.
-- ``fault``: an injected fault acts; its name is in ``fault``. ``rx`` and ``tx`` are seen from the
-  servos' side: a lost instruction has no ``rx``, a lost reply has its ``tx``.
-- ``time_s``: CLOCK_MONOTONIC where the bus runs in real time [s].
-- ``position_rad, velocity_rad_s, torque_nm``: the true state after all events of that instant; the
-  torque is the motor's acting one. A broadcast has those of its first servo.
-- ``error``: the error byte of a reply; 3 for an instruction whose CRC was wrong.
-- ``params``: the frame's parameters, un-stuffed, in hexadecimal.
+CSV with the columns of ``COLUMNS``, which docs/emulated-bus.md explains. Rows are kept in memory
+and written when the bus is idle, so that writing never delays a reply. A row has the true state
+after all events of its instant; the ``error`` of an instruction whose CRC was wrong is 3.
 """
 
 from __future__ import annotations

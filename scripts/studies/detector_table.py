@@ -287,5 +287,4 @@ STUDY = Study(
         Option("hours", 3.0, "hours of each operator on each servo", quick=1.0 / 720.0),
     ),
     everywhere=True,
-    compilable=True,
 )

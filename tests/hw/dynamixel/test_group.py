@@ -184,7 +184,7 @@ def test_where_one_is_missing_nobody_else_is_said_to_have_kept_its_torque() -> N
     assert bench.truths[0].memory["torque_enable"] == 0
 
 
-@pytest.mark.parametrize("way", list(Way))
+@pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])
 @pytest.mark.parametrize(
     "fault", sampled(["corrupt:p=0.05", "drop:p=0.05", "late:ms=1.5,p=0.05", "truncate:p=0.05"], 4)
 )
@@ -258,7 +258,7 @@ def test_a_zero_that_cannot_be_sent_keeps_nobody_from_being_switched_off(
     assert [truth.memory["torque_enable"] for truth in bench.truths] == [0, 0, 0]
 
 
-@pytest.mark.parametrize("way", list(Way))
+@pytest.mark.parametrize("way", [Way.FAST, Way.SYNC])
 def test_a_held_pose_whose_replies_need_stuffing_costs_no_reading(
     way: Way, monkeypatch: pytest.MonkeyPatch
 ) -> None:

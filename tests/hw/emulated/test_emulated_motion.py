@@ -1,6 +1,6 @@
 """How an emulated servo moves in each mode, through the vendor's own client.
 
-The oracle is the manual (units, profiles, gains), the published figures of the model, and
+The oracle is the manual (units, gains), the published figures of the model, and
 mechanics in closed form.
 """
 
@@ -179,25 +179,6 @@ def test_current_based_position_gives_way_where_goal_current_says() -> None:
     assert firm.client.position() - math.pi < 0.15
 
 
-@pytest.mark.parametrize("true", [FREE, MX64])
-def test_a_trapezoid_takes_the_manuals_time(true: TrueServo) -> None:
-    """t1 = 64 ms x 100 / 40; 3000 counts at 100 x 0.229 rev/min, and t1 once more."""
-    servo = Sdk(mode=EXTENDED, true=replace(true, position=math.pi))
-    servo.on(profile_acceleration=40, profile_velocity=100, goal_position=5048)
-    duration = 3000 / (100 * 0.229 / 60 * 4096) + 0.16
-    servo.pass_time(duration / 2)
-    assert servo["moving_status"] == 0x32
-    assert servo["velocity_trajectory"] == 100
-    assert servo["position_trajectory"] == pytest.approx(2048 + 1500, abs=5)
-    servo.pass_time(duration / 2 - 0.01)
-    assert servo["moving_status"] & 0x02
-    servo.pass_time(0.02)
-    assert servo["moving_status"] & 0x32 == 0x30
-    assert servo["position_trajectory"] == 5048
-    servo.pass_time(0.5)
-    assert servo["present_position"] == pytest.approx(5048, abs=5)
-
-
 def test_torque_off_leaves_it_limp_on_its_way() -> None:
     servo = Sdk(mode=VELOCITY, true=FREE).on(goal_velocity=100)
     servo.pass_time(1)
@@ -226,7 +207,7 @@ def test_a_reboot_under_way_leaves_it_limp(mode: int) -> None:
 def test_the_bus_watchdog_stops_it(mode: int) -> None:
     servo = Sdk(mode=mode)
     goal = {VELOCITY: {"goal_velocity": 100}, PWM: {"goal_pwm": 500}}.get(
-        mode, {"profile_velocity": 60, "goal_position": 4000}
+        mode, {"goal_position": 4000}
     )
     servo.on(bus_watchdog=5, **goal)
     servo.pass_time(0.099)
@@ -245,7 +226,7 @@ def test_looking_often_or_rarely_makes_no_difference() -> None:
     ends = []
     for looks in (1, 500):
         servo = Sdk(true=replace(MX64, hand="push", hand_origin=math.pi, backlash=0.0044))
-        servo.on(profile_velocity=50, profile_acceleration=20, goal_position=3000)
+        servo.on(goal_position=3000)
         begun, span = servo.client.clock.now_ns(), 2_000 * MS
         for n in range(1, looks + 1):
             servo.servo.state(begun + span * n // looks)
