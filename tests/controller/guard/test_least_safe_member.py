@@ -249,3 +249,24 @@ def test_a_vibration_without_damping_has_a_limit(damping: float) -> None:
         return decide(request, GuardSettings(), situation, [0.0], explained=False)[0].stiffness
 
     assert stiffness(0.0) == pytest.approx(stiffness(1e-7), rel=1e-2, abs=1e-3)
+
+
+@pytest.mark.parametrize(("hz", "lag"), [(120.0, 0.0), (400.0, 1.3e-3)])
+def test_a_servo_without_any_friction_is_not_called_stable(hz: float, lag: float) -> None:
+    case = Case(
+        belief(
+            inertia=Bounded.exactly(0.012),
+            damping=Bounded.exactly(0.0),
+            delay=Bounded.exactly(lag),
+            load_inertia=Bounded.exactly(3e-3),
+            flexible_hz=Bounded.exactly(hz),
+            flexible_damping_ratio=Bounded.exactly(0.0),
+        ),
+        asked=0.5,
+    )
+    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 1e-3, 4.1, 0.0)
+    found = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    request = Request(1e9, 0.5 * found.damping_ceiling, "both", 1)
+    wall = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    (member,) = members(case, np.zeros((1, len(NAMES) + 1)))
+    assert radius(case, member, wall.stiffness, wall.damping) < 1.0 + 1e-7
