@@ -24,7 +24,6 @@ from haptic_wall.controller.theory.checks import (
     positive,
 )
 
-
 _LEAST_RATIO = 1e-9
 """Least damping ratio of a transmission"""
 
@@ -93,8 +92,8 @@ class Chain:
         Poles of an undamped chain are on the unit circle without a wall, where no crossing shows.
         """
         ease = 1.0 / self.inertias
-        found: FloatArray = 2.0 * _LEAST_RATIO * np.sqrt(
-            self.stiffnesses / (ease[:, 1:] + ease[:, :-1])
+        found: FloatArray = (
+            2.0 * _LEAST_RATIO * np.sqrt(self.stiffnesses / (ease[:, 1:] + ease[:, :-1]))
         )
         return found
 
