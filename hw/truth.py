@@ -320,6 +320,7 @@ def fits(name: str, value: Any) -> bool:  # noqa: ANN401 - whatever was given
             return (
                 isinstance(value, (list, tuple))
                 and len(value) <= MOST_LINKS
+                and all(isinstance(each, (int, float)) for row in value for each in row)
                 and all(
                     0.0 < inertia <= 1e6 and 0.0 < stiffness <= 1e9 and 0.0 <= damping <= 1e6
                     for inertia, stiffness, damping in value
@@ -355,7 +356,7 @@ def read(name: str, text: str) -> Any:  # noqa: ANN401 - of the parameter's type
     """
     value: Any = text.strip()
     for parse in (float, json.loads):
-        with suppress(ValueError):
+        with suppress(ValueError, RecursionError):  # brackets may be nested too deeply
             value = parse(value.lower())
             break
     if isinstance(value, float) and value.is_integer() and TYPES[name] not in (float, float | None):

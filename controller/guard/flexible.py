@@ -233,7 +233,13 @@ def _intervals(
         ]
     if end < high:
         found.append(_Interval(high, belief, 1.0))
-    return found
+    halves = _halves(hz.low * end) / hz.low  # see _scan
+    return found + [_Interval(t, belief, 1.0) for t in halves[halves > low].tolist()]
+
+
+def _halves(most: float) -> FloatArray:
+    """Return 0.5, 1.5 and so on, up to ``most``."""
+    return np.arange(0.5, most + 1e-9)
 
 
 class Knot(NamedTuple):
@@ -370,6 +376,9 @@ def _scan(
     if 0.0 < knot.low < slow:
         more = math.ceil(math.log(slow / knot.low) / math.log(_STEPS))
         rates = np.unique([*rates, *np.geomspace(knot.low, slow, more + 1)])
+    # in cycles per period: a vibration just there takes half the damping of those beside it
+    halves = _halves(belief.flexible_hz.high * period) / period
+    rates = np.unique([*rates, *halves[halves > knot.low]])
     if velocity_filter is not None and _is_notch(velocity_filter):
         middle = velocity_filter.w0 / (math.tau * period)
         near = middle * (1.0 + _BESIDE / velocity_filter.q)

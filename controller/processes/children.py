@@ -111,7 +111,9 @@ class Child:
         code = self._process.returncode
         if code is None:
             return "is running"
-        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+        names = {each.value: each.name for each in signal.Signals}  # not all have one
+        how = names.get(-code, f"signal {-code}")
+        return f"was killed by {how}" if code < 0 else f"ended with {code}"
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for its end; return whether it ended in time."""

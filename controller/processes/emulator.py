@@ -88,7 +88,8 @@ def emulated_bus(
         if path is None and stopped():
             bus.send(signal.SIGKILL)  # one that hangs need not heed anything else
         elif path is None:
-            what = f"the emulated bus did not start: it {bus.exit_text()}"
+            how = "" if bus.ended() else bus.doing()
+            what = f"the emulated bus did not start: it {how or bus.exit_text()}"
             advice = "see its message above, if any, and start again"
             raise ServoError(Problem(what, advice=advice))
         yield bus, path

@@ -24,6 +24,9 @@ from haptic_wall.controller.theory.checks import (
     positive,
 )
 
+_LEAST_RATIO = 1e-9
+"""Least damping ratio of a transmission"""
+
 
 @dataclass(frozen=True, slots=True)
 class Chain:
@@ -66,14 +69,15 @@ class Chain:
         c[self.encoder % masses] = 1.0
         for i in range(masses):
             a[:, i, i] -= self.dampings[:, i] / self.inertias[:, i]
+        dampings = np.maximum(self.transmission_dampings, self._least_dampings())
         for i in range(twists):
             twist = masses + i
             a[:, twist, i], a[:, twist, i + 1] = 1.0, -1.0
             for mass, other, sign in ((i, i + 1, -1.0), (i + 1, i, 1.0)):
                 per = 1.0 / self.inertias[:, mass]
                 a[:, mass, twist] += sign * self.stiffnesses[:, i] * per
-                a[:, mass, mass] -= self.transmission_dampings[:, i] * per
-                a[:, mass, other] += self.transmission_dampings[:, i] * per
+                a[:, mass, mass] -= dampings[:, i] * per
+                a[:, mass, other] += dampings[:, i] * per
         if self.bandwidth is None:
             b[:, 0] = 1.0 / self.inertias[:, 0]
         else:
@@ -81,6 +85,17 @@ class Chain:
             a[:, 0, -1] = 1.0 / self.inertias[:, 0]
             a[:, -1, -1], b[:, -1] = -rate, rate
         return a, b, c
+
+    def _least_dampings(self) -> FloatArray:
+        """Return what the transmissions are damped with at least [N·m·s/rad].
+
+        Poles of an undamped chain are on the unit circle without a wall, where no crossing shows.
+        """
+        ease = 1.0 / self.inertias
+        found: FloatArray = (
+            2.0 * _LEAST_RATIO * np.sqrt(self.stiffnesses / (ease[:, 1:] + ease[:, :-1]))
+        )
+        return found
 
 
 @dataclass(frozen=True, slots=True)

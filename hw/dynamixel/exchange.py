@@ -47,7 +47,7 @@ from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
 
-_GOAL_CURRENT: Final = 102
+GOAL_CURRENT: Final = 102
 _SHORTEST: Final = LENGTHS.start
 _GONE: Final = 3
 """Consecutive lost readings after which a servo is hardly waited for"""
@@ -78,6 +78,8 @@ class Exchange:
         self.patience_ns = 0
         """How long a request may stay outstanding, over several calls of ``collect`` [ns]; 0: over
         one"""
+        self.kept = b""
+        """Sent before an instruction to one servo: zero goals, so that no Bus Watchdog trips"""
         self._now_ns = line.clock.now_ns
         self._baud = baud
         self._free_at = dict.fromkeys(LENGTHS, 0)
@@ -109,7 +111,7 @@ class Exchange:
         self._usual = {
             each: SampleRequest(way, ids, SAMPLE_ADDRESS, each, prepared=True) for each in LENGTHS
         }
-        self._goals = SyncWrite(_GOAL_CURRENT, ids)
+        self._goals = SyncWrite(GOAL_CURRENT, ids)
         self._known: dict[int, bytes] | None = {} if len(ids) == 1 else None
         """The frames of a single servo by its goal; there are as many as current units"""
         self._calm = True

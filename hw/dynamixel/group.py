@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
+from haptic_wall.hw.dynamixel.codec import SyncWrite
 from haptic_wall.hw.dynamixel.cut import torque_off
 from haptic_wall.hw.dynamixel.driven import Driven
-from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.exchange import GOAL_CURRENT, Exchange
 from haptic_wall.hw.dynamixel.health import HealthPolls
 from haptic_wall.hw.dynamixel.samples import Way
 from haptic_wall.hw.dynamixel.startup import Ready
@@ -111,6 +112,7 @@ class DynamixelGroup:
             for one in servos:
                 exchange.select([one.station])
                 ready.append(one.start())
+                self._keep(servos[: len(ready)])
             if len(servos) > 1:
                 self._choose_way()
                 self._polls = self._plan()
@@ -151,12 +153,14 @@ class DynamixelGroup:
             if self._reply_ns:
                 for one in self.servos:
                     one.watchdog.call(now_ns, under_torque=one.goal != 0)
+                called_ns = self._now_ns()
+                for one in self.servos:
+                    one.watchdog.called_ns = called_ns
                 if exchange.waiting:
                     return
             for one in self.servos:
                 watchdog = one.watchdog
                 if now_ns - watchdog.heard_ns > watchdog.limit_ns:
-                    self._hold()
                     watchdog.resume(now_ns, under_torque=one.goal != 0)
             polls = self._polls
             polls.asked = 0
@@ -282,6 +286,7 @@ class DynamixelGroup:
         Returns:
             Whether torque off was read back from all others.
         """
+        self._keep([])
         known = [one for one in self.servos if one.known]
         left = [one.station for one in known]
         for one in self.servos:
@@ -300,10 +305,11 @@ class DynamixelGroup:
             return ""
         return " of " + ", ".join(one.facts.name for one in self.left_on if one.known)
 
-    def _hold(self) -> None:
-        """Send zero to several: none must push on while one is examined."""
+    def _keep(self, some: Sequence[Driven]) -> None:
+        """While one of several is examined, none pushes on, and no other's watchdog trips."""
         if len(self.servos) > 1:
-            self.exchange.send([0] * len(self.servos))
+            zero = SyncWrite(GOAL_CURRENT, [one.station.id for one in some])
+            self.exchange.kept = zero.encode([0] * len(some)) if some else b""
 
     def _judge(self, one: Driven) -> None:
         """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
@@ -313,7 +319,6 @@ class DynamixelGroup:
             except TorqueLostError as error:
                 raise one.watchdog.explained(error) from error
             if not good:
-                self._hold()
                 one.watchdog.look(0, under_torque=one.goal != 0)
             self._polls.answered()
 

@@ -44,6 +44,7 @@ class Shared(Protocol):
     parser: Parser
     blocks: dict[int, int]
     number: int
+    kept: bytes
 
     @property
     def by_id(self) -> Mapping[int, Station]:
@@ -201,7 +202,10 @@ class Station:
         exchange.set_aside()
         self.listen(now_ns())
         sent_ns = now_ns()
-        deadline_ns = sent_ns + patience_ns + exchange.wire_ns(ASKING_BYTES + size)
+        kept = exchange.kept
+        deadline_ns = sent_ns + patience_ns + exchange.wire_ns(len(kept) + ASKING_BYTES + size)
+        if kept:
+            exchange.line.write(kept)
         exchange.line.write(encode(self.id, instruction, params))
         found = self._await(instruction, size, deadline_ns)
         if found is not None:

@@ -27,7 +27,7 @@ def test_a_text_is_read_in_the_parameters_type(name: str, text: str, value: obje
 
 def test_what_is_no_value_is_refused() -> None:
     for name in ABOUT:
-        for text in ("nan", "", "shove", "{}", "1e999", "[[1]]"):
+        for text in ("nan", "", "shove", "{}", "1e999", "[[1]]", 5000 * "["):
             with pytest.raises(ValueError, match=wanted(name).split(" ")[0]):
                 read(name, text)
 
@@ -48,6 +48,7 @@ def test_rows_of_a_chain_become_links() -> None:
         {"inertia": 0.01, "damping": None},
         {"inertia": 0.01, "noise_seed": 1.5},
         {"inertia": 0.01, "chain": [[0.1, 1.0]]},
+        {"inertia": 0.01, "chain": [["a", 1.0, 0.0]]},
         {"inertia": 0.01, "chain": 9 * [[0.1, 1.0, 0.0]], "load_inertia": 1.0},
     ],
 )

@@ -150,6 +150,20 @@ def test_no_stiffness_above_the_ceiling() -> None:
     assert np.all(stiffness == 0.0)
 
 
+@pytest.mark.parametrize("encoder", ["output", "motor"])
+def test_without_any_damping_limits_are_those_of_hardly_any(encoder: str) -> None:
+    random = np.random.default_rng(1)
+    m, load, rate = 10 ** random.uniform(-3, -1, (3, 30)) * [[1.0], [1.0], [4e4]]
+    delay = random.uniform(0.0, 4e-3, 30)
+
+    def ceiling(ratio: float) -> FloatArray:
+        moved = m * load / (m + load)
+        servo = (m, 0.0, load, moved * rate**2, 2.0 * ratio * moved * rate)
+        return flexible_ceiling(*servo, 1e-3, delay, encoder=encoder)
+
+    assert np.all(ceiling(0.0) < 1.001 * ceiling(1e-8))
+
+
 def test_a_stiff_transmission_is_none() -> None:
     m, load, b, period, delay = 0.012, 0.003, 0.0117, 1e-3, 1.4e-3
     big_b = np.array([0.0, 0.02, 0.5])

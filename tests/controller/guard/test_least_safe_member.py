@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -229,11 +230,36 @@ LIMIT_INSIDE = belief(
 """The ceiling is least at the most inertia, but the limit at 0.7 of it between the ends"""
 
 
+HALF_A_CYCLE = belief(
+    inertia=Bounded.exactly(0.08),
+    damping=Bounded.exactly(0.1),
+    load_inertia=Bounded.exactly(0.03),
+    flexible_hz=Bounded.exactly(243.0),
+    flexible_damping_ratio=Bounded.exactly(1e-3),
+)
+"""At half a cycle per period, and only there, the ceiling is half of what it is beside it"""
+
+
 @pytest.mark.parametrize(
-    "case", [Case(MORE_FRICTION), Case(INERTIA_INSIDE), Case(LIMIT_INSIDE, 1.0, samples=4)]
+    "case",
+    [
+        Case(MORE_FRICTION),
+        Case(INERTIA_INSIDE),
+        Case(LIMIT_INSIDE, 1.0, samples=4),
+        Case(replace(HALF_A_CYCLE, flexible_hz=Bounded(243.0, 200.0, 300.0)), 1.0, 2e-3, 2e-3),
+    ],
 )
 def test_the_least_safe_servo_is_not_where_friction_and_inertia_are_least(case: Case) -> None:
     check(case, 1, 6)
+
+
+def test_an_interval_of_half_a_cycle_is_counted() -> None:
+    case = Case(HALF_A_CYCLE, period=2e-3, age=2e-3)
+    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 2e-3, 4.1, 0.0)
+    found = decide(request, GuardSettings(), situation, [case.age], explained=False)[0]
+    member = members(case, np.zeros((1, len(NAMES) + 1)))
+    member[0, -2:] = 0.95 * 2e-3, 0.5 / 243.0
+    assert found.damping_ceiling < ceilings(case, member)[0]
 
 
 @pytest.mark.parametrize("rigid", [False, True])
@@ -256,3 +282,24 @@ def test_a_vibration_without_damping_has_a_limit(damping: float) -> None:
         return decide(request, GuardSettings(), situation, [0.0], explained=False)[0].stiffness
 
     assert stiffness(0.0) == pytest.approx(stiffness(1e-7), rel=1e-2, abs=1e-3)
+
+
+@pytest.mark.parametrize(("hz", "lag"), [(120.0, 0.0), (400.0, 1.3e-3)])
+def test_a_servo_without_any_friction_is_not_called_stable(hz: float, lag: float) -> None:
+    case = Case(
+        belief(
+            inertia=Bounded.exactly(0.012),
+            damping=Bounded.exactly(0.0),
+            delay=Bounded.exactly(lag),
+            load_inertia=Bounded.exactly(3e-3),
+            flexible_hz=Bounded.exactly(hz),
+            flexible_damping_ratio=Bounded.exactly(0.0),
+        ),
+        asked=0.5,
+    )
+    request, situation = Request(1e9, 0.0, "both", 1), Situation(case.belief, 1e-3, 4.1, 0.0)
+    found = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    request = Request(1e9, 0.5 * found.damping_ceiling, "both", 1)
+    wall = decide(request, GuardSettings(), situation, [0.0], explained=False)[0]
+    (member,) = members(case, np.zeros((1, len(NAMES) + 1)))
+    assert radius(case, member, wall.stiffness, wall.damping) < 1.0 + 1e-7

@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from haptic_wall.controller.processes import emulator
 from haptic_wall.controller.processes.children import Child, first_line
 from haptic_wall.controller.system.signals import on_signals
+from haptic_wall.hw.errors import ServoError
 from tests.cases import sampled
 
 
@@ -67,3 +69,28 @@ def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_bus_that_is_stopped_in_its_start_is_not_said_to_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stop(child: Child, *_: object) -> None:
+        child.send(signal.SIGSTOP)
+        os.waitid(os.P_PID, child.pid, os.WSTOPPED)
+
+    monkeypatch.setattr(emulator, "first_line", stop)
+    monkeypatch.setattr(emulator, "END_S", 0.1)
+    with (
+        pytest.raises(ServoError, match="did not start: it was stopped by a signal"),
+        emulator.emulated_bus([*emulator.EMULATE], os.sched_getaffinity(0)),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("number", "name"), [(9, "SIGKILL"), (40, "signal 40")])
+def test_a_child_s_signal_is_named(number: int, name: str) -> None:
+    child = Child("main", ["timeit", "-n", "1", "-s", "input()"], None)
+    os.kill(child.pid, number)
+    assert child.wait(30.0)
+    child.dismiss(0.1)
+    assert child.exit_text() == f"was killed by {name}"

@@ -436,3 +436,18 @@ def test_behind_an_adapter_that_holds_replies_for_periods_nothing_is_lost(timer_
         assert set(outcomes) == {Outcome.OK, Outcome.WAITING}
         assert outcomes.count(Outcome.OK) >= 200 // (timer_ms + 2)
     assert bench.group.stop() is True
+
+
+@pytest.mark.parametrize(
+    ("count", "timer_ms", "watchdog_s"), [(2, 16, 0.1), (3, 16, 0.2), (6, 4, 0.1)]
+)
+def test_while_one_is_examined_no_watchdog_of_another_trips(
+    count: int, timer_ms: int, watchdog_s: float
+) -> None:
+    bench = Bench([48] * count, watchdog_s=watchdog_s, period_ns=2 * PERIOD_NS)
+    bench.bus._adapter = Adapter(timer_ms * PERIOD_NS, 62, 0)
+    bench.group.start()
+    rows = [bench.cycle([0.1] * count) for _ in range(300)]
+    assert all(reading.outcome is not Outcome.LOST for row in rows for reading in row)
+    assert sum(row[-1].outcome is Outcome.OK for row in rows) >= 300 // (timer_ms // 2 + 2)
+    assert bench.group.stop() is True
