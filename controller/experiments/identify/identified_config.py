@@ -179,16 +179,13 @@ def _narrowed(
     agrees = promised and low - far <= found["value"] <= high + far
     if kept is not None:
         found = {end: kept * each if torque else each for end, each in found.items()}
-        near = ("value",) if agrees else ("low", "high")
-        ends = [bounds.low, bounds.high, *(found[each] for each in near)]
-        low, high = min(ends), max(ends)
+        ends = [bounds.low, bounds.high, *(() if agrees else (found["low"], found["high"]))]
+        low, high = _short(min(ends)), _short(max(ends))
     elif agrees:
-        low, high = (min(max(found[end], low), high) for end in ("low", "high"))
+        low, high = (_short(min(max(found[end], low), high)) for end in ("low", "high"))
     else:
         return found
-    # A value that lies beside the believed bounds without contradicting them is kept too.
-    value = _short(found["value"])
-    return {"value": value, "low": min(_short(low), value), "high": max(_short(high), value)}
+    return {"value": min(max(_short(found["value"]), low), high), "low": low, "high": high}
 
 
 def _bounded(estimated: Estimated, floor: float) -> dict[str, float]:
