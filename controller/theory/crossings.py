@@ -253,14 +253,19 @@ def unstable_poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatAr
     return count
 
 
-def poles(loops: Loops, stiffness: FloatArray, virtual_damping: FloatArray) -> ComplexArray:
-    """Return the closed-loop poles, loops × poles; arguments as of ``unstable_poles``."""
+def poles(
+    loops: Loops, stiffness: FloatArray | ComplexArray, virtual_damping: FloatArray | ComplexArray
+) -> ComplexArray:
+    """Return the closed-loop poles, loops × poles; arguments as of ``unstable_poles``.
+
+    Complex ones are those of a wall behind a gain that lags.
+    """
     chains, samples, filtered = loops.chains, loops.samples, loops.velocity_filter
     count, order = chains.old.shape
     torques = loops.whole + 1
     past = order + torques + samples
     size = past if filtered is None else past + 2
-    a = np.zeros((count, size, size))
+    a = np.zeros((count, size, size), np.result_type(stiffness, virtual_damping))
     per_sample = 1.0 / (samples * loops.period)
     difference = np.zeros((count, size))
     difference[:, order - 1], difference[:, past - 1] = per_sample, -per_sample

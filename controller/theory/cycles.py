@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_wall.controller.theory.chain import one_mass, sampled
 from haptic_wall.controller.theory.checks import (
     ComplexArray,
     FloatArray,
@@ -33,6 +34,7 @@ from haptic_wall.controller.theory.checks import (
     samples,
     scalar,
 )
+from haptic_wall.controller.theory.crossings import Loops, poles
 from haptic_wall.controller.theory.describing import (
     backlash_gain,
     quantisation_gain,
@@ -40,7 +42,6 @@ from haptic_wall.controller.theory.describing import (
 )
 from haptic_wall.controller.theory.friction import onset_amplitude
 from haptic_wall.controller.theory.loop import HeldLoop
-from haptic_wall.controller.theory.response import held_response
 from haptic_wall.controller.theory.roots import dips, zeros
 
 Gain = Callable[[FloatArray], NDArray[np.inexact]]
@@ -140,7 +141,10 @@ def limit_cycles(
             return []
         return [LimitCycle(amplitude, float(onset.frequency), stable=False)]
     plant = HeldLoop.of(*(np.asarray(x, dtype=np.float64) for x in (b * t / m, t_d / t, n)))
-    loop = _Loop(plant, k * t**2 / m, big_b * t / m)
+    whole, one = int(plant.delay), np.ones(1)
+    chain, _ = one_mass(1.0, plant.delta)
+    loops = Loops(sampled(chain, one, np.array([plant.delay - whole])), one, whole, n)
+    loop = _Loop(plant, loops, k * t**2 / m, big_b * t / m)
     if isinstance(effect, Backlash):
         positive("width", effect.width)
         found = _lagging(loop, lambda a: backlash_gain(a, 1.0))
@@ -163,6 +167,8 @@ class _Loop(NamedTuple):
     """A wall on its device, dimensionless."""
 
     plant: HeldLoop
+    loops: Loops
+    """The same, whose poles are asked for"""
     alpha: float
     beta: float
 
@@ -189,45 +195,12 @@ class _Loop(NamedTuple):
         if complex(-slope / turn).imag >= 0:
             return False
         now = complex(gain(np.array(a)))
-        poles = self.poles(now)
+        gains = np.array([now if now.imag else now.real])
+        (found,) = poles(self.loops, gains * self.alpha, gains * self.beta)
         # a lagging gain applies to the modes that turn forwards
-        poles = poles[poles.imag > -1e-9]
-        others = np.delete(poles, np.argmin(np.abs(poles - np.exp(1j * w))))
+        found = found[found.imag > -1e-9]
+        others = np.delete(found, np.argmin(np.abs(found - np.exp(1j * w))))
         return bool(np.all(np.abs(others) < _OUTSIDE))
-
-    def poles(self, gain: complex) -> ComplexArray:
-        """Return the poles of the loop whose wall has this gain.
-
-        They are the eigenvalues of plant, delay ring and past positions.
-        """
-        plant = self.plant
-        whole, samples = int(plant.delay), int(plant.samples)
-        full = held_response(plant.delta, 1.0)
-        late = held_response(plant.delta, 1.0 - float(plant.delay - whole))
-        # position and speed per torque of ``whole`` periods ago, and of the period before
-        new = np.array([late.position_per_torque, late.position_per_speed])
-        old = np.array([full.position_per_torque, full.position_per_speed]) - new
-        torques = whole + 1
-        size = 2 + torques + samples
-        command = np.zeros(size, dtype=np.complex128)
-        command[0] = -gain * (self.alpha + self.beta / samples)
-        command[-1] = gain * self.beta / samples
-        a = np.zeros((size, size), dtype=np.complex128)
-        a[0, :2] = 1.0, full.position_per_speed
-        a[1, 1] = full.speed_per_speed
-        a[:2, 1 + torques] += old
-        if whole:
-            a[:2, torques] += new
-        else:
-            a[:2] += np.outer(new, command)
-        a[2] = command
-        shifted = np.arange(3, 2 + torques)
-        a[shifted, shifted - 1] = 1.0
-        a[2 + torques, 0] = 1.0
-        shifted = np.arange(3 + torques, size)
-        a[shifted, shifted - 1] = 1.0
-        real = not np.any(a.imag)
-        return np.linalg.eigvals(a.real if real else a).astype(np.complex128)
 
 
 def _in_phase(loop: _Loop, gain: Gain, largest: float) -> list[tuple[float, float, bool]]:
