@@ -293,8 +293,13 @@ def _limit_at(
 
 def _is_quick(belief: Belief, period: float) -> bool:
     """Whether friction stops the lightest motor within about a period."""
-    lightest = belief.inertia.low - min(belief.load_inertia.high, HEAVIEST * belief.inertia.low)
+    lightest = _motor(belief.inertia.low, belief.load_inertia.high)
     return belief.damping.high * period > _QUICK * lightest
+
+
+def _motor(whole: float, load: float) -> float:
+    """Return the inertia of the motor's side [kg·m²]."""
+    return whole - min(load, HEAVIEST * whole)
 
 
 def knots(
@@ -415,9 +420,7 @@ def _bodies(belief: Belief) -> tuple[FloatArray, FloatArray]:
     inertia, most = belief.inertia, belief.load_inertia.high
     found = []
     for load in {max(belief.load_inertia.low, LIGHTEST * most), most}:
-        light, heavy = (
-            whole - min(load, HEAVIEST * whole) for whole in (inertia.low, inertia.high)
-        )
+        light, heavy = _motor(inertia.low, load), _motor(inertia.high, load)
         steps = math.ceil(math.log(heavy / light) / math.log(_MOTORS))
         motor = np.geomspace(light, heavy, steps + 1)
         whole = np.minimum(motor + load, motor / (1.0 - HEAVIEST))
