@@ -57,7 +57,7 @@ class Target:
                     self.words = Telemetry(os.open(link, os.O_RDWR)).words
         return (
             self.run.poll() is None
-            and self.pids.keys() >= {"loop", "recorder", "dial"}
+            and self.pids.keys() >= {"loop", "recorder", "door"}
             and self.words is not None
         )
 
@@ -141,7 +141,7 @@ class Fault:
     def strikes_the_torque(self) -> bool:
         """Whether no loop renders the wall any more, so that the torque must end in time."""
         return not self.goes_on and (
-            "loop" in self.name or not self.name.startswith(("supervisor", "recorder", "dial"))
+            "loop" in self.name or not self.name.startswith(("supervisor", "recorder", "door"))
         )
 
 
@@ -218,8 +218,8 @@ FAULTS = (
     ),
     Fault("recorder: SIGSTOP until the end", sent(STOP, "recorder"), goes_on=True),
     Fault("recorder: no room on the disk for 1 s", full_disk, room_again, goes_on=True),
-    Fault("dial: SIGKILL", sent(KILL, "dial"), goes_on=True),
-    Fault("dial: SIGSTOP until the end", sent(STOP, "dial"), goes_on=True),
+    Fault("door: SIGKILL", sent(KILL, "door"), goes_on=True),
+    Fault("door: SIGSTOP until the end", sent(STOP, "door"), goes_on=True),
     Fault("adapter: unplugged", lambda target: target.bus.inject("unplug-adapter")),
     Fault("cable: no byte arrives any more", lambda target: target.bus.inject("drop")),
 )

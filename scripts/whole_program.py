@@ -12,8 +12,7 @@ PROGRAM = [sys.executable, "-m", "haptic_wall.controller.cli.main"]
 CHILDREN = {
     "loop": "processes.loop_process",
     "recorder": "processes.recorder",
-    "dial": "processes.dial",
-    "page": "live.process",
+    "door": "live.door",
 }
 """Modules that the children of a run are, by name"""
 

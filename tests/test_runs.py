@@ -11,7 +11,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -23,6 +22,7 @@ import pytest
 
 from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.logs.file import read_log
+from haptic_wall.controller.processes.hold import EVENT
 from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, ROW, Telemetry, Word
 from tests.cases import sampled
@@ -277,7 +277,7 @@ def test_a_killed_supervisor_leaves_no_torque_and_no_process(tmp_path: Path) -> 
     with emulator(tmp_path) as (bus, port):
         arguments = ["run", *on(port), "--log", "run.hwlog", "--no-plot", "--json"]
         with ticking(*arguments, cwd=tmp_path) as (process, family):
-            assert set(family) == {"dial", "loop_process", "recorder"}
+            assert set(family) == {"door", "loop_process", "recorder"}
             os.kill(family["loop_process"], signal.SIGSTOP)  # the kernel wakes an orphan
             process.kill()
             for pid in family.values():
@@ -475,34 +475,34 @@ def test_best_effort_runs_without_rights_and_says_what_it_did_not_get(tmp_path: 
     assert any("rtprio" in text for text in report["warnings"])
 
 
-@contextlib.contextmanager
-def renewed(path: Path) -> Iterator[None]:
-    """Have the file renewed every 20 ms until told to stop."""
-    stop = threading.Event()
-
-    def renew() -> None:
-        while not stop.wait(0.02):
-            path.write_text(str(time.monotonic_ns()))
-
-    thread = threading.Thread(target=renew)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+PEDAL = """
+from haptic_wall.controller.cli import main
+from haptic_wall.controller.processes import hold
+hold.hold_by = hold.Hold  # a pipe, which has no keys but gives events
+main.main()
+"""
 
 
-def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path, servo: str) -> None:
+@pytest.fixture
+def pedal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[bool], None]]:
+    """Presses and releases the pedal of a run with ``--hold pedal``."""
+    monkeypatch.setattr(sys.modules[__name__], "PROGRAM", [sys.executable, "-c", PEDAL])
+    os.mkfifo(tmp_path / "pedal")
+    end = os.open(tmp_path / "pedal", os.O_RDWR)
+    yield lambda down: not_none(os.write(end, EVENT.pack(0, 0, 1, 57, down)))
+    os.close(end)
+
+
+def test_the_wall_is_on_only_while_the_dead_man_is_held(
+    tmp_path: Path, servo: str, pedal: Callable[[bool], None]
+) -> None:
     """Held, let go, held again: the log tells what the torque was."""
-    hold = tmp_path / "hold"
-    hold.touch()
-    words = ["--hold", str(hold), "--set", "servo.hand=none"]
+    words = ["--hold", "pedal", "--set", "servo.hand=none"]
     words += ["--set", "wall.side=both", "--set", "servo.kick=0.05"]
     with ticking(*run_arguments(*words, servo=servo), cwd=tmp_path) as (process, family):
         path = tmp_path / "run.hwlog"
         control = shared_words(family["loop_process"])
-        assert control[Word.HELD_NS] == 0, "existing is not enough"
+        assert control[Word.HELD_NS] == 0, "nobody has pressed it"
 
         def last_flags() -> int | None:
             with contextlib.suppress(Exception):  # the last block may be half written
@@ -512,8 +512,9 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path, servo: s
         off = FLAG_WARM_UP | FLAG_OFF
         assert not_none(last_flags()) & FLAG_WARM_UP
         for _ in range(2):
-            with renewed(hold):
-                wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")
+            pedal(True)
+            wait_for(lambda: (f := last_flags()) is not None and not f & off, "the wall on")
+            pedal(False)
             wait_for(lambda: (f := last_flags()) is not None and f & FLAG_OFF, "the wall off")
             time.sleep(0.6)  # so that the supervisor has looked
         process.send_signal(signal.SIGHUP)
@@ -530,10 +531,9 @@ def test_the_wall_is_on_only_while_the_dead_man_is_held(tmp_path: Path, servo: s
     assert np.any(rows["torque"][~is_off]), "it pulls the shaft, and friction keeps it beside"
 
 
+@pytest.mark.usefixtures("pedal")
 def test_a_run_without_its_dead_man_never_comes_on(tmp_path: Path, servo: str) -> None:
-    hold = tmp_path / "hold"
-    hold.touch()
-    arguments = run_arguments("--hold", str(hold), "--duration", "0.5", servo=servo)
+    arguments = run_arguments("--hold", "pedal", "--duration", "0.5", servo=servo)
     with started(*arguments, cwd=tmp_path) as process:
         out, said = process.communicate()
     assert process.returncode == 3
@@ -552,7 +552,7 @@ def test_a_dead_man_that_cannot_be_opened_is_said_before_torque_is_on(tmp_path: 
 
 
 @pytest.mark.parametrize("place", sampled(["in the way", "a long name", "killed"], 3))
-def test_a_run_without_its_dial_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
+def test_a_run_without_its_door_goes_on_and_says_so(tmp_path: Path, place: str) -> None:
     log = f"{'x' * 240}.hwlog" if place == "a long name" else "run.hwlog"
     if place == "in the way":
         (tmp_path / f"{log}.sock").mkdir()
@@ -560,12 +560,12 @@ def test_a_run_without_its_dial_goes_on_and_says_so(tmp_path: Path, place: str) 
     for _ in range(5):
         with started(*words, "--duration", "1", cwd=tmp_path) as process:
             if place == "killed":
-                dial = wait_for(lambda: children(process.pid).get("dial"), "the dial")
-                os.kill(dial, signal.SIGKILL)
+                door = wait_for(lambda: children(process.pid).get("door"), "the door")
+                os.kill(door, signal.SIGKILL)
             output, said = process.communicate()
         report = json.loads(output)
         if report.get("stop_reason") not in STALLED:
             break
     assert (process.returncode, report["stop_reason"]) == (0, "duration"), said
     assert report["log"] == log
-    assert "the wall stays as it is" in said or "the running wall cannot be changed" in said
+    assert "the run goes on without it" in said or "the running wall cannot be changed" in said

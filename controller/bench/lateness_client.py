@@ -16,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Final, NamedTuple
 
-from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.deadlines import ClockWaiter, Waiter, next_deadline, waiter_for
+from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
 
 PERIOD_NS: Final = 1_000_000

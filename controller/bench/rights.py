@@ -11,8 +11,8 @@ from typing import Any
 
 from haptic_wall.controller.bench import cyclictest
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.system.orders import read_orders
 
 _PATIENCE_S = 20.0
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.bench.stage_times import StageTimes
-from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.open import open_servo

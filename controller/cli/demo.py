@@ -10,7 +10,7 @@ import click
 
 from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, place_option
-from haptic_wall.controller.processes.live_place import live_at
+from haptic_wall.controller.live.place import live_at
 from haptic_wall.controller.system.signals import on_signals
 
 

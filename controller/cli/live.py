@@ -15,11 +15,11 @@ from haptic_wall.controller.cli import interrupt
 from haptic_wall.controller.cli.options import answer, place_option, reading
 from haptic_wall.controller.cli.stretch import stretch_between
 from haptic_wall.controller.cli.working import working
+from haptic_wall.controller.live.place import live_at, server_log_of
 from haptic_wall.controller.logs.pieces import End
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.rows import LogRows, TimeSpan
 from haptic_wall.controller.logs.walls import APPLIED, told_in, walls_of
-from haptic_wall.controller.processes.live_place import live_at, server_log_of
 from haptic_wall.controller.system.signals import on_signals
 
 if TYPE_CHECKING:

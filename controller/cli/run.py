@@ -39,9 +39,9 @@ from haptic_wall.controller.system.file_kinds import LOG, PICTURE, RECORD
 from haptic_wall.controller.system.signals import STOPPING, interrupting, on_signals
 
 if TYPE_CHECKING:
+    from haptic_wall.controller.live.place import Live
+    from haptic_wall.controller.live.stream import Stream
     from haptic_wall.controller.processes.hold import Hold
-    from haptic_wall.controller.processes.live_place import Live
-    from haptic_wall.controller.processes.stream import Stream
 
 MUCH = 1e8
 """Size of a log from which it is announced before the run [bytes]"""
@@ -96,8 +96,7 @@ SIMULATED_S = 5.0
     metavar="SOURCE",
     multiple=True,
     help="Dead man: the wall is on only while SOURCE is held: /dev/input/eventN[:KEY], a key or"
-    " pedal (default: any key); a file that a program renews every 150 ms; or page, a button on the"
-    " page of --live-control.",
+    " pedal (default: any key); or page, a button on the page of --live-control.",
 )
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print the whole report instead of eight lines."
@@ -148,9 +147,6 @@ def command(
     streamed = _stream(effective, stream, stream_rate, stream_anywhere)
     shown_live = _live(effective, live, control=live_control)
     held = _hold(effective, hold, page=shown_live is not None and bool(shown_live.token))
-    if held is not None:  # what the run itself writes would hold the wall on
-        own = {"--log": log_path, "--plot": plot_path, "--witness": witness}
-        refuse_same_file({**own, "--hold": Path(held.path)})
     log, plot = _places(log_path, plot_path, witness, loaded.name, draws=not no_plot, force=force)
     plan = Plan(
         config=effective,
@@ -214,7 +210,7 @@ def _stream(
             field="--stream",
             advice="read the log instead, or run with --set loop.clock=monotonic",
         )
-    from haptic_wall.controller.processes.stream import RATE_HZ, stream_to
+    from haptic_wall.controller.live.stream import RATE_HZ, stream_to
 
     return stream_to(place, RATE_HZ if rate_hz is None else rate_hz, anywhere)
 
@@ -234,7 +230,7 @@ def _live(config: Config, place: str | None, *, control: bool) -> Live | None:
             advice="run with --set loop.clock=monotonic, or look at the log with "
             "`haptic-wall live LOG`",
         )
-    from haptic_wall.controller.processes.live_place import live_at
+    from haptic_wall.controller.live.place import live_at
 
     return live_at(place, control=control)
 
@@ -272,9 +268,9 @@ def _hold(config: Config, sources: tuple[str, ...], *, page: bool) -> Hold | Non
         raise UserError(
             f"a {PAGE} can hold the dead man only if it may change the wall",
             field="--hold",
-            advice=f"add --live --live-control, or write ./{PAGE} for a file of that name",
+            advice="add --live --live-control",
         )
-    return Hold(PAGE, "page")
+    return Hold(PAGE)
 
 
 def _in_memory(config: Config) -> bool:

@@ -42,8 +42,8 @@ def command(sets: tuple[str, ...], run: Path | None, wait_s: float, as_json_want
     wall.stiffness, wall.damping, wall.position, delay.steps, wall.law and the numbers of the law.
     The change waits for a moment in which it gives the shaft no energy.
     """
-    from haptic_wall.controller.processes.ask import ask
-    from haptic_wall.controller.processes.run_socket import alive, chosen
+    from haptic_wall.controller.live.ask import ask
+    from haptic_wall.controller.live.run_socket import alive, chosen
 
     if not 0.0 <= wait_s <= MOST_WAIT_S:
         raise UserError(

@@ -16,9 +16,9 @@ from typing import Any
 
 from haptic_wall.controller.doctor.cycles import SCHEDULES, run_series
 from haptic_wall.controller.doctor.replies import time_replies
-from haptic_wall.controller.processes.orders import read_orders
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
+from haptic_wall.controller.system.orders import read_orders
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
 from haptic_wall.hw.serialport.line import FdLine

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.controller.processes.hold import SILENCE_NS
 from haptic_wall.controller.runtime.telemetry import Word
 
+SILENCE_NS: Final = 150_000_000
+"""How long a page holds after the beat that it answered [ns]"""
 _MS_NS: Final = 1_000_000
 
 

@@ -25,20 +25,19 @@ from haptic_wall.controller.errors import HapticWallError
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.gate import judged, servo_of
 from haptic_wall.controller.live.lesson import facts, own_servo, scenes
+from haptic_wall.controller.live.place import Live, take_over
 from haptic_wall.controller.live.relay import ask, sets_of
 from haptic_wall.controller.live.rhythm import STRETCH_S, rhythm
 from haptic_wall.controller.live.running_view import view_of
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.view import View
 from haptic_wall.controller.live.web_server import closed, log_to, opened
-from haptic_wall.controller.processes.idle_window import until_idle_window
-from haptic_wall.controller.processes.live import take_over
-from haptic_wall.controller.processes.live_place import Live
-from haptic_wall.controller.processes.orders import read_orders, say
+from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Telemetry, Word
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.model import Model
+from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
 
 FOLDERS: Final = ("page", "lesson")

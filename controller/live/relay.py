@@ -10,7 +10,7 @@ from typing import Any, Final, TypeGuard, get_args
 
 from haptic_wall.controller.laws.table import LAWS
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.processes.run_socket import MOST_BYTES, connected
+from haptic_wall.controller.live.run_socket import MOST_BYTES, connected
 
 WAIT_S: Final = 10.0
 """Longest wait for a moment that suits [s], as that of ``haptic-wall set``"""

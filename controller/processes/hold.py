@@ -1,8 +1,8 @@
-"""The sources of the dead man, a switch that must be held: key or pedal, touched file, or page.
+"""The dead man, a switch that must be held: a key or pedal, or a button on the live page.
 
-A source returns the instant until which the dead man counts as held, on the system's monotonic
-clock. The loop compares that instant with its own time in every tick. A silent source and a dead
-watcher therefore act as a release.
+``Word.HELD_NS`` is the instant until which it counts as held, on the system's monotonic clock; the
+loop compares it with its own time in every tick. The loop itself reads a key, the page's process
+writes for its button. A silent source therefore acts as a release.
 """
 
 from __future__ import annotations
@@ -10,21 +10,20 @@ from __future__ import annotations
 import array
 import errno
 import fcntl
+import math
 import os
-import stat
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.runtime.telemetry import Word
 
+LOOK_NS = 10_000_000
+"""Time between two looks at a key [ns]"""
 KEY_NS = 45_000_000
-"""How long a key counts as held after its state was last read [ns]: even if the watcher stalls or
-dies, the torque is off within 50 ms of a release"""
-SILENCE_NS = 150_000_000
-"""How long a file counts as held after its last change, or a page after the beat that it answered
-[ns]"""
+"""How long a key counts as held after its state was last read [ns]"""
 PAGE = "page"
 """Name of the page as a source"""
 
@@ -37,6 +36,7 @@ _KEY_BYTES = 96
 """Bytes of the state of all keys: KEY_MAX is 0x2ff"""
 _AT_ONCE = 64
 """Number of events read at a time"""
+_ADVICE = "name an input device such as /dev/input/event3, or page"
 
 
 def _ioctl_read(number: int, size: int) -> int:
@@ -74,25 +74,6 @@ KEYS = {
 linux/input-event-codes.h."""
 
 
-class Source(Protocol):
-    """Gives the state of the dead man."""
-
-    descriptor: int | None
-    """Becomes readable when there is news; None: the source must be polled"""
-
-    def until(self, now_ns: int, wall_ns: int) -> int:
-        """Return until when the dead man counts as held [ns]; 0: it is released.
-
-        Args:
-            now_ns: The present time on the monotonic clock [ns].
-            wall_ns: The present time on the clock of file time stamps [ns].
-
-        Raises:
-            OSError: The source is gone.
-        """
-        ...
-
-
 class KeySource:
     """Reads a key, or any key, of an input device, from the kernel's events.
 
@@ -101,23 +82,27 @@ class KeySource:
         key: Its code; None: any key of the device.
     """
 
-    __slots__ = ("_key", "_pressed", "_rest", "descriptor")
-
-    descriptor: int | None
+    __slots__ = ("_descriptor", "_key", "_pressed", "_rest")
 
     def __init__(self, descriptor: int, key: int | None) -> None:
-        self.descriptor = descriptor
+        self._descriptor = descriptor
         os.set_blocking(descriptor, False)  # for a pipe in tests; a device is already non-blocking
         self._key = key
         self._rest = b""
         self._pressed = self._held_now()
 
-    def until(self, now_ns: int, wall_ns: int) -> int:  # noqa: ARG002 - events have no age here
-        """Return until when the key counts as held [ns]; see ``Source``."""
-        assert self.descriptor is not None
+    def until(self, now_ns: int) -> int:
+        """Return until when the key counts as held [ns]; 0: it is released.
+
+        Args:
+            now_ns: The present time on the monotonic clock [ns].
+
+        Raises:
+            OSError: The device is gone.
+        """
         while True:
             try:
-                found = os.read(self.descriptor, _AT_ONCE * EVENT.size)
+                found = os.read(self._descriptor, _AT_ONCE * EVENT.size)
             except BlockingIOError:
                 break
             if not found:
@@ -141,56 +126,36 @@ class KeySource:
 
     def _held_now(self) -> set[int]:
         """Return the held keys from the kernel; none if it does not answer."""
-        assert self.descriptor is not None
         try:
-            held = _codes(self.descriptor, _EVIOCGKEY)
+            held = _codes(self._descriptor, _EVIOCGKEY)
         except OSError:
             return set()
         return {code for code in held if self._key in (None, code)}
 
 
-class FileSource:
-    """Watches a file that is touched repeatedly: each change renews the hold.
+def key_reader(
+    source: KeySource, words: memoryview[int], gone: Callable[[OSError], None]
+) -> Callable[[int], float]:
+    """Return what the loop calls to read a key into ``Word.HELD_NS``.
 
-    A change is a new time stamp, size or identity. The existence of the file is not enough: the
-    first look only records its state.
+    It takes the present time, and returns when to look again, both on the monotonic clock [ns].
 
     Args:
-        path: The file.
-        now_ns: The present time on the monotonic clock [ns].
+        source: The key.
+        words: The control words.
+        gone: Called when the device is gone; the dead man then stays released.
     """
 
-    __slots__ = ("_looked_ns", "_path", "_seen", "_until_ns", "descriptor")
-
-    descriptor: int | None
-
-    def __init__(self, path: str, now_ns: int) -> None:
-        self.descriptor = None
-        self._path = Path(path)
-        self._seen = self._look()
-        self._looked_ns = now_ns
-        self._until_ns = 0
-
-    def until(self, now_ns: int, wall_ns: int) -> int:
-        """Return until when the file counts as renewed [ns]; see ``Source``."""
-        found = self._look()
-        # A missing file may be in the middle of a replacement: the next file is a renewal.
-        if found is not None and found != self._seen:
-            self._seen = found
-            # The renewal was after the last look, and no later than the file's time stamp.
-            renewed_ns = max(self._looked_ns, now_ns - max(0, wall_ns - found[0]))
-            self._until_ns = renewed_ns + SILENCE_NS
-        self._looked_ns = now_ns
-        return self._until_ns
-
-    def _look(self) -> tuple[int, int, int] | None:
+    def look(now_ns: int) -> float:
         try:
-            found = self._path.stat()
-        except FileNotFoundError:
-            return None
-        if not stat.S_ISREG(found.st_mode):
-            return None  # something else, such as a folder, is no renewal
-        return found.st_mtime_ns, found.st_size, found.st_ino
+            words[Word.HELD_NS] = source.until(now_ns)
+        except OSError as error:
+            words[Word.HELD_NS] = 0
+            gone(error)
+            return math.inf
+        return now_ns + LOOK_NS
+
+    return look
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,17 +163,22 @@ class Hold:
     """The checked settings of the dead man."""
 
     path: str
-    kind: Literal["key", "file", "page"]
+    """Of an input device, or ``PAGE``"""
     key: int | None = None
-    """Code of the key; None: any key of the device, or a file"""
+    """Code of the key; None: any key of the device"""
+
+    @property
+    def is_page(self) -> bool:
+        """Whether a page holds it."""
+        return self.path == PAGE
 
     def open(self) -> int | None:
-        """Open the device; None: the source is a file, which is read by its path, or a page.
+        """Open the device; None: a page holds it.
 
         Raises:
             UserError: It cannot be opened any more.
         """
-        if self.kind != "key":
+        if self.is_page:
             return None
         try:
             return os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -216,21 +186,8 @@ class Hold:
             raise _unusable(self.path, error) from error
 
 
-def source_of(hold: Hold, descriptor: int | None, now_ns: int) -> Source:
-    """Return the source that ``hold`` names.
-
-    Args:
-        hold: The settings.
-        descriptor: Descriptor of its device, from ``open``; None: a file.
-        now_ns: The present time on the monotonic clock [ns].
-    """
-    if descriptor is None:
-        return FileSource(hold.path, now_ns)
-    return KeySource(descriptor, hold.key)
-
-
 def hold_by(text: str) -> Hold:
-    """Return the dead man that ``text`` names: PATH or PATH:KEY of an input device, or a file.
+    """Return the dead man that ``text`` names: PATH or PATH:KEY of an input device.
 
     Raises:
         UserError: It does not exist, cannot be read, or cannot serve as a dead man.
@@ -240,46 +197,31 @@ def hold_by(text: str) -> Hold:
         path, _, name = text.rpartition(":")
         key = _code(name)
     try:
-        mode = Path(path).stat().st_mode
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     except (OSError, ValueError) as error:
         raise _unusable(path, error) from error
     try:
-        if stat.S_ISREG(mode):
-            if key is not None:
-                raise UserError(
-                    f"{path} is a file and has no keys", field="--hold", advice="leave :KEY out"
-                )
-            return Hold(path, "file")
-        return _device(path, descriptor, key)
+        if os.isatty(descriptor):
+            raise UserError(
+                f"{path} is a terminal, which does not report the release of a key",
+                field="--hold",
+                advice=_ADVICE,
+            )
+        try:
+            fcntl.ioctl(descriptor, _EVIOCGVERSION, bytes(4))
+            known = _codes(descriptor, _EVIOCGBIT_KEY)
+        except OSError:
+            raise UserError(
+                f"{path} is not an input device", field="--hold", advice=_ADVICE
+            ) from None
     finally:
         os.close(descriptor)
-
-
-def _device(path: str, descriptor: int, key: int | None) -> Hold:
-    """Return the settings for an input device with keys."""
-    if os.isatty(descriptor):
-        raise UserError(
-            f"{path} is a terminal, which does not report the release of a key",
-            field="--hold",
-            advice="name an input device such as /dev/input/event3",
-        )
-    try:
-        fcntl.ioctl(descriptor, _EVIOCGVERSION, bytes(4))
-        known = _codes(descriptor, _EVIOCGBIT_KEY)
-    except OSError:
-        raise UserError(
-            f"{path} is neither an input device nor a file",
-            field="--hold",
-            advice="name an input device such as /dev/input/event3, or a file that "
-            "a program renews",
-        ) from None
     if not known or (key is not None and key not in known):
         what = "no key" if key is None else f"no key {key}"
         raise UserError(
             f"the device {path} has {what}", field="--hold", advice="name another device or key"
         )
-    return Hold(path, "key", key)
+    return Hold(path, key)
 
 
 def _codes(descriptor: int, request: int) -> set[int]:
@@ -309,6 +251,5 @@ def _unusable(path: str, error: Exception) -> UserError:
     return UserError(
         f"{path} cannot be opened ({reason}){hint}",
         field="--hold",
-        advice="name an input device such as /dev/input/event3, or an existing file that "
-        "a program renews",
+        advice=_ADVICE,
     )

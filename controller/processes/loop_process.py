@@ -16,7 +16,7 @@ from typing import Any
 
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.laws.program import Phase
-from haptic_wall.controller.processes.orders import read_orders, say
+from haptic_wall.controller.processes.hold import KeySource, key_reader
 from haptic_wall.controller.runtime import realtime
 from haptic_wall.controller.runtime.defect import defect_text
 from haptic_wall.controller.runtime.lateness.causes import Machine
@@ -30,6 +30,7 @@ from haptic_wall.controller.runtime.lateness.ticks import LateTicks
 from haptic_wall.controller.runtime.session import Surroundings, run_session
 from haptic_wall.controller.runtime.telemetry import Telemetry, Word
 from haptic_wall.controller.settings.config import RUNS, Config
+from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.hw.capabilities import TakesHand
 from haptic_wall.hw.clock import Clock, MonotonicClock
 from haptic_wall.hw.elastic import PLACE, WORDS, ElasticClock
@@ -66,6 +67,8 @@ class Orders:
     """Descriptor of the socket that changes of the wall come from"""
     hand: int | None = None
     """Descriptor of the memory of a person's hand on the simulated servo"""
+    key: tuple[int, int | None, str] | None = None
+    """The dead man's device: descriptor, code of its key, path; None: no device"""
     elastic: bool = False
     """Whether the loop and its emulated bus wait for each other"""
 
@@ -105,6 +108,7 @@ def main() -> None:
                     if orders.changes is None
                     else socket.socket(fileno=orders.changes),
                     open_servo=_opener(orders.hand),
+                    read_key=_key(orders, telemetry),
                 ),
             )
     except (ServoError, PlatformError) as error:
@@ -120,6 +124,18 @@ def main() -> None:
         _tell("refused", problem=asdict(problem))
         return
     _tell("ended", result=asdict(replace(result, setup=machine_setup(orders.core))))
+
+
+def _key(orders: Orders, telemetry: Telemetry) -> Callable[[int], float] | None:
+    """Return what reads the dead man's key; None: there is none."""
+    if orders.key is None:
+        return None
+    descriptor, code, path = orders.key
+
+    def gone(error: OSError) -> None:
+        _tell("key_gone", why=f"{path} is gone ({error.strerror or error})")
+
+    return key_reader(KeySource(descriptor, code), telemetry.words, gone)
 
 
 def _opener(hand: int | None) -> Callable[[ServoSettings, Clock, int | None], Servo]:

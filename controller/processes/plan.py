@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from haptic_wall.controller.laws.program import Phase
+from haptic_wall.controller.live.place import Live
+from haptic_wall.controller.live.stream import Stream
 from haptic_wall.controller.processes.hold import Hold
-from haptic_wall.controller.processes.live_place import Live
-from haptic_wall.controller.processes.stream import Stream
 from haptic_wall.controller.runtime.safety import StopReason
 from haptic_wall.controller.runtime.statistics import RunStatistics
 from haptic_wall.controller.settings.config import Config

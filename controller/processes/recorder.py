@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.errors import LogFormatError
+from haptic_wall.controller.live.log_events import take_events
 from haptic_wall.controller.logs.file import LogWriter, identity
-from haptic_wall.controller.processes.idle_window import pause_until_idle_window
-from haptic_wall.controller.processes.log_events import take_events
-from haptic_wall.controller.processes.orders import read_orders, say
+from haptic_wall.controller.runtime.idle_window import pause_until_idle_window
 from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
 from haptic_wall.controller.runtime.telemetry import ROW, Telemetry, Word
 from haptic_wall.controller.system.file_kinds import LOG
+from haptic_wall.controller.system.orders import read_orders, say
 from haptic_wall.controller.system.signals import ended_by
 from haptic_wall.controller.system.whole_file import Beside
 

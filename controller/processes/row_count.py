@@ -1,4 +1,4 @@
-"""Computes statistics of the rows of a run, and reports oscillations to a person."""
+"""Computes statistics of a run's rows; reports oscillations and a dead man's wall to a person."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_wall.controller.detector.oscillation import State
+from haptic_wall.controller.laws.engagement import place_text
 from haptic_wall.controller.processes.plan import Plan, Tell
 from haptic_wall.controller.runtime.statistics import RunStatistics
-from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.controller.runtime.telemetry import FLAG_OFF, FLAG_WARM_UP, Telemetry, Word
 
 BATCH = 5000
 """Number of rows that are counted together. Counting is the supervisor's longest work, hardly
@@ -24,7 +25,8 @@ class RowCount:
     Args:
         telemetry: Source of the rows.
         plan: Plan of the run.
-        tell: Called once when an oscillation is noticed, and once when it is over.
+        tell: Called once when an oscillation is noticed, and once when it is over; and when a wall
+            with a dead man goes off or comes back.
 
     Attributes:
         statistics: Statistics of the rows so far.
@@ -38,6 +40,8 @@ class RowCount:
         self._looked_at = 0
         self._counted = 0
         self._oscillates = False
+        self._held = plan.hold is not None
+        self._told = ""
         self.statistics = RunStatistics()
 
     def look(self) -> None:
@@ -45,6 +49,8 @@ class RowCount:
         rows, self._looked_at = self._telemetry.read(self._looked_at)
         if rows.size and not self._silent:
             self._tell_of_oscillation(rows)
+        if rows.size and self._held:
+            self._tell_of_hold(rows[-1])
         if self._looked_at - self._counted >= BATCH:
             self._count()
 
@@ -71,3 +77,20 @@ class RowCount:
             stiffness = float(rows["stiffness"][-1])
             self._tell(f"the oscillation is over; the stiffness is {stiffness:.4g} N·m/rad")
         self._oscillates = oscillates
+
+    def _tell_of_hold(self, row: np.void) -> None:
+        """Report changes of a wall that has been on; the session reports those before."""
+        if row["flags"] & FLAG_WARM_UP:
+            return
+        if not row["flags"] & FLAG_OFF:
+            news, text = "on", "the wall is on again" if self._told else ""
+        elif self._telemetry.words[Word.HELD_NS] < row["deadline_ns"]:
+            news, text = "released", "released; the wall is off"
+        else:
+            where = place_text(float(row["position"]))
+            news = "waits"
+            text = f"held, but the wall waits: at {where} it would push the shaft with a blow"
+        if text and news != self._told:
+            self._tell(f"--hold: {text}")
+        if text or self._told:
+            self._told = news

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.processes.ask import ask
-from haptic_wall.controller.processes.run_socket import AliveRun, connected, socket_of
+from haptic_wall.controller.live.ask import ask
+from haptic_wall.controller.live.run_socket import AliveRun, connected, socket_of
 from haptic_wall.controller.settings.load import load_config
 
 START_S: Final = 60.0

@@ -16,19 +16,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from haptic_wall.controller.live.log_events import event_sockets
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.dial_monitor import DialMonitor, start_dial
+from haptic_wall.controller.processes.door import Door
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
-from haptic_wall.controller.processes.hold_monitor import HoldMonitor, start_hold
-from haptic_wall.controller.processes.idle_window import until_idle_window
-from haptic_wall.controller.processes.live import LiveMonitor, start_live
-from haptic_wall.controller.processes.log_events import event_sockets
 from haptic_wall.controller.processes.loop_process import Orders
 from haptic_wall.controller.processes.loop_watch import END_S, START_S, LoopWatch
 from haptic_wall.controller.processes.outside import Outside
 from haptic_wall.controller.processes.plan import Ended, Plan, Tell
 from haptic_wall.controller.processes.recorder_monitor import RecorderMonitor
 from haptic_wall.controller.processes.row_count import RowCount
+from haptic_wall.controller.runtime.idle_window import until_idle_window
 from haptic_wall.controller.runtime.realtime import pick_cores
 from haptic_wall.controller.runtime.safety import (
     AFTER_STALL,
@@ -73,9 +71,7 @@ class Supervisor:
         self._period_ns = plan.config.period_ns
         self._settings = plan.config.servo_settings()
         self._port: int | None = None
-        self._streamer: Child | None = None
-        self._dial: DialMonitor | None = None
-        self._live: LiveMonitor | None = None
+        self._key: int | None = None
         self._outside = Outside(MonotonicClock(), plan.config.servo.kind == "hardware")
         self._core, self._others = pick_cores(plan.config.realtime.core)
 
@@ -86,40 +82,27 @@ class Supervisor:
             ServoError: The servo could not be started; the message also has every note of the run.
         """
         with self._away_from_the_loop(), contextlib.ExitStack() as children:
-            self._live = start_live(self._plan, self._telemetry, self._tell_person, self._others)
-            if self._live is not None:
-                children.callback(self._live.end, "")
-            emulator = self._start_emulator(children)
-            if emulator is not None and self._port is None:
-                return self._stopped_before_the_start()
             to_log, self._events = event_sockets()
             children.enter_context(to_log)
             children.enter_context(self._events)
+            self._door = Door(
+                self._plan, self._telemetry, self._tell_person, self._others, to_log.fileno()
+            )
+            children.callback(self._door.close)
+            emulator = self._start_emulator(children)
+            if emulator is not None and self._port is None:
+                return self._stopped_before_the_start()
             log = RecorderMonitor(self._start_recorder, self._words, self._tell, time.monotonic())
             children.callback(log.close)
-            self._start_streamer(children)
-            page = None if self._live is None else self._live.server
-            hold = start_hold(self._plan, self._telemetry, self._others, page)
-            if hold is not None:
-                children.callback(hold.close)
-            dial = start_dial(
-                self._plan, self._telemetry, self._tell, self._others, to_log.fileno()
-            )
-            if dial is not None:
-                self._dial, peer = dial
-                children.callback(self._dial.close)
-                children.enter_context(peer)
-            loop = self._start_loop(children, None if dial is None else peer.fileno())
-            reason, found = self._outside.verdict(self._watch(loop, emulator, log, hold))
+            self._open_key(children)
+            loop = self._start_loop(children)
+            reason, found = self._outside.verdict(self._watch(loop, emulator, log))
             self._cause = "; ".join(filter(None, (found, self._cause)))
-            if self._dial is not None:
-                self._dial.close()  # first: its last events go into the log
+            # First: its last events go into the log.
+            self._door.close("; ".join(filter(None, (str(reason), self._cause))))
             self._warnings += [*log.end(), *self._outside.notes()]
-            if hold is not None and hold.trouble:
-                self._warnings.append(hold.trouble)
-            if self._live is not None:
-                self._look_at_live(self._live)
-                self._live.end("; ".join(filter(None, (str(reason), self._cause))))
+            if self._door.trouble:
+                self._warnings.append(self._door.trouble)
         self._rows.end()
         if self._refused is not None:
             notes = "; ".join(filter(None, (self._cause, *self._warnings)))
@@ -136,8 +119,8 @@ class Supervisor:
             self._cause,
             self._torque_off,
             lacking=log.lacking,
-            changes=[] if self._dial is None else self._dial.changes,
-            unlogged=[] if self._dial is None else self._dial.unlogged,
+            changes=self._door.changes,
+            unlogged=self._door.unlogged,
         )
 
     def _stopped_before_the_start(self) -> Ended:
@@ -154,18 +137,12 @@ class Supervisor:
         finally:
             os.sched_setaffinity(0, before)
 
-    @property
-    def _hand(self) -> int | None:
-        """Return the descriptor of the memory of a person's hand; None: the servo has none."""
-        hand = None if self._live is None else self._live.hand
-        return None if hand is None else hand.descriptor
-
     def _start_emulator(self, children: contextlib.ExitStack) -> Child | None:
         """Start the emulated bus, if requested, and open the port; None: stopped before."""
         settings, plan = self._settings, self._plan
         emulator = None
         if plan.config.servo.kind == "emulated":
-            hand, shared = self._hand, self._telemetry.descriptor if plan.elastic else None
+            hand, shared = self._hand(), self._telemetry.descriptor if plan.elastic else None
             arguments = emulator_arguments(
                 settings, plan.witness, force=plan.force, hand=hand, elastic=shared
             )
@@ -208,52 +185,52 @@ class Supervisor:
             self._others,
         )
 
-    def _start_streamer(self, children: contextlib.ExitStack) -> None:
-        stream = self._plan.stream
-        if stream is None:
-            return
-        descriptor = self._telemetry.descriptor
-        orders = {
-            "telemetry": descriptor,
-            "parent": os.getpid(),
-            "stream": asdict(stream),
-            "period_ns": self._period_ns,
-        }
-        module = "haptic_wall.controller.processes.streamer"
-        self._streamer = Child("streamer", [module], orders, [descriptor], self._others)
-        children.callback(self._streamer.dismiss, END_S)
+    def _hand(self) -> int | None:
+        """Return the descriptor of the memory of a person's hand; None: the servo has none."""
+        return None if self._door.hand is None else self._door.hand.descriptor
 
-    def _start_loop(self, children: contextlib.ExitStack, changes: int | None) -> Child:
-        hand = self._hand
+    def _open_key(self, children: contextlib.ExitStack) -> None:
+        """Open the dead man's device; the dead man counts as released until the loop reads it.
+
+        Raises:
+            UserError: It cannot be opened any more.
+        """
+        if self._plan.hold is None:
+            return
+        self._words[Word.HELD_NS] = 0
+        self._key = self._plan.hold.open()
+        if self._key is not None:
+            children.callback(os.close, self._key)
+
+    def _start_loop(self, children: contextlib.ExitStack) -> Child:
+        plan, hand = self._plan, self._hand()
+        changes = None if self._door.loop is None else self._door.loop.fileno()
+        key = None
+        if self._key is not None and plan.hold is not None:
+            key = self._key, plan.hold.key, plan.hold.path
         orders = Orders(
-            config=self._plan.config.model_dump_json(),
+            config=plan.config.model_dump_json(),
             telemetry=self._telemetry.descriptor,
             port=self._port,
             parent=os.getpid(),
             core=self._core,
             shared=self._others == {self._core},
-            duration_s=self._plan.duration_s,
-            program=[asdict(phase) for phase in self._plan.program],
+            duration_s=plan.duration_s,
+            program=[asdict(phase) for phase in plan.program],
             changes=changes,
             hand=hand,
-            elastic=self._plan.elastic,
+            key=key,
+            elastic=plan.elastic,
         )
-        descriptors = [self._telemetry.descriptor]
-        if hand is not None:
-            descriptors.append(hand)
-        if changes is not None:
-            descriptors.append(changes)
-        if self._port is not None:
-            descriptors.append(self._port)
+        passed = (self._telemetry.descriptor, hand, changes, self._port, self._key)
+        descriptors = [each for each in passed if each is not None]
         # On its core from the first: on two cores the other one is busy with the other starts.
         module = "haptic_wall.controller.processes.loop_process"
         loop = Child("loop", [module], asdict(orders), descriptors, {self._core})
         children.callback(self._force_end, loop)
         return loop
 
-    def _watch(
-        self, loop: Child, emulator: Child | None, log: RecorderMonitor, hold: HoldMonitor | None
-    ) -> StopReason:
+    def _watch(self, loop: Child, emulator: Child | None, log: RecorderMonitor) -> StopReason:
         """Wait until the loop has ended, by itself or by force; return the stop reason."""
         looked = time.monotonic()
         silence_s = self._plan.config.safety.heartbeat_s
@@ -275,7 +252,8 @@ class Supervisor:
             self._hear(loop)
             log.look(now)
             if now >= looked + LOOK_S:
-                self._look_at_others(hold)
+                self._rows.look()
+                self._door.look()
                 looked = now
             if emulator is not None and emulator.ended():
                 self._words[Word.COUPLED] = 0
@@ -303,26 +281,10 @@ class Supervisor:
             return End.REFUSED
         return self._cut(loop, Trip.LOOP_DIED, "")
 
-    def _look_at_others(self, hold: HoldMonitor | None) -> None:
-        """Count rows; take the news of the processes that are not the loop's."""
-        self._rows.look()
-        self._hear_streamer()
-        if self._dial is not None:
-            self._dial.look()
-        if hold is not None:
-            hold.look(self._tell)
-        if self._live is not None:
-            self._look_at_live(self._live)
-
-    def _look_at_live(self, live: LiveMonitor) -> None:
-        dial = self._dial
-        live.look(*(([], 0) if dial is None else (dial.changes, dial.count)))
-
     def _tell(self, text: str) -> None:
         """Tell a person, at the terminal and on the page."""
         self._tell_person(text)
-        if self._live is not None:
-            self._live.pass_on(text)
+        self._door.pass_on(text)
 
     def _wait_for(self, descriptors: Sequence[int]) -> bool:
         """Wait for news on a descriptor or for the next check; return whether there is news."""
@@ -416,16 +378,11 @@ class Supervisor:
                     self._refused = Problem(**event["problem"])
                 case "tell":
                     self._tell(event["text"])
+                case "key_gone":
+                    self._warnings.append(f"--hold: {event['why']}; from then on the wall was off")
+                    self._tell(
+                        f"--hold: {event['why']}; the wall is off and stays off: end the run with"
+                        " Ctrl-C"
+                    )
                 case "ended":
                     self._result = event["result"]
-
-    def _hear_streamer(self) -> None:
-        if self._streamer is None:
-            return
-        for line in self._streamer.lines():
-            self._tell(json.loads(line)["trouble"])
-        if self._streamer.ended():
-            self._tell(
-                f"--stream: its process {self._streamer.exit_text()}; the run goes on without it"
-            )
-            self._streamer = None

@@ -31,6 +31,8 @@ class Loop:
         period_ns: Period from one deadline to the next [ns].
         on_block: Called periodically between two ticks.
         late: Explains late ticks; None: they are not explained.
+        read_key: Reads the dead man's key at a time [ns], and returns when to do so again [ns];
+            None: there is none.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class Loop:
         period_ns: int,
         on_block: Callable[[], None],
         late: LateTicks | None,
+        read_key: Callable[[int], float] | None = None,
     ) -> None:
         self.tick = tick
         self.period_ns = period_ns
@@ -52,6 +55,8 @@ class Loop:
         self._clock = clock
         self._words = telemetry.words
         self._on_block = on_block
+        self._read_key = read_key
+        self._key_ns = math.inf if read_key is None else 0.0
         self._deadline = first_deadline(clock, period_ns)
         self._missed = 0
         self._begun = self._words[Word.BEGAN_NS] = self._deadline
@@ -108,6 +113,8 @@ class Loop:
                 if words[stop] or words[cut]:
                     ended = woke
                     return End.INTERRUPTED
+                if woke >= self._key_ns and self._read_key is not None:
+                    self._key_ns = self._read_key(woke)
                 served = deadline
                 self._began, self._waited = words[taken_out], words[waited_out]
                 run(deadline, woke, missed)

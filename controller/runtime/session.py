@@ -112,6 +112,8 @@ class Surroundings:
     not be held through them. Its result explains late ticks"""
     changes: socket.socket | None = None
     """Changes of the running wall come from there; None: none come"""
+    read_key: Callable[[int], float] | None = None
+    """Reads the dead man's key, as for ``Loop``"""
     open_servo: Callable[[ServoSettings, Clock, int | None], Servo] = open_servo
     """Opens the servo; replaced by tests and experiments that change an emulated one"""
 
@@ -246,6 +248,7 @@ class _Session:
             config.period_ns,
             self._between_ticks,
             self._late,
+            self._around.read_key,
         )
         telemetry.words[Word.HEARTBEAT_NS] = self._clock.now_ns()
         telemetry.words[Word.STATE] = LoopState.RUNNING

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     )
     from haptic_wall.controller.guard.boundary import Boundary, boundary
     from haptic_wall.controller.laws.own import OwnLaw as Law
+    from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
-    from haptic_wall.controller.processes.ask import NotAppliedError
     from haptic_wall.controller.processes.started import RunError, RunningWall, run
     from haptic_wall.hw.errors import ServoError
     from haptic_wall.hw.servo import Servo
@@ -60,7 +60,7 @@ _HOMES = {
     "Law": "controller.laws.own:OwnLaw",
     "Log": "controller.logs.table",
     "LogFormatError": "controller.errors",
-    "NotAppliedError": "controller.processes.ask",
+    "NotAppliedError": "controller.live.ask",
     "PlatformError": "controller.errors",
     "RunError": "controller.processes.started",
     "RunningWall": "controller.processes.started",

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.controller.cli import main as cli
-from haptic_wall.controller.processes.run_socket import AliveRun, socket_of
+from haptic_wall.controller.live.run_socket import AliveRun, socket_of
 
 TOLD: dict[str, Any] = {
     "applied": True,
@@ -26,8 +26,8 @@ def test_the_answer_names_the_run_and_is_one_line_where_it_is_piped(
 ) -> None:
     log = tmp_path / "runs" / "a.hwlog"
     runs = [AliveRun(socket_of(log), 1)]
-    monkeypatch.setattr("haptic_wall.controller.processes.run_socket.alive", lambda: runs)
-    monkeypatch.setattr("haptic_wall.controller.processes.ask.ask", lambda *_: told)
+    monkeypatch.setattr("haptic_wall.controller.live.run_socket.alive", lambda: runs)
+    monkeypatch.setattr("haptic_wall.controller.live.ask.ask", lambda *_: told)
     for terminal in (False, True):
         monkeypatch.setattr("sys.stdout.isatty", lambda shown=terminal: shown)
         assert cli.main(["set", "wall.stiffness=4"]) == 0

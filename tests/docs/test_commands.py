@@ -22,8 +22,8 @@ from haptic_wall.controller.cli import main as cli
 from haptic_wall.controller.experiments import cluster
 from haptic_wall.controller.experiments.maps import maps
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.live.run_socket import AliveRun, socket_of
 from haptic_wall.controller.paper import items
-from haptic_wall.controller.processes.run_socket import AliveRun, socket_of
 from haptic_wall.controller.settings.changes import changed, difference
 from haptic_wall.controller.settings.load import load_config
 from tests.cases import whole_only
@@ -179,8 +179,8 @@ def running_wall(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         guard = {"commanded": commanded, "reasons": []}
         return {"applied": True, "changed": values, "waited_s": 0.1, "guard": guard}
 
-    monkeypatch.setattr("haptic_wall.controller.processes.run_socket.alive", lambda: [run])
-    monkeypatch.setattr("haptic_wall.controller.processes.ask.ask", ask)
+    monkeypatch.setattr("haptic_wall.controller.live.run_socket.alive", lambda: [run])
+    monkeypatch.setattr("haptic_wall.controller.live.ask.ask", ask)
 
 
 async def served_nobody(*_: object) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_wall.controller.live.dead_man import DeadMan
-from haptic_wall.controller.processes.hold import SILENCE_NS
+from haptic_wall.controller.live.dead_man import SILENCE_NS, DeadMan
 from haptic_wall.controller.runtime.telemetry import FLAG_OFF, Telemetry, Word
 from tests.controller.runtime.test_tick import Rig, on
 

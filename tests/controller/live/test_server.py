@@ -29,10 +29,10 @@ from haptic_wall.controller.live.client import MOST_ROWS
 from haptic_wall.controller.live.dead_man import DeadMan
 from haptic_wall.controller.live.frames import CHANNELS
 from haptic_wall.controller.live.relay import sets_of
+from haptic_wall.controller.live.run_socket import listening
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.processes.run_socket import listening
 from haptic_wall.controller.runtime.telemetry import CAPACITY, Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand

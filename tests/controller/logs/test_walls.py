@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_wall.controller.cli.main import main
+from haptic_wall.controller.live.log_events import event_sockets, send_event, take_events
 from haptic_wall.controller.logs.file import LogWriter, append_end
 from haptic_wall.controller.logs.reader import LogReader
 from haptic_wall.controller.logs.recordings import MOVED, recordings_of_log
 from haptic_wall.controller.logs.replayed import replayed
 from haptic_wall.controller.logs.rows import LogRows
 from haptic_wall.controller.logs.walls import changes_in, walls_of
-from haptic_wall.controller.processes.log_events import event_sockets, send_event, take_events
 from haptic_wall.controller.report.run_panels import DrawnRun
 from haptic_wall.controller.report.sketch import sketched
 from haptic_wall.controller.runtime.telemetry import ROW

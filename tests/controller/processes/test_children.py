@@ -56,13 +56,13 @@ def test_a_ctrl_c_while_a_child_is_started_reaches_its_parent_alone(
     assert heard == ["once"]
 
 
-@pytest.mark.parametrize("module", ["loop_process", "recorder", "streamer"])
+@pytest.mark.parametrize("module", ["processes.loop_process", "processes.recorder", "live.door"])
 @pytest.mark.parametrize("told", sampled(['{"par', ""], 2))
 def test_a_child_whose_parent_was_interrupted_before_it_gave_orders_ends(
     module: str, told: str
 ) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", f"haptic_wall.controller.processes.{module}"],
+        [sys.executable, "-m", f"haptic_wall.controller.{module}"],
         input=told,
         capture_output=True,
         text=True,

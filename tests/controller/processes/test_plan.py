@@ -26,4 +26,4 @@ def test_only_a_bus_of_ones_own_is_waited_for(preset: str, sets: list[str], elas
     plan = Plan(load_config(preset, sets).config, None, Path("x"), {}, None)
     assert plan.elastic is elastic
     assert not replace(plan, page=3).elastic
-    assert not replace(plan, hold=Hold("", "page")).elastic
+    assert not replace(plan, hold=Hold("page")).elastic

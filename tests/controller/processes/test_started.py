@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.live.ask import NotAppliedError
+from haptic_wall.controller.live.run_socket import connected, socket_of
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.logs.reader import Event, LogReader
 from haptic_wall.controller.logs.walls import changes_in
-from haptic_wall.controller.processes.ask import NotAppliedError
-from haptic_wall.controller.processes.run_socket import connected, socket_of
 from haptic_wall.controller.processes.started import RunError, RunningWall, run
 from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
 

@@ -20,7 +20,7 @@ from typing import Final
 
 from haptic_wall.controller.errors import UserError
 
-MODULE: Final = "haptic_wall.controller.processes.dial"
+MODULE: Final = "haptic_wall.controller.live.door"
 """The process that listens; the socket's path is its argument"""
 SUFFIX: Final = ".sock"
 """After the log's name"""

@@ -1,8 +1,8 @@
-"""The dial's process: takes changes of the running wall from other terminals.
+"""The dial: takes changes of the running wall from other terminals.
 
 It listens on the run's socket. A request and each answer is one line of JSON. Clients are read
 side by side and served one after the other, each within limits of size, time and number; whatever
-they send, only this process is concerned.
+they send, only the door is concerned.
 """
 
 from __future__ import annotations
@@ -11,42 +11,33 @@ import contextlib
 import json
 import os
 import selectors
-import signal
 import socket
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final, Protocol
 
-from haptic_wall.controller.processes.orders import read_orders, say
-from haptic_wall.controller.processes.run_socket import (
+from haptic_wall.controller.live.run_socket import (
     MOST_BYTES,
     NOT_MADE,
     OVER,
     Peer,
-    listening,
     peer_of,
 )
-from haptic_wall.controller.runtime.realtime import die_with_parent
-from haptic_wall.controller.system.signals import ended_by
 
 READ_S: Final = 2.0
 """Time for a client to send its request [s]"""
 MOST_CLIENTS: Final = 64
 """Number of clients at a time"""
-LOAD_S: Final = 3.0
-"""Time after the start until the desk is loaded [s]: the loop's start has precedence"""
 TOLD_S: Final = 0.3
 """The client of a change that waits for longer than this is told so [s]"""
 MOST_WAIT_S: Final = 3600.0
 """Longest wait that can be asked for [s]"""
 MOST_SETS: Final = 100
-_IDLE_S: Final = 0.5
+IDLE_S: Final = 0.5
+"""Longest wait for a request [s]"""
 _LOOK_S: Final = 0.01
-_NICE: Final = 5
 
 
 class Desk(Protocol):
@@ -115,10 +106,14 @@ class Dial:
         self._served: _Client | None = None
         self._began_s = 0.0
 
-    def serve(self) -> None:
-        """Read requests that have come, and continue the present change; returns soon."""
+    def serve(self, most_s: float = IDLE_S) -> None:
+        """Read requests that have come, and continue the present change; returns soon.
+
+        Args:
+            most_s: Longest wait for a request [s].
+        """
         busy = self._served is not None or self._waiting
-        for key, _ in self._selector.select(_LOOK_S if busy else _IDLE_S):
+        for key, _ in self._selector.select(min(_LOOK_S, most_s) if busy else most_s):
             if key.fileobj is self._listener:
                 self._accept()
             else:
@@ -240,38 +235,3 @@ class Dial:
             self._waiting.remove(client)
         if client is self._served and self._desk is not None:
             self._desk.withdraw()
-
-
-def main() -> None:
-    """Serve until told to end."""
-    orders = read_orders()
-    path = Path(sys.argv[1])
-    ends = ended_by(signal.SIGTERM)
-    die_with_parent(orders["parent"], signal.SIGTERM)
-    os.nice(_NICE)
-    try:
-        listener = listening(path)
-    except OSError as error:
-        say({"trouble": f"{path} cannot be made ({error.strerror or error})"})
-        return
-
-    def desk() -> Desk:
-        from haptic_wall.controller.processes.change_desk import ChangeDesk
-
-        return ChangeDesk.of(orders, say)
-
-    dial = Dial(listener, desk)
-    begun_s = time.monotonic()
-    try:
-        while not ends():
-            dial.serve()
-            if time.monotonic() > begun_s + LOAD_S:
-                dial.prepare()
-    finally:
-        dial.close()
-        with contextlib.suppress(OSError):
-            path.unlink()
-
-
-if __name__ == "__main__":
-    main()

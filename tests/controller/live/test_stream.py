@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from haptic_wall.controller.cli.run import command
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.live.stream import Sender, Stream, stream_to
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.controller.processes.stream import Sender, Stream, stream_to
 from haptic_wall.controller.runtime.telemetry import ROW, Row, Telemetry
 
 

@@ -1,4 +1,4 @@
-"""The live page's process: it serves the page before the run is there."""
+"""The live page's thread: it serves the page before the run is there."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from urllib.request import urlopen
 import pytest
 from websockets.sync.client import connect
 
-from haptic_wall.controller.live import process
+from haptic_wall.controller.live import page_thread
+from haptic_wall.controller.live.place import live_at
 from haptic_wall.controller.live.server import LiveServer
 from haptic_wall.controller.live.source import RunningSource
 from haptic_wall.controller.live.view import View
-from haptic_wall.controller.processes.live_place import live_at
 from haptic_wall.controller.runtime.telemetry import Telemetry
 from haptic_wall.controller.settings.load import load_config
 
 
 def test_the_page_is_served_before_what_is_slow_to_import() -> None:
     """Without these two it starts in a quarter of the time."""
-    code = "import sys, haptic_wall.controller.live.process; print(*sys.modules)"
+    place = "haptic_wall.controller.live"
+    code = f"import sys, {place}.door, {place}.page_thread; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numpy", "pydantic"} & set(done.stdout.split())
 
@@ -44,8 +45,8 @@ def test_a_page_that_comes_before_the_run_is_greeted_when_it_is_there(
         assert there.wait(20.0)
         return lambda *_: (LiveServer(view, live.host), over.is_set)
 
-    monkeypatch.setattr(process, "_imported", imported)
-    monkeypatch.setattr(process, "stand_back", lambda: None)  # of this test's own threads
+    monkeypatch.setattr(page_thread, "_imported", imported)
+    monkeypatch.setattr(page_thread, "stand_back", lambda: None)  # of this test's own threads
     orders: dict[str, Any] = {
         "live": {
             "descriptor": live.descriptor,
@@ -54,7 +55,7 @@ def test_a_page_that_comes_before_the_run_is_greeted_when_it_is_there(
             "token": "",
         }
     }
-    server = threading.Thread(target=lambda: asyncio.run(process.serve(orders, over.is_set)))
+    server = threading.Thread(target=lambda: asyncio.run(page_thread.serve(orders, over.is_set)))
     server.start()
     try:
         with urlopen(live.address, timeout=10.0) as page:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from haptic_wall.controller.errors import ConfigError, HapticWallError
 from haptic_wall.controller.guard.decision_report import decision_report
-from haptic_wall.controller.processes.log_events import send_event
-from haptic_wall.controller.processes.run_socket import NOT_MADE, OVER, Peer
+from haptic_wall.controller.live.log_events import send_event
+from haptic_wall.controller.live.run_socket import NOT_MADE, OVER, Peer
 from haptic_wall.controller.runtime.assembly import decision_in_force
 from haptic_wall.controller.runtime.changeover import MOST_J, MOST_WITH_HAND_J, Obstacle
 from haptic_wall.controller.runtime.changes import Changes
@@ -74,7 +74,7 @@ class ChangeDesk:
         self._asked: _Asked | None = None
 
     @classmethod
-    def of(cls, orders: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
+    def of(cls, orders: Mapping[str, Any], tell: Callable[[dict[str, Any]], None]) -> ChangeDesk:
         """Return the desk of a run, by the orders of its process."""
         telemetry = Telemetry(orders["telemetry"], mapped=False)
         to_log = socket.socket(fileno=orders["to_log"])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from haptic_wall.controller.errors import HapticWallError, UserError
-from haptic_wall.controller.processes.run_socket import MOST_BYTES, AliveRun, connected
+from haptic_wall.controller.live.run_socket import MOST_BYTES, AliveRun, connected
 from haptic_wall.hw.errors import Problem
 
 COMPUTING_S: Final = 120.0

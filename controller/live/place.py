@@ -1,14 +1,21 @@
-"""Opens the live page's listening socket; makes its address and the token of its knobs."""
+"""The live page's listening socket, its address, and the token of its knobs; and its runs."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import json
+import os
 import secrets
 import socket
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from haptic_wall.controller.errors import PlatformError, UserError
+
+_MOST_ORDERS: Final = 1 << 17
+"""Largest orders of a run for a page [bytes]"""
 
 
 def server_log_of(log: Path) -> Path:
@@ -47,7 +54,7 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
             "the live page needs the package websockets, which is not installed",
             advice="run pip install -e '.[live]' in the clone",
         )
-    from haptic_wall.controller.processes.stream import parsed_place
+    from haptic_wall.controller.live.stream import parsed_place
 
     found = parsed_place(place)
     if found is None:
@@ -72,3 +79,32 @@ def live_at(place: str, *, control: bool = False, field: str = "--live") -> Live
     name = f"[{host}]" if ":" in host else host
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     return Live(listener.detach(), host, address, token)
+
+
+def hand_over(page: int, shown: dict[str, Any], inherited: dict[str, int]) -> None:
+    """Send the page's process the orders of a run, with the descriptors that belong to them."""
+    message = json.dumps({**shown, "descriptors": list(inherited)}).encode()
+    with (
+        socket.socket(fileno=os.dup(page)) as line,
+        contextlib.suppress(OSError),  # it is gone: the run goes on without it
+    ):
+        socket.send_fds(line, [message], list(inherited.values()))
+
+
+def take_over(line: socket.socket) -> dict[str, Any] | None:
+    """Return the orders of the next run that a page shows; None: there are none yet.
+
+    Args:
+        line: The other end of the socket that ``hand_over`` sends to; it does not block.
+
+    Raises:
+        EOFError: No run comes any more.
+    """
+    try:
+        message, received, _, _ = socket.recv_fds(line, _MOST_ORDERS, 3)
+    except BlockingIOError:
+        return None
+    if not message:
+        raise EOFError
+    orders: dict[str, Any] = json.loads(message)
+    return {"hand": None, **orders, **dict(zip(orders["descriptors"], received, strict=True))}

@@ -8,20 +8,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import pytest
 
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.processes import dial as module
-from haptic_wall.controller.processes.ask import NotAppliedError, ask
-from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.dial import Dial
-from haptic_wall.controller.processes.dial_monitor import DialMonitor
-from haptic_wall.controller.processes.run_socket import (
+from haptic_wall.controller.live import dial as module
+from haptic_wall.controller.live.ask import NotAppliedError, ask
+from haptic_wall.controller.live.dial import Dial
+from haptic_wall.controller.live.run_socket import (
     MODULE,
     MOST_BYTES,
     AliveRun,
@@ -77,12 +74,11 @@ class Served:
         end = time.monotonic() + seconds
         while not done():
             assert time.monotonic() < end
-            self.dial.serve()
+            self.dial.serve(0.01)
 
 
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
-    monkeypatch.setattr(module, "_IDLE_S", 0.01)
     monkeypatch.setattr(module, "READ_S", 0.2)
     made = Served(tmp_path, ScriptedDesk())
     yield made
@@ -117,7 +113,7 @@ def sent(served: Served, content: bytes) -> dict[str, Any]:
             assert time.monotonic() < end
             with contextlib.suppress(OSError):
                 rest = rest[connection.send(rest) :]
-            served.dial.serve()
+            served.dial.serve(0.01)
             with contextlib.suppress(BlockingIOError):
                 found += connection.recv(MOST_BYTES)
         answer: dict[str, Any] = json.loads(found)
@@ -218,7 +214,7 @@ def test_too_many_clients_are_sent_away(served: Served, monkeypatch: pytest.Monk
     with contextlib.ExitStack() as open_ones:
         for _ in range(3):
             open_ones.enter_context(connected(served.run.socket))
-            served.dial.serve()
+            served.dial.serve(0.01)
         assert "other clients wait" in sent(served, b"")["error"]
 
 
@@ -291,16 +287,6 @@ def test_a_run_is_the_process_that_listens_at_its_socket(tmp_path: Path) -> None
         with pytest.raises(UserError, match="no wall is running in"):
             chosen(tmp_path, found)
         assert socket_of(log).exists() and not socket_of(other).exists()
-
-
-@pytest.mark.parametrize("act", [DialMonitor.look, DialMonitor.close])
-def test_a_killed_dial_leaves_no_socket(tmp_path: Path, act: Callable[[DialMonitor], None]) -> None:
-    path, told = tmp_path / "a.hwlog.sock", list[str]()
-    killed = Mock(spec=Child)
-    killed.lines.return_value, killed.exit_text.return_value = [], "was killed"
-    listening(path).close()
-    act(DialMonitor(killed, path, told.append))
-    assert not path.exists()
 
 
 def test_which_run_is_meant_is_asked_with_a_list(tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""The live page's process: serves the rows of a running loop to browsers.
-
-It may be slow, flooded, stopped or killed without an effect on the loop or the log.
+"""Serves the rows of a running loop to browsers, in a thread of the door.
 
 The page's files are served at once. What reads the rows is imported meanwhile, which takes most of
 a second; a page that comes sooner waits for its first rows with its panels drawn.
@@ -9,7 +7,6 @@ a second; a page that comes sooner waits for its first rows with its panels draw
 from __future__ import annotations
 
 import asyncio
-import signal
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -19,14 +16,28 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.server import ServerConnection
 
 from haptic_wall.controller.live.gate import judged
+from haptic_wall.controller.live.place import Live
 from haptic_wall.controller.live.web_server import closed, log_to, opened
-from haptic_wall.controller.processes.live_place import Live
-from haptic_wall.controller.processes.orders import read_orders, say
-from haptic_wall.controller.runtime.realtime import die_with_parent, stand_back
-from haptic_wall.controller.system.signals import ended_by
+from haptic_wall.controller.runtime.realtime import stand_back
+from haptic_wall.controller.system.orders import say
 
 if TYPE_CHECKING:
     from haptic_wall.controller.live.server import LiveServer
+
+
+def serve_page(orders: dict[str, Any], ends: Callable[[], bool]) -> None:
+    """Serve the page until ``ends``; tell the supervisor if it is gone sooner.
+
+    Args:
+        orders: Of the run's supervisor.
+        ends: Whether a signal asked for the end.
+    """
+    log_to(Path(orders["log"]))
+    try:
+        asyncio.run(serve(orders, ends))
+    except Exception as error:  # noqa: BLE001 - whatever it is, changes and stream go on
+        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        say({"page": f"the page is gone ({why})"})
 
 
 async def serve(orders: dict[str, Any], ends: Callable[[], bool]) -> None:
@@ -62,7 +73,7 @@ def _imported() -> Callable[
     """Import what reads the rows; return what makes the server of a run and its end."""
     from haptic_wall.controller.live.running_view import view_of
     from haptic_wall.controller.live.server import LiveServer
-    from haptic_wall.controller.processes.idle_window import until_idle_window
+    from haptic_wall.controller.runtime.idle_window import until_idle_window
 
     def made(
         orders: dict[str, Any], live: Live, ends: Callable[[], bool]
@@ -80,19 +91,3 @@ def _imported() -> Callable[
         return LiveServer(view, live.host, live.token, Path(orders["run"]), pause), until
 
     return made
-
-
-def main() -> None:
-    """Serve until told to end."""
-    orders = read_orders()
-    log_to(Path(orders["log"]))
-    ends = ended_by(signal.SIGTERM)
-    die_with_parent(orders["parent"], signal.SIGKILL)
-    try:
-        asyncio.run(serve(orders, ends))
-    except OSError as error:
-        say({"trouble": f"the page is gone ({error.strerror or error})"})
-
-
-if __name__ == "__main__":
-    main()

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from haptic_wall.controller.processes import change_desk as module
-from haptic_wall.controller.processes.change_desk import ChangeDesk
-from haptic_wall.controller.processes.run_socket import Peer
+from haptic_wall.controller.live import change_desk as module
+from haptic_wall.controller.live.change_desk import ChangeDesk
+from haptic_wall.controller.live.run_socket import Peer
 from haptic_wall.controller.runtime.change import KnownServo
 from haptic_wall.controller.runtime.handover import Inbox, Offers
 from haptic_wall.controller.runtime.telemetry import LoopState, Telemetry, Word

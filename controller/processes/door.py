@@ -1,0 +1,186 @@
+"""The supervisor's side of the door: starts its process, hears it, and sends it news of the run.
+
+A page that shows several runs, as ``haptic-wall demo`` does, has a process already; it gets what
+the door would inherit, and the same news.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import time
+from contextlib import ExitStack
+from dataclasses import asdict
+from typing import Any, Final
+
+from haptic_wall.controller.live.place import hand_over, server_log_of
+from haptic_wall.controller.live.run_socket import MODULE, remove_if_dead, socket_of
+from haptic_wall.controller.processes.children import Child
+from haptic_wall.controller.processes.plan import Plan, Tell
+from haptic_wall.controller.runtime.telemetry import Telemetry
+from haptic_wall.hw.hand import SharedHand
+
+MOST_KEPT: Final = 1000
+"""Number of changes that the report lists: the last ones"""
+_END_S: Final = 2.0
+_MOST_BYTES: Final = 60_000
+
+
+class Door:
+    """Starts the door's process if the plan asks for it, and listens to it.
+
+    Args:
+        plan: Plan of the run.
+        telemetry: Shared memory of the run.
+        tell: Called with messages for a person.
+        cores: Cores on which the process runs.
+        to_log: Descriptor of the socket that events for the log go to.
+
+    Attributes:
+        changes: The last changes, as events.
+        unlogged: Those that the log does not have yet.
+        hand: A person's hand on a servo that is not real; None: no page has one.
+        loop: The loop's end of the socket that changes come from; None: the run takes none.
+        trouble: Why a dead man on the page is gone; empty: it is not.
+    """
+
+    def __init__(
+        self, plan: Plan, telemetry: Telemetry, tell: Tell, cores: set[int], to_log: int
+    ) -> None:
+        self._plan = plan
+        self._tell = tell
+        self._path = socket_of(plan.log)
+        self._child: Child | None = None
+        self._news: socket.socket | None = None
+        self._over = self._closed = False
+        self.changes: list[dict[str, Any]] = []
+        self.unlogged: list[dict[str, Any]] = []
+        self.hand: SharedHand | None = None
+        self.loop: socket.socket | None = None
+        self.trouble = ""
+        log, live = plan.log, plan.live
+        takes = plan.changeable and not plan.program and (not log.exists() or log.is_file())
+        if not (takes or live or plan.stream or plan.page is not None):
+            return
+        with ExitStack() as handed:
+            inherited = {"telemetry": telemetry.descriptor}
+            if live is not None or plan.page is not None:
+                self._news, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+                inherited["news"] = handed.enter_context(theirs).fileno()
+                if plan.config.servo.kind != "hardware" and (live is None or live.token):
+                    self.hand = SharedHand.create()
+                    inherited["hand"] = self.hand.descriptor
+            shown = {
+                "name": plan.metadata["name"],
+                "config": plan.config.model_dump_json(),
+                "run": str(self._path),
+                "dead_man": plan.hold is not None and plan.hold.is_page,
+            }
+            if plan.page is not None:
+                hand_over(plan.page, shown, inherited)
+            if not (takes or live or plan.stream):
+                return
+            if takes:
+                self.loop, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+                inherited |= {"loop": handed.enter_context(ours).fileno(), "to_log": to_log}
+            orders = {
+                "loop": None,
+                "hand": None,
+                **inherited,
+                **shown,
+                "parent": os.getpid(),
+                "period_ns": plan.config.period_ns,
+                "live": live and asdict(live),
+                "stream": plan.stream and asdict(plan.stream),
+                "log": str(server_log_of(log)),
+            }
+            descriptors = [*inherited.values(), *([] if live is None else [live.descriptor])]
+            self._child = Child("door", [MODULE, str(self._path)], orders, descriptors, cores)
+
+    def look(self) -> None:
+        """Take its news, and pass changes on to the page."""
+        door = self._child
+        if door is None:
+            return
+        for line in door.lines():
+            said = json.loads(line)
+            if "change" not in said:
+                self._tell(said.get("trouble") or f"--live: {said['page']}")
+                if "page" in said:
+                    self._release(said["page"])
+                continue
+            change = said["change"]
+            self.changes = [*self.changes, change][-MOST_KEPT:]
+            if not said["logged"]:
+                self.unlogged = [*self.unlogged, change][-MOST_KEPT:]
+            self._tell(change_text(change))
+            self._send({"change": change})
+        if door.ended() and not self._over:
+            self._over = True
+            remove_if_dead(self._path)
+            gone = f"the process for changes, page and stream {door.exit_text()}"
+            self._tell(f"{gone}; the run goes on without it")
+            self._release(gone)
+
+    def _release(self, why: str) -> None:
+        """Note that the page that holds the dead man is gone, if one does."""
+        if self._plan.hold is not None and self._plan.hold.is_page and not self.trouble:
+            self.trouble = f"--hold: {why}; from then on the wall was off"
+            self._tell(f"--hold: {why}; the wall is off and stays off: end the run with Ctrl-C")
+
+    def pass_on(self, text: str) -> None:
+        """Pass on a message for a person to the page."""
+        self._send({"note": text, "at_ns": time.monotonic_ns()})
+
+    def close(self, words: str = "") -> None:
+        """Tell how the run ended, end the process, and take its last news; safe to call twice.
+
+        Args:
+            words: Text about the end; empty: not known.
+        """
+        if self._closed:
+            return
+        self.look()
+        self._closed = self._over = True
+        if words:
+            self._send({"ended": words})
+        if self._child is not None:
+            self._child.send(signal.SIGTERM)
+            self._child.wait(_END_S)
+            self.look()
+            self._child.dismiss(0.0)
+            remove_if_dead(self._path)
+        for each in (self._news, self.loop):
+            if each is not None:
+                each.close()
+        if self.hand is not None:
+            self.hand.release()
+            self.hand.close()
+            self.hand = None
+
+    def _send(self, what: dict[str, Any]) -> None:
+        message = json.dumps(what).encode()
+        if self._news is not None and len(message) < _MOST_BYTES:
+            with contextlib.suppress(OSError):  # it is gone, or does not read: nothing waits for it
+                self._news.send(message, socket.MSG_DONTWAIT)
+
+
+def change_text(change: dict[str, Any]) -> str:
+    """Return a change in one line, for people."""
+    by = change["by"]
+    who = f"{' '.join(change['set'])}, requested by {by['user']} (process {by['pid']})"
+    if change["outcome"] != "applied":
+        return f"{change['outcome']}: {who}: {change['why']}"
+    commanded = change["commanded"] or {}
+    values = ", ".join(
+        f"{value:.4g} {unit}"
+        for value, unit in (
+            (commanded.get("stiffness"), "N·m/rad"),
+            (commanded.get("damping"), "N·m·s/rad"),
+        )
+        if value is not None
+    )
+    return f"changed: {who}; commanded: {values}"
