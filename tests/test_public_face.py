@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import haptic_wall
+from haptic_wall.controller.cli.started import RunningWall
 from haptic_wall.controller.logs.columns import COLUMNS
-from haptic_wall.controller.processes.started import RunningWall
 from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.hw.servo import Servo
 from tests.test_contracts import loaded_by, within

@@ -23,7 +23,7 @@ def command(place: str) -> int:
     simulated servos, one with the guard and one without. A mouse or a finger drags each of them. No
     hardware is needed.
     """
-    from haptic_wall.controller.processes.demo import demo, serve
+    from haptic_wall.controller.cli.demo_walls import demo, serve
 
     live = live_at(place, control=True, field="--at")
     signals: list[int] = []

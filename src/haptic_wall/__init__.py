@@ -12,6 +12,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from haptic_wall.controller import theory
+    from haptic_wall.controller.cli.started import RunError, RunningWall, run
     from haptic_wall.controller.emulated_bus.bus import BusError
     from haptic_wall.controller.emulated_bus.bus import DynamixelBus as emulated_bus  # noqa: N813
     from haptic_wall.controller.errors import (
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from haptic_wall.controller.laws.own import OwnLaw as Law
     from haptic_wall.controller.live.ask import NotAppliedError
     from haptic_wall.controller.logs.table import Log, read_log
-    from haptic_wall.controller.processes.started import RunError, RunningWall, run
     from haptic_wall.hw.errors import ServoError
     from haptic_wall.hw.servo import Servo
 
@@ -62,15 +62,15 @@ _HOMES = {
     "LogFormatError": "controller.errors",
     "NotAppliedError": "controller.live.ask",
     "PlatformError": "controller.errors",
-    "RunError": "controller.processes.started",
-    "RunningWall": "controller.processes.started",
+    "RunError": "controller.cli.started",
+    "RunningWall": "controller.cli.started",
     "Servo": "hw.servo",
     "ServoError": "hw.errors",
     "UserError": "controller.errors",
     "boundary": "controller.guard.boundary",
     "emulated_bus": "controller.emulated_bus.bus:DynamixelBus",
     "read_log": "controller.logs.table",
-    "run": "controller.processes.started",
+    "run": "controller.cli.started",
 }
 """The module of each name, with its name there where that differs"""
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from haptic_wall.controller.cli.demo_walls import SERVO
 from haptic_wall.controller.live.lesson import BOUNDS, facts, own_servo, scenes
 from haptic_wall.controller.live.rhythm import rhythm
-from haptic_wall.controller.processes.demo import SERVO
 from haptic_wall.controller.settings.changes import changed
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, linear_limit

@@ -17,10 +17,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from haptic_wall.controller.cli.demo_walls import SERVO, SERVOS
 from haptic_wall.controller.live.lesson_process import Stage, serve_lesson
 from haptic_wall.controller.live.place import Live, hand_over
 from haptic_wall.controller.live.run_socket import listening
-from haptic_wall.controller.processes.demo import SERVO, SERVOS
 from haptic_wall.controller.runtime.telemetry import Row, Telemetry, Word
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.hand import SharedHand

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import MonkeyPatch
 
-from haptic_wall.controller.processes import idle_window
+from haptic_wall.controller.runtime import idle_window
 from haptic_wall.controller.runtime.telemetry import Word
 
 NOW_NS = 5_000_000_000

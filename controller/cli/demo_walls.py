@@ -25,10 +25,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from haptic_wall.controller.cli.started import RunningWall
 from haptic_wall.controller.errors import PlatformError
 from haptic_wall.controller.live.place import Live
 from haptic_wall.controller.processes.children import Child
-from haptic_wall.controller.processes.started import RunningWall
 from haptic_wall.controller.runtime.realtime import pick_cores
 
 MODULE: Final = "haptic_wall.controller.live.lesson_process"

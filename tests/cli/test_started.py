@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from haptic_wall.controller.cli.started import RunError, RunningWall, run
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.live.ask import NotAppliedError
 from haptic_wall.controller.live.run_socket import connected, socket_of
 from haptic_wall.controller.logs.file import read_log
 from haptic_wall.controller.logs.reader import Event, LogReader
 from haptic_wall.controller.logs.walls import changes_in
-from haptic_wall.controller.processes.started import RunError, RunningWall, run
 from haptic_wall.controller.runtime.telemetry import FLAG_CHANGED
 
 pytestmark = pytest.mark.realtime
@@ -128,7 +128,7 @@ def test_a_run_on_the_simulated_clock_is_over_and_has_a_report(tmp_path: Path) -
 
 def test_a_wall_ends_with_its_starter() -> None:
     code = (
-        "from haptic_wall.controller.processes.started import run\n"
+        "from haptic_wall.controller.cli.started import run\n"
         "import os\n"
         "with run('simulated', ['realtime.profile=off']) as wall:\n"
         "    print(wall._process.pid, flush=True)\n"
