@@ -489,7 +489,11 @@ def pedal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
     monkeypatch.setattr(sys.modules[__name__], "PROGRAM", [sys.executable, "-c", PEDAL])
     os.mkfifo(tmp_path / "pedal")
     end = os.open(tmp_path / "pedal", os.O_RDWR)
-    yield lambda down: not_none(os.write(end, EVENT.pack(0, 0, 1, 57, down)))
+
+    def press(down: bool) -> None:
+        os.write(end, EVENT.pack(0, 0, 1, 57, down))
+
+    yield press
     os.close(end)
 
 
