@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.adapter import examine_port
-from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.mending import mend, question
@@ -152,7 +151,7 @@ class _Checkup:
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
                 return None
-            self.report.tell("reply time, and both schedules at every phase: about 5 s")
+            self.report.tell("reply time")
             descriptor = open_port(settings.port, settings.baud)
             try:
                 return measure(self._config, descriptor)
@@ -259,8 +258,7 @@ class _Checkup:
             self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
             self.report.leave_out("schedule")
         elif measured["replies"] is not None:
-            replies, series = Replies(**measured["replies"]), _series(measured["series"])
-            self._timing(replies, series, stalls=not lateness.ok)
+            self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Setting(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*machine.judge_rights(settings, config.realtime.profile))
@@ -270,13 +268,15 @@ class _Checkup:
         core, _ = pick_cores(self._config.realtime.core)
         self._add(*machine.judge_setup(machine_setup(core)))
 
-    def _timing(self, replies: Replies, series: list[Series], stalls: bool) -> None:
+    def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config
         assert config.servo.baud is not None
         most_missed = min(timing.MOST_MISSED, config.safety.max_loss)
+        best = timing.suits(replies, config.loop.rate_hz, config.servo.baud, most_missed)
+        self.report.suits = best
         schedule = config.servo.schedule
         if schedule == "auto":
-            schedule = timing.suits(series, most_missed) or "immediate"
+            schedule = best or "immediate"
         wanted = timing.Wanted(
             schedule,
             config.loop.rate_hz,
@@ -286,12 +286,4 @@ class _Checkup:
             stalls,
             self._wiring,
         )
-        self._add(*timing.judge_timing(replies, series, wanted))
-        self.report.cycles = series
-        self.report.suits = timing.suits(series, wanted.most_missed)
-
-
-def _series(found: list[dict[str, Any]]) -> list[Series]:
-    return [
-        Series(**{**one, "phases": [Phase(**phase) for phase in one["phases"]]}) for one in found
-    ]
+        self._add(*timing.judge_timing(replies, wanted))

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from haptic_wall.controller.doctor import adapter as adapters
-from haptic_wall.controller.doctor.cycles import Series, run_series
 from haptic_wall.controller.doctor.mending import mend
 from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.doctor.report import Change
 from haptic_wall.controller.doctor.search import search
+from haptic_wall.controller.doctor.timing import suits
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.codec.frames import Frame
@@ -30,7 +30,6 @@ from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.serialport import timer as latency
 from haptic_wall.hw.serialport.port import kept_settings, open_port
-from haptic_wall.hw.settings import Schedule
 from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
 
@@ -294,40 +293,11 @@ def test_too_low_a_current_limit_is_advice_and_none_at_all_or_an_impossible_one_
 # Time
 
 
-def series(
-    bus: Bus, schedule: Schedule, period_ns: int = MS, stall_ns: int = 0, phases: int = 10
-) -> Series:
-    wakes = 0
-
-    def wait(instant_ns: int) -> int:
-        nonlocal wakes
-        wakes += 1
-        bus.clock.wait_until(instant_ns + (stall_ns if wakes % 15 == 5 else 0))
-        return bus.clock.now_ns()
-
-    return run_series(
-        bus,
-        1,
-        schedule,
-        wait=wait,
-        period_ns=period_ns,
-        collect_ns=period_ns * 8 // 10,
-        longer_ns=period_ns * 105 // 100,
-        phases=phases,
-        cycles=20,
-    )
-
-
 def test_without_an_adapter_a_reply_takes_its_time_on_the_wire_at_every_phase() -> None:
     bus = Bus(return_delay=0)
     replies = time_replies(bus, 1, 50, MS)
     # 14 bytes there, 27 or 28 back, 2.5 µs each
     assert 102_500 <= replies.took_ns[0] <= replies.took_ns[-1] <= 105_000
-    for schedule in ("immediate", "pipelined"):
-        found = series(bus, schedule)
-        assert found.worst == 0
-        assert found.skipped == 0
-        assert len(found.phases) == 10
 
 
 def test_return_delay_shows_in_the_replies() -> None:
@@ -335,32 +305,15 @@ def test_return_delay_shows_in_the_replies() -> None:
     assert 602_500 <= found.took_ns[0] <= found.took_ns[-1] <= 605_000
 
 
-def test_an_adapter_timer_of_1_ms_spoils_immediate_at_some_phases_and_pipelined_at_none() -> None:
-    bus = Bus(timer_ns=MS, return_delay=0)
-    found = series(bus, "immediate")
-    shares = [phase.share for phase in found.phases]
+def test_an_adapter_timer_of_1_ms_spoils_immediate_and_leaves_pipelined() -> None:
+    found = time_replies(Bus(timer_ns=MS, return_delay=0), 1, 200, MS)
     # A reply is ready 0.1 ms after its request and is given up 0.8 ms after: the timer expires in
     # that time at 7 of 10 phases, and a reply of the other 3 is lost every time.
-    assert sorted(shares).count(0.0) == 7
-    assert sorted(shares).count(1.0) == 3
-    found = series(bus, "pipelined")
-    assert found.worst == 0
-    # Not older than the period, and the time until the timer expires after the wake-up.
-    assert found.ages_ns[-1] <= 1.8 * MS
-
-
-def test_a_phase_is_not_lost_to_one_stall_since_a_run_would_leave_it_too() -> None:
-    # A request sent after a lost reply was given up can miss its tick too, and so on for ever: the
-    # loop then waits a little longer once, and so does the measurement of it.
-    found = series(Bus(timer_ns=MS, return_delay=0), "pipelined", stall_ns=9 * MS // 10, phases=20)
-    assert found.worst == 0
-
-
-def test_the_age_of_a_sample_grows_while_replies_are_missed() -> None:
-    # At 16 ms the sample in use is as old as that, however young the few that come are.
-    found = series(Bus(timer_ns=16 * MS, return_delay=0), "immediate", phases=4)
-    assert found.worst > 0.9
-    assert found.ages_ns[-1] > 12 * MS
+    late = sum(took > 0.8 * MS for took in found.took_ns)
+    assert late == pytest.approx(0.3 * 200, abs=3)
+    assert found.took_ns[-1] < 1.11 * MS
+    assert suits(found, 1000, BAUD) == "pipelined"
+    assert suits(found, 500, BAUD) == "immediate"
 
 
 def test_replies_in_a_row_come_once_per_expiry_of_the_timer() -> None:
@@ -401,18 +354,10 @@ def test_a_servo_that_is_silent_is_not_asked_for_ever() -> None:
     assert found.share_failed == 1
 
 
-def test_every_phase_is_met_wherever_the_timers_grid_lies() -> None:
-    for phase_ns in (0, 330_000, 770_000):
-        found = series(Bus(timer_ns=MS, phase_ns=phase_ns, return_delay=0), "immediate")
-        assert sum(phase.share > 0.5 for phase in found.phases) in (2, 3)
-
-
 def test_nothing_but_reads_is_sent() -> None:
     bus = Bus(return_delay=0)
     bus.sent.clear()
     time_replies(bus, 1, 5, MS)
-    series(bus, "immediate")
-    series(bus, "pipelined")
     assert {frame.instruction for frame in bus.sent} == {Instruction.READ}
 
 
