@@ -14,7 +14,8 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
-from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.errors import wiring
 
 HARDWARE = 4

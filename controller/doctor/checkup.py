@@ -28,6 +28,7 @@ from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     be_alone,
@@ -38,7 +39,7 @@ from haptic_wall.hw.dynamixel.rules import (
     read_servo,
     read_status_level,
 )
-from haptic_wall.hw.dynamixel.tables import RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import (
     PortBusyError,

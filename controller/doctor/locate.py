@@ -19,7 +19,8 @@ from haptic_wall.controller.doctor.search import (
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.register_access import PATIENCE_NS, Table
-from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import cycle_s
 from haptic_wall.hw.errors import BaudRefusedError, ServoLostError, UnfitServoError, wiring
 from haptic_wall.hw.serialport.timer import set_timer_to_1_ms

@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port

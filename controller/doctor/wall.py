@@ -8,7 +8,7 @@ from typing import Final
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
 from haptic_wall.controller.guard.sentences import sentences
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.servo import Check
 

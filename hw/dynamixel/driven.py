@@ -11,10 +11,11 @@ from haptic_wall.hw.dynamixel.hardware_errors import latched
 from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
 from haptic_wall.hw.dynamixel.register_access import APART
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, POSITION_UNIT
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
 from haptic_wall.hw.errors import (

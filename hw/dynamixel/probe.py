@@ -23,8 +23,9 @@ from haptic_wall.hw.dynamixel.register_access import (
     lost,
     read_patiently,
 )
+from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
+from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units

@@ -11,8 +11,9 @@ from typing import Final, TypeVar
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
 from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.registers import Register
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import Model, Register
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.errors import (
     Problem,
     ServoError,

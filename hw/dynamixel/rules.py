@@ -12,14 +12,13 @@ from typing import Final
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.registers import (
     CURRENT_MODE,
     POSITION_UNIT,
     RETURN_DELAY_UNIT_NS,
     WATCHDOG_TRIPPED,
-    Model,
-    model_by_number,
 )
+from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
 from haptic_wall.hw.errors import ServoLostError
 

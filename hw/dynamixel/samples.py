@@ -13,7 +13,7 @@ from haptic_wall.hw.dynamixel.codec import (
     Instruction,
     encode,
 )
-from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.servo import Outcome
 
 SAMPLE: Final = struct.Struct("<HxxhhIi")

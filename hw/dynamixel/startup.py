@@ -15,6 +15,7 @@ from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
 from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
+from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     be_alone,
@@ -27,7 +28,7 @@ from haptic_wall.hw.dynamixel.rules import (
 )
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units

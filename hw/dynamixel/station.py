@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final, Protocol
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode
+from haptic_wall.hw.dynamixel.registers import TICK_MODULUS, Register
 from haptic_wall.hw.dynamixel.samples import PROOFS, SAMPLE_ADDRESS, ServoClock
-from haptic_wall.hw.dynamixel.tables import TICK_MODULUS, Register
 from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import BusCounts

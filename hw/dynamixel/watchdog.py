@@ -6,8 +6,9 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock, Suspension
 from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed, lost, read_patiently
+from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
+from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
 from haptic_wall.hw.settings import DriverSettings
 

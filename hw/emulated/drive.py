@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT, Model
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import (
     CURRENT_POSITION_MODE,
     POSITION_MODE,

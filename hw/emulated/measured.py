@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import VELOCITY_UNIT
+from haptic_wall.hw.dynamixel.registers import VELOCITY_UNIT
 from haptic_wall.hw.emulated.control_modes import PWM_FULL
 from haptic_wall.hw.emulated.drive import Drive
 

@@ -9,15 +9,15 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
-from haptic_wall.hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
     EEPROM_END,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     WATCHDOG_UNIT_NS,
-    Model,
 )
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
 from haptic_wall.hw.emulated.measured import measured

@@ -14,8 +14,8 @@ from dataclasses import asdict, replace
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.errors import ServoHealthError, ServoLostError, TorqueLostError
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome, Reading

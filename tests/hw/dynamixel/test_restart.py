@@ -11,8 +11,8 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Parser, encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.dynamixel.samples import ServoClock
-from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 from haptic_wall.hw.errors import ServoLostError, TorqueLostError
 from haptic_wall.hw.servo import Outcome
 from tests.cases import sampled

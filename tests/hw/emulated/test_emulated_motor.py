@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
-from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.dynamixel.tables.models import Model
+from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.health import OVERLOAD_NS
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.truth import TrueServo
