@@ -186,7 +186,7 @@ class _Checkup:
             if not self._replies(table):
                 report.leave_out("registers")
                 return False
-            table = table.at(model.registers_at(found.firmware))
+            table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):
                 before = checks
@@ -212,7 +212,7 @@ class _Checkup:
             table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
         self._add(judge_status_level(level, found).check(name, fixable=True))
         if level > 0:
-            be_alone(table, self._clock)
+            be_alone(table)
         return level > 0
 
     def _judge(

@@ -147,7 +147,7 @@ class Locator:
                 if table.read("torque_enable"):
                     return Change(name, before, "its torque is on, so it is locked", False), found
                 # It cannot be read back at this rate.
-                table.station.write_register(table.registers["baud_rate"], value, PATIENCE_NS[0])
+                table.try_write("baud_rate", value, PATIENCE_NS[:1])
             except (ServoLostError, UnfitServoError) as error:
                 return Change(name, before, str(error), False), found
         with opened(settings.port, settings.baud, self._clock) as line:
