@@ -44,7 +44,6 @@ class Drive:
         motor: Its motor.
         mechanism: The mechanism that the motor moves.
         model: The servo's model.
-        current_offset: Offset of the current sensor [A].
         now_ns: The time [ns].
     """
 
@@ -54,7 +53,6 @@ class Drive:
         motor: Motor,
         mechanism: Mechanism,
         model: Model,
-        current_offset: float,
         now_ns: int,
     ) -> None:
         self.table = table
@@ -67,7 +65,6 @@ class Drive:
         """[A] per unit of current; 0 where there is none"""
         self.held_pose = False
         """The measured current and velocity are those of ``measured.HELD_POSE``"""
-        self._offset = current_offset
         self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
@@ -164,23 +161,21 @@ class Drive:
     def electrical(self) -> tuple[float, float]:
         """Return the measured current [A], and the duty (fraction of the supply on the motor).
 
-        Both in the motor's direction. The duty is 0 while the motor is limp, and so is the current
-        but for its sensor's filter and offset.
+        Both in the motor's direction, and 0 while the motor is limp.
         """
         mechanism, motor = self.mechanism, self.motor
-        torque = mechanism.current_torque
-        seen = mechanism.sensed_torque
+        torque = mechanism.torque
         active = self._active is not None
-        if torque == 0.0 and seen == 0.0 and not active:
-            return self._offset, 0.0
+        if torque == 0.0 and not active:
+            return 0.0, 0.0
         speed, volts = mechanism.motor_velocity, self.table.supply
         duty = self._duty
         if not active and (self._on or torque != 0.0):
             duty = motor.duty(torque / motor.torque_constant, volts, speed)
-        current = seen / motor.torque_constant
+        current = torque / motor.torque_constant
         if motor.senses_supply:
             current = motor.sensed(current, volts, speed)
-        return current + self._offset, min(max(duty, -1.0), 1.0)
+        return current, min(max(duty, -1.0), 1.0)
 
     def release(self, now_ns: int) -> None:
         """End every control action; the motor is limp."""

@@ -115,14 +115,7 @@ class EmulatedServo:
         """End of its boot [ns]"""
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
-        self.drive = Drive(
-            self.table,
-            motor,
-            self.mechanism,
-            model,
-            true.current_offset,
-            start_ns,
-        )
+        self.drive = Drive(self.table, motor, self.mechanism, model, start_ns)
         self._preset("firmware_version", firmware)
         self._preset("id", id)
         self._preset("baud_rate", BAUD_RATES.index(baud))

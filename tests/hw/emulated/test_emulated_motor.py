@@ -196,26 +196,6 @@ def test_a_controller_that_cannot_do_it_is_overloaded(mode: int) -> None:
     assert client.read(1, TORQUE_ENABLE, 1) == 0
 
 
-def test_the_measured_current_has_an_offset_and_a_filter() -> None:
-    true = replace(HELD, current_filter=20.0, current_offset=0.0538)
-    client = Client(true=true)
-    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 500, 2)
-    since = client.clock.now_ns()
-    for wait in (3 * MS, 10 * MS, 200 * MS):
-        client.pass_time(wait)
-        seen = client.read(1, PRESENT_CURRENT, 2, signed=True)
-        passed = (client.clock.now_ns() - since) * 1e-9
-        assert seen == pytest.approx(
-            20 - 500 * math.expm1(-math.tau * 20.0 * passed), abs=500 * 0.02
-        )
-        assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
-    client.write(1, TORQUE_ENABLE, 0, 1)
-    client.pass_time(500 * MS)
-    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
-
-
 def test_a_weaker_supply_limits_a_moving_servo() -> None:
     client = Client(true=replace(FREE, back_emf=True, supply=14.0))
     client.enable_current_mode()
