@@ -65,7 +65,7 @@ def command(
             )
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
-    with interrupting():  # the port's settings are restored
+    with interrupting():  # the port is closed
         report = examine(loaded.config, _say, consent, change_baud)
     answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.wrong else 0)

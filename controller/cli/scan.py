@@ -55,7 +55,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
 
-    with interrupting():  # the port's settings are restored
+    with interrupting():  # the port is closed
         searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))

@@ -47,7 +47,7 @@ from haptic_wall.hw.errors import (
     ServoError,
     wiring,
 )
-from haptic_wall.hw.serialport.port import kept_settings, open_port
+from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
@@ -130,8 +130,7 @@ class _Checkup:
             self.report.reached = False
             self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
-            with kept_settings(settings.port):
-                measured = self._servo(settings)
+            measured = self._servo(settings)
         if measured is None:
             self.report.leave_out("reply time", "schedule")
             if "used by" in (check.name for check in self.report.wrong):

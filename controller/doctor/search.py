@@ -104,7 +104,7 @@ def scan(
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
 ) -> Generator[BaudSearch]:
-    """Search a port at several baud rates in sequence; restore the port's settings at the end.
+    """Search a port at several baud rates in sequence.
 
     Args:
         path: The port.
@@ -117,15 +117,14 @@ def scan(
         PortError: The port cannot be used.
         ServoLostError: The port is gone.
     """
-    with port.kept_settings(path):
-        for baud in bauds:
-            tell(baud)
-            try:
-                with opened(path, baud, clock) as line:
-                    found = search(line, baud, ids)
-            except BaudRefusedError as error:
-                found = BaudSearch(baud, [], 0, str(error))
-            yield found
+    for baud in bauds:
+        tell(baud)
+        try:
+            with opened(path, baud, clock) as line:
+                found = search(line, baud, ids)
+        except BaudRefusedError as error:
+            found = BaudSearch(baud, [], 0, str(error))
+        yield found
 
 
 @contextmanager

@@ -30,7 +30,6 @@ from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Seen, Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
@@ -124,10 +123,8 @@ class Startup:
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
         port, found = self._settings.port, "none"
-        line = self._exchange.line
         if port:
-            descriptor = line.descriptor if isinstance(line, FdLine) else None
-            found = describe(port, descriptor=descriptor)
+            found = describe(port)
             if (timer_ms(port) or 0) > 1:
                 file = timer_file(port)
                 found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import struct
-import termios
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +26,6 @@ from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import PortError, ServoLostError
 from haptic_wall.hw.serialport import timer as latency
-from haptic_wall.hw.serialport.port import kept_settings, open_port
 from haptic_wall.hw.truth import TrueServo
 from tests.typed import not_none
 
@@ -401,35 +397,8 @@ def test_the_latency_timer_is_judged_where_there_is_one(
     for word in words:
         assert word in f"{finding.found} {finding.fix}"
     if text == "16":
-        assert "low-latency mode is refused" in finding.found
         assert latency.set_timer_to_1_ms("/dev/ttyUSB9", tmp_path)
         assert adapters.examine_latency_timer("/dev/ttyUSB9", tmp_path).ok
-
-
-def test_low_latency_mode_is_what_the_driver_says_and_not_that_it_took_the_request(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # A real terminal for the port, and a driver's answer put in its place: type, line, port, irq
-    # and flags come first in the kernel's structure. 0x2000 is ASYNC_LOW_LATENCY.
-    master, slave = os.openpty()
-    path = os.ttyname(slave)
-    assert latency.low_latency(path) is None  # a pseudo-terminal has no such mode
-    assert latency.low_latency(path + "-missing") is None
-    for flags, on in ((0x2000, True), (0x2000 | 0x10, True), (0x10, False)):
-
-        def answer(_descriptor: int, request: int, room: bytes, flags: int = flags) -> bytes:
-            assert request == termios.TIOCGSERIAL
-            return struct.pack("5i", 1, 2, 3, 4, flags).ljust(len(room), b"\0")
-
-        monkeypatch.setattr("haptic_wall.hw.serialport.timer.fcntl.ioctl", answer)
-        assert latency.low_latency(path) is on
-        assert latency.describe(path) == ("none in /sys, low-latency mode is on" if on else "none")
-        # A port that is open already is not opened again: that may be refused, and looks like
-        # another program.
-        assert latency.low_latency(path + "-missing", slave) is on
-        monkeypatch.undo()
-    os.close(master)
-    os.close(slave)
 
 
 def test_a_port_that_is_none_is_said_so(tmp_path: Path) -> None:
@@ -439,15 +408,3 @@ def test_a_port_that_is_none_is_said_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert "not a serial port" in adapters.examine_port(str(tmp_path / "file"))[-1].found
     assert "not a serial port" in adapters.examine_port("/dev/null")[-1].found
-
-
-def test_settings_of_a_port_are_put_back() -> None:
-    master, slave = os.openpty()
-    path = os.ttyname(slave)
-    before = termios.tcgetattr(slave)
-    with kept_settings(path):
-        os.close(open_port(path, 1_000_000))
-        assert termios.tcgetattr(slave) != before
-    assert termios.tcgetattr(slave) == before
-    os.close(master)
-    os.close(slave)
