@@ -21,7 +21,6 @@ from haptic_wall.controller.doctor.mending import mend, question
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
 from haptic_wall.controller.doctor.search import FoundServo, opened
-from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
@@ -226,10 +225,6 @@ class _Checkup:
             checks[rule.name] = verdict.check(rule.name, fixable=rule.repair is not None)
             if rule.repair is not None and not verdict.ok:
                 repairs[rule.name] = rule.repair
-        current, most = seen.values.get("current_limit", 0), model.current_limit
-        if 0 < current <= most and seen.law.torque(current) > 0.0:
-            wall = judge_wall(self._config, current, most, seen.law)
-            checks[wall.name] = wall
         return checks, repairs
 
     def _mend(

@@ -360,11 +360,11 @@ def test_nothing_but_reads_is_sent() -> None:
 # Adapters
 
 
-def test_known_adapters_are_named_and_others_by_their_numbers() -> None:
-    assert "U2D2" in adapters.kind_of(0x0403, 0x6014, "USB <-> Serial Converter")
-    assert "OpenRB" in adapters.kind_of(0x2F5D, 0x2202, None)
-    assert "dead:beef" in adapters.kind_of(0xDEAD, 0xBEEF, None)
-    assert "not on USB" in adapters.kind_of(None, None, None)
+def test_adapters_are_named_by_themselves_and_their_numbers() -> None:
+    assert adapters.kind_of(0x0403, 0x6014, "USB <-> Serial").startswith(
+        "USB <-> Serial, 0403:6014"
+    )
+    assert "not on USB" in adapters.kind_of(None, None, "n/a")
 
 
 def test_the_only_adapter_is_taken_and_several_are_listed() -> None:
