@@ -34,9 +34,7 @@ from haptic_wall.hw.dynamixel.rules import (
     judge,
     judge_firmware,
     judge_model,
-    judge_status_level,
     read_servo,
-    read_status_level,
 )
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair
@@ -181,9 +179,9 @@ class _Checkup:
         self._add(judge_firmware(model, found.firmware).check("firmware"))
         with opened(settings.port, found.baud, self._clock) as line:
             table = Table.on(line, found.baud, found.id, settings.port, model)
-            if not self._replies(table):
-                report.leave_out("registers")
-                return False
+            if report.consent is not None:  # as a start: a silent second servo takes it too
+                table.write("status_return_level", STATUS_LEVEL)
+            be_alone(table)
             table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):
@@ -196,22 +194,6 @@ class _Checkup:
                         checks[name] = replace(check, found=found_both)
         self._add(*checks.values())
         return checks["torque"].ok
-
-    def _replies(self, table: Table) -> bool:
-        """Whether the servo replies to reads and writes; otherwise no other check is possible."""
-        name, repair = "status return level", Repair("status_return_level", STATUS_LEVEL)
-        level, found = read_status_level(table)
-        asked = question(name, found, str(STATUS_LEVEL), repair)
-        if level != STATUS_LEVEL and self.report.may(asked):
-            change = mend(table, self._clock, name, repair)
-            if self.report.note(change):
-                level, found = STATUS_LEVEL, f"{found}, now {change.after}"
-        elif level == STATUS_LEVEL and self.report.consent is not None:
-            table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
-        self._add(judge_status_level(level, found).check(name, fixable=True))
-        if level > 0:
-            be_alone(table)
-        return level > 0
 
     def _judge(
         self, table: Table, settings: DriverSettings, model: Model

@@ -15,12 +15,12 @@ from haptic_wall.hw.dynamixel.registers import (
 )
 from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
-from haptic_wall.hw.errors import ServoLostError
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
+_ALL_REPLIES: Final = ("status_return_level", STATUS_LEVEL)
 _LISTENINGS: Final = 3
 _LISTEN_NS: Final = 20_000_000
 """Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
@@ -75,28 +75,6 @@ def judge_firmware(model: Model, firmware: int) -> Verdict:
     elif not model.knows_fast_reads(firmware):
         advice = f"{model.fast_sync_read_firmware} or later reads several servos in one reply"
     return Verdict(ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
-
-
-def read_status_level(table: Table) -> tuple[int, str]:
-    """Return Status Return Level, and a text; at 0 reads have no reply.
-
-    Raises:
-        UnfitServoError: The servo refuses.
-    """
-    try:
-        level = table.read("status_return_level")
-    except ServoLostError:
-        return 0, "no replies to reads"
-    return level, str(level)
-
-
-def judge_status_level(level: int, found: str) -> Verdict:
-    """Judge Status Return Level: below 2 writes have no reply."""
-    if level == STATUS_LEVEL:
-        return Verdict(True, found, str(STATUS_LEVEL))
-    why = f"It does not confirm writes: its Status Return Level (68) is {level}"
-    advice = f"set it to {STATUS_LEVEL} with {_FIX} or Dynamixel Wizard"
-    return Verdict(False, found, str(STATUS_LEVEL), why, advice)
 
 
 def be_alone(table: Table) -> None:
@@ -163,6 +141,13 @@ def _error(seen: Seen) -> Verdict:
     names = error_names(error) or "unknown"
     why = f"It has latched a hardware error ({names})"
     return Verdict(False, f"{names} (0x{error:02x})", "none", why, what_to_do(error))
+
+
+def _status_level(seen: Seen) -> Verdict:
+    level = seen["status_return_level"]
+    why = "It does not confirm writes"
+    advice = f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself"
+    return Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
 
 
 def _return_delay(seen: Seen) -> Verdict:
@@ -245,6 +230,7 @@ def _temperature(seen: Seen) -> Verdict:
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
+    Rule("status return level", ("status_return_level",), _status_level, Repair(*_ALL_REPLIES)),
     _clear(
         "torque",
         "torque_enable",

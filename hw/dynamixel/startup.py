@@ -20,9 +20,7 @@ from haptic_wall.hw.dynamixel.rules import (
     judge,
     judge_firmware,
     judge_model,
-    judge_status_level,
     read_servo,
-    read_status_level,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.tables import Model
@@ -135,11 +133,10 @@ class Startup:
         table = self._table
         self._judge("model", judge_model(number, self._model.name))
         self._refuse_if_unfit()
-        level, found = read_status_level(table)
-        now = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
-        if now != level:
-            found += f", set to {now}"
-        self._judge("status return level", judge_status_level(now, found))
+        level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
+        why, advice = "It does not answer every instruction", "reboot it"
+        verdict = Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
+        self._judge("status return level", verdict)
         firmware = table.read("firmware_version")
         self._judge("firmware", judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
