@@ -86,48 +86,12 @@ class TrueServo:
         "rad/s",
         high=100,
     )
-    stribeck_exponent: float = _true(
-        1.0,
-        "Exponent of that fall. Published fits: 0.76 to 8.7",
-        low=0.5,
-        high=10,
-    )
     # Friction of the gear under load
     load_friction: float = _true(
         0.0,
         "True fraction of the load on the gear (motor's less external torque) that adds to the "
         "friction. Published fits: 0.07 to 0.22",
         high=MOST_LOAD_FRICTION,
-    )
-    load_friction_external: float | None = _true(
-        None,
-        "True fraction for the external torque in that load; null: servo.load_friction for both",
-        high=MOST_LOAD_FRICTION,
-    )
-    load_friction_at_rest: float = _true(
-        0.0,
-        "True addition to servo.load_friction at rest, which falls with the speed as the "
-        "excess of servo.static_friction does. Published fits: 0 to 0.23",
-        high=MOST_LOAD_FRICTION,
-    )
-    load_friction_at_rest_external: float | None = _true(
-        None,
-        "The same for the external torque; null: servo.load_friction_at_rest for both",
-        high=MOST_LOAD_FRICTION,
-    )
-    load_friction_square: float = _true(
-        0.0,
-        "True friction at rest over the square of the motor's torque, while a larger external "
-        "torque opposes it. Published fits: 0 to 0.01",
-        "1/(N·m)",
-        high=10,
-    )
-    load_friction_square_external: float = _true(
-        0.0,
-        "True friction at rest over the square of the external torque, while a larger torque "
-        "of the motor opposes it. Published fits: 0 to 0.01",
-        "1/(N·m)",
-        high=10,
     )
     # Torques of the position
     gravity: float = _true(0.0, "True torque of a weight on a horizontal link", "N·m")
@@ -137,13 +101,6 @@ class TrueServo:
     )
     cogging_periods: float = _true(24.0, "Periods of the cogging a turn", low=0.1, high=10_000)
     cogging_phase: float = _true(0.0, "Phase of the cogging at position 0", "rad", low=-1e6)
-    torque_ripple: float = _true(
-        0.0,
-        "True fraction by which the motor's torque varies with the position",
-        high=0.9,
-    )
-    torque_ripple_periods: float = _true(24.0, "Periods of the ripple a turn", low=0.1, high=10_000)
-    torque_ripple_phase: float = _true(0.0, "Phase of the ripple at position 0", "rad", low=-1e6)
     # Transmission
     load_inertia: float = _true(
         0.0,
@@ -244,16 +201,6 @@ class TrueServo:
         "rad/s",
         above=True,
         kinds=("simulated",),
-    )
-    current_filter: float = _true(
-        0.0,
-        "True bandwidth of the measured current's filter, first order; 0: not filtered",
-        "Hz",
-        high=1e4,
-        kinds=("emulated",),
-    )
-    current_offset: float = _true(
-        0.0, "True offset of the measured current", "A", low=-10, high=10, kinds=("emulated",)
     )
     supply: float | None = _true(
         None,
@@ -375,18 +322,6 @@ def disagreements(true: Any) -> Iterator[Problem]:  # noqa: ANN401 - or a sectio
             wanted=f"at least servo.coulomb, {true.coulomb:g} N·m, or 0 for servo.coulomb",
             field="static_friction",
         )
-    for side in ("", "_external"):
-        share, more = (getattr(true, f"load_friction{at}{side}") for at in ("", "_at_rest"))
-        share = true.load_friction if share is None else share
-        more = true.load_friction_at_rest if more is None else more
-        if share + more > MOST_LOAD_FRICTION:
-            yield Problem(
-                f"found {share:g}, and {more:g} more at rest",
-                wanted=f"at most {MOST_LOAD_FRICTION:g} together: with 1 no torque would ever move"
-                " the servo",
-                field=f"load_friction{side}",
-            )
-            break
     behind = (true.load_inertia, true.transmission_stiffness, true.transmission_damping)
     for name, value in zip(("load_inertia", "transmission_stiffness"), behind, strict=False):
         if value == 0.0 and (any(behind) or true.chain):

@@ -184,18 +184,12 @@ CASES: dict[str, Case] = {
     "friction-each-way": _simulated(
         2.0, _TAP, "servo.damping_back=0.03", "servo.load_friction=0.12"
     ),
-    "load-at-rest-and-ripple": _simulated(
+    "load-and-stribeck": _simulated(
         1.7,
         _TAP,
         "servo.static_friction=0.1",
         "servo.stribeck_speed=1.5",
-        "servo.stribeck_exponent=1.3",
         "servo.load_friction=0.3",
-        "servo.load_friction_external=0.02",
-        "servo.load_friction_at_rest=0.1",
-        "servo.load_friction_at_rest_external=0.15",
-        "servo.load_friction_square=0.01",
-        "servo.torque_ripple=0.05",
     ),
     "weight-and-cogging": _simulated(
         1.7, _LEAN, "servo.gravity=0.2", "servo.gravity_angle=-0.5", "servo.cogging=0.03"

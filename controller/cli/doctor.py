@@ -19,8 +19,6 @@ from haptic_wall.controller.cli.options import (
 )
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.doctor.checkup import examine
-from haptic_wall.controller.doctor.cycles import Series
-from haptic_wall.controller.doctor.replies import percentile
 from haptic_wall.controller.doctor.report import Consent, Report
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.settings.load import load_config
@@ -67,7 +65,7 @@ def command(
             )
     loaded = load_config(config, sets)
     consent = _consent(yes) if fix else None
-    with interrupting():  # the port's settings are restored
+    with interrupting():  # the port is closed
         report = examine(loaded.config, _say, consent, change_baud)
     answer(as_json(_json(loaded.name, report)) if as_json_wanted else _text(loaded.name, report))
     sys.exit(HARDWARE if not report.reached else WRONG if report.wrong else 0)
@@ -91,34 +89,6 @@ def _json(name: str, report: Report) -> dict[str, Any]:
         "not_examined": report.not_examined,
         "reached": report.reached,
         "suits": report.suits,
-        "cycles": [_cycles(series) for series in report.cycles],
-    }
-
-
-def _cycles(series: Series) -> dict[str, Any]:
-    return {
-        "schedule": series.schedule,
-        "skipped": series.skipped,
-        "repeated": series.repeated,
-        "phases": [
-            {
-                "offset_us": phase.offset_ns / 1000,
-                "cycles": phase.cycles,
-                "missed": phase.missed,
-                "age_us": _ages(phase.ages_ns),
-            }
-            for phase in series.phases
-        ],
-    }
-
-
-def _ages(ages_ns: list[int]) -> dict[str, float] | None:
-    if not ages_ns:
-        return None
-    return {
-        "p50": percentile(ages_ns, 0.5) / 1000,
-        "p99": percentile(ages_ns, 0.99) / 1000,
-        "max": ages_ns[-1] / 1000,
     }
 
 

@@ -25,7 +25,7 @@ from haptic_wall.controller.system.file_kinds import RECORD
 from haptic_wall.controller.system.printable import printable
 from haptic_wall.controller.system.signals import on_signals
 from haptic_wall.controller.system.whole_file import Beside
-from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
+from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.elastic import BusClock, shared_words
 from haptic_wall.hw.emulated.adapter import BLOCKS, Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus

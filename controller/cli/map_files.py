@@ -30,7 +30,7 @@ _COLUMNS = (
 _NOT_MAPPED = (
     "chain",
     *("torque_constant", "current_bandwidth", "current_period", "dead_band", "back_emf"),
-    *("current_droop", "no_load_speed", "current_filter", "current_offset", "supply", "ambient"),
+    *("current_droop", "no_load_speed", "supply", "ambient"),
     *("position", "hand", "hand_origin", "hand_direction"),
 )
 """Truths of a servo that a report does not name"""

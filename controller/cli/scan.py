@@ -14,7 +14,8 @@ from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.system.signals import interrupting
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.codec import MAX_ID
-from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.errors import wiring
 
 HARDWARE = 4
@@ -54,7 +55,7 @@ def command(port: str | None, bauds: str | None, ids: str, as_json_wanted: bool)
     def tell(baud: int) -> None:
         say(f"  {baud} bit/s ...")
 
-    with interrupting():  # the port's settings are restored
+    with interrupting():  # the port is closed
         searches = list(scan(path, rates, wanted, MonotonicClock(), tell))
     found = _report(path, searches)
     answer(as_json(found) if as_json_wanted else _text(found))

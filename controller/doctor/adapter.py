@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from serial.tools import list_ports
@@ -23,37 +22,13 @@ from haptic_wall.hw.servo import Check
 
 PSEUDO: Final = "a pseudo-terminal (an emulated bus)"
 
-# Source: the USB ID repository (usb-ids.org); for the OpenRB its maker's board definition.
-_KINDS: Final[Mapping[tuple[int, int], str]] = MappingProxyType(
-    {
-        (0x0403, 0x6014): "FTDI FT232H (U2D2 and others; high-speed, has a latency timer)",
-        (0x0403, 0x6001): "FTDI FT232R (USB2Dynamixel and others; full-speed, has a latency timer)",
-        (0x0403, 0x6010): "FTDI FT2232 (high-speed, has a latency timer)",
-        (0x0403, 0x6011): "FTDI FT4232 (high-speed, has a latency timer)",
-        (0x0403, 0x6015): "FTDI FT230X/FT231X (full-speed, has a latency timer)",
-        (0x2F5D, 0x2202): "ROBOTIS OpenRB (no latency timer)",
-        (0x0483, 0x5740): "STM32 virtual port (OpenCR and others; no latency timer)",
-        (0x1A86, 0x7523): "WCH CH340 (no latency timer; up to 2 Mbit/s)",
-        (0x1A86, 0x55D3): "WCH CH343 (no latency timer)",
-        (0x10C4, 0xEA60): "Silicon Labs CP210x (no latency timer; up to 1 or 3 Mbit/s)",
-    }
-)
-_MAKERS: Final[Mapping[int, str]] = MappingProxyType(
-    {
-        0x2F5D: "ROBOTIS",
-        0x0403: "FTDI (has a latency timer)",
-        0x1A86: "WCH",
-        0x10C4: "Silicon Labs",
-    }
-)
-
 
 class Adapter(NamedTuple):
     """A connected serial adapter."""
 
     device: str
     kind: str
-    """For people: maker and part, or the device's own name"""
+    """For people: USB ids, and the device's own name"""
 
     def __str__(self) -> str:
         return f"{self.device}: {self.kind}"
@@ -62,7 +37,7 @@ class Adapter(NamedTuple):
 def adapters() -> list[Adapter]:
     """Return the USB serial adapters of this machine by device path, in order."""
     found = [
-        Adapter(port.device, kind_of(port.vid, port.pid, port.product))
+        Adapter(port.device, kind_of(port.vid, port.pid, port.description))
         for port in list_ports.comports()
         if port.vid is not None
     ]
@@ -94,19 +69,11 @@ def only_adapter(found: Iterable[Adapter] | None = None) -> str:
     return candidates[0].device
 
 
-def kind_of(vid: int | None, pid: int | None, product: str | None) -> str:
-    """Name the kind of an adapter, from its USB ids and its own name for itself.
-
-    Args:
-        vid: USB vendor id; None: not a USB device.
-        pid: USB product id.
-        product: The product's name as the device gives it.
-    """
+def kind_of(vid: int | None, pid: int | None, description: str) -> str:
+    """Name the kind of an adapter, from its USB ids (None: it is not on USB) and its own name."""
     if vid is None or pid is None:
-        return product or "a serial port that is not on USB"
-    ids = f"{vid:04x}:{pid:04x}"
-    kind = _KINDS.get((vid, pid)) or _MAKERS.get(vid) or "unknown to this program"
-    return f"{kind}, {ids}" + (f", calls itself {product}" if product else "")
+        return "a serial port that is not on USB"
+    return f"{description}, {vid:04x}:{pid:04x}"
 
 
 def kind_of_port(path: str) -> str:
@@ -116,8 +83,8 @@ def kind_of_port(path: str) -> str:
         return PSEUDO
     for port in list_ports.comports():
         if os.path.realpath(port.device) == device:
-            return kind_of(port.vid, port.pid, port.product)
-    return kind_of(None, None, None)
+            return kind_of(port.vid, port.pid, port.description)
+    return kind_of(None, None, "")
 
 
 def is_pseudo_terminal(path: str) -> bool:

@@ -15,31 +15,28 @@ from typing import Any, Final
 
 from haptic_wall.controller.doctor import machine, timing
 from haptic_wall.controller.doctor.adapter import examine_port
-from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.locate import Locator, name_of
 from haptic_wall.controller.doctor.measure import measure
 from haptic_wall.controller.doctor.mending import mend, question
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.report import Consent, Report, Tell, not_applicable, of_error
 from haptic_wall.controller.doctor.search import FoundServo, opened
-from haptic_wall.controller.doctor.wall import judge_wall
 from haptic_wall.controller.processes.emulator import emulated_bus, emulator_arguments
 from haptic_wall.controller.runtime.lateness.machine_setup import machine_setup
 from haptic_wall.controller.runtime.realtime import Setting, pick_cores
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.dynamixel.register_access import Table
+from haptic_wall.hw.dynamixel.registers import RETURN_DELAY_UNIT_NS
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     be_alone,
     judge,
     judge_firmware,
     judge_model,
-    judge_status_level,
     read_servo,
-    read_status_level,
 )
-from haptic_wall.hw.dynamixel.tables import RETURN_DELAY_UNIT_NS, Model, model_by_number
+from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair
 from haptic_wall.hw.errors import (
     PortBusyError,
@@ -47,7 +44,7 @@ from haptic_wall.hw.errors import (
     ServoError,
     wiring,
 )
-from haptic_wall.hw.serialport.port import kept_settings, open_port
+from haptic_wall.hw.serialport.port import open_port
 from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import DriverSettings, ServoSettings
 
@@ -130,8 +127,7 @@ class _Checkup:
             self.report.reached = False
             self.report.leave_out("latency timer", "baud rate", "servo answers", *_OF_THE_SERVO)
         else:
-            with kept_settings(settings.port):
-                measured = self._servo(settings)
+            measured = self._servo(settings)
         if measured is None:
             self.report.leave_out("reply time", "schedule")
             if "used by" in (check.name for check in self.report.wrong):
@@ -152,7 +148,7 @@ class _Checkup:
             quiet = self._set_up(settings, found)
             if not quiet or found.baud != settings.baud:
                 return None
-            self.report.tell("reply time, and both schedules at every phase: about 5 s")
+            self.report.tell("reply time")
             descriptor = open_port(settings.port, settings.baud)
             try:
                 return measure(self._config, descriptor)
@@ -183,10 +179,10 @@ class _Checkup:
         self._add(judge_firmware(model, found.firmware).check("firmware"))
         with opened(settings.port, found.baud, self._clock) as line:
             table = Table.on(line, found.baud, found.id, settings.port, model)
-            if not self._replies(table):
-                report.leave_out("registers")
-                return False
-            table = table.at(model.registers_at(found.firmware))
+            if report.consent is not None:  # as a start: a silent second servo takes it too
+                table.write("status_return_level", STATUS_LEVEL)
+            be_alone(table)
+            table.registers = model.registers_at(found.firmware)
             checks, repairs = self._judge(table, settings, model)
             if self._mend(table, checks, repairs):
                 before = checks
@@ -198,22 +194,6 @@ class _Checkup:
                         checks[name] = replace(check, found=found_both)
         self._add(*checks.values())
         return checks["torque"].ok
-
-    def _replies(self, table: Table) -> bool:
-        """Whether the servo replies to reads and writes; otherwise no other check is possible."""
-        name, repair = "status return level", Repair("status_return_level", STATUS_LEVEL)
-        level, found = read_status_level(table)
-        asked = question(name, found, str(STATUS_LEVEL), repair)
-        if level != STATUS_LEVEL and self.report.may(asked):
-            change = mend(table, self._clock, name, repair)
-            if self.report.note(change):
-                level, found = STATUS_LEVEL, f"{found}, now {change.after}"
-        elif level == STATUS_LEVEL and self.report.consent is not None:
-            table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
-        self._add(judge_status_level(level, found).check(name, fixable=True))
-        if level > 0:
-            be_alone(table, self._clock)
-        return level > 0
 
     def _judge(
         self, table: Table, settings: DriverSettings, model: Model
@@ -227,10 +207,6 @@ class _Checkup:
             checks[rule.name] = verdict.check(rule.name, fixable=rule.repair is not None)
             if rule.repair is not None and not verdict.ok:
                 repairs[rule.name] = rule.repair
-        current, most = seen.values.get("current_limit", 0), model.current_limit
-        if 0 < current <= most and seen.law.torque(current) > 0.0:
-            wall = judge_wall(self._config, current, most, seen.law)
-            checks[wall.name] = wall
         return checks, repairs
 
     def _mend(
@@ -259,8 +235,7 @@ class _Checkup:
             self._add(of_error("reply time", error, "answers always", f"check {self._wiring}"))
             self.report.leave_out("schedule")
         elif measured["replies"] is not None:
-            replies, series = Replies(**measured["replies"]), _series(measured["series"])
-            self._timing(replies, series, stalls=not lateness.ok)
+            self._timing(Replies(**measured["replies"]), stalls=not lateness.ok)
         settings = [Setting(**setting) for setting in measured["realtime"]]
         self._add(lateness)
         self._add(*machine.judge_rights(settings, config.realtime.profile))
@@ -270,13 +245,15 @@ class _Checkup:
         core, _ = pick_cores(self._config.realtime.core)
         self._add(*machine.judge_setup(machine_setup(core)))
 
-    def _timing(self, replies: Replies, series: list[Series], stalls: bool) -> None:
+    def _timing(self, replies: Replies, stalls: bool) -> None:
         config = self._config
         assert config.servo.baud is not None
         most_missed = min(timing.MOST_MISSED, config.safety.max_loss)
+        best = timing.suits(replies, config.loop.rate_hz, config.servo.baud, most_missed)
+        self.report.suits = best
         schedule = config.servo.schedule
         if schedule == "auto":
-            schedule = timing.suits(series, most_missed) or "immediate"
+            schedule = best or "immediate"
         wanted = timing.Wanted(
             schedule,
             config.loop.rate_hz,
@@ -286,12 +263,4 @@ class _Checkup:
             stalls,
             self._wiring,
         )
-        self._add(*timing.judge_timing(replies, series, wanted))
-        self.report.cycles = series
-        self.report.suits = timing.suits(series, wanted.most_missed)
-
-
-def _series(found: list[dict[str, Any]]) -> list[Series]:
-    return [
-        Series(**{**one, "phases": [Phase(**phase) for phase in one["phases"]]}) for one in found
-    ]
+        self._add(*timing.judge_timing(replies, wanted))

@@ -1,27 +1,50 @@
-"""Starts the process that measures the timing, and returns its result."""
+"""Measures the timing for ``doctor``, in a process of its own with the rights of a run.
+
+The process reads one JSON object of orders on standard input and writes one answer on standard
+output. It sends only reads on the bus.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
+import signal
+import sys
+import time
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from haptic_wall.controller.doctor.timing_process import Orders
+from haptic_wall.controller.doctor.replies import time_replies
 from haptic_wall.controller.processes.children import Child, first_line
-from haptic_wall.controller.runtime.realtime import pick_cores
-from haptic_wall.controller.runtime.sampler import COLLECT_SHARE, LONGER_SHARE
+from haptic_wall.controller.processes.orders import read_orders
+from haptic_wall.controller.runtime import realtime
+from haptic_wall.controller.runtime.deadlines import Waiter, waiter_for
 from haptic_wall.controller.settings.config import Config
+from haptic_wall.hw.clock import MonotonicClock
 from haptic_wall.hw.errors import ServoError
+from haptic_wall.hw.serialport.line import FdLine
 
-SERIES_S: Final = 0.1
-"""Duration of the cycles at one phase"""
 REPLIES: Final = 200
 """Number of timed single reads"""
 WAKES: Final = 300
 """Number of wake-ups without a bus"""
 _MEASURE_S: Final = 120.0
 _END_S: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """Orders to the measuring process, and its rights."""
+
+    port: int | None
+    """Descriptor of the open serial port; None: only the machine is measured"""
+    id: int
+    period_ns: int
+    profile: realtime.Profile
+    priority: int
+    spin_ns: int | None
+    core: int
+    parent: int
 
 
 def measure(config: Config, port: int | None) -> dict[str, Any]:
@@ -32,32 +55,25 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
         port: Descriptor of the open serial port; None: only the machine is measured.
 
     Returns:
-        The answer of ``timing_process``.
+        ``realtime``, ``lateness_ns``, ``replies`` and ``failed``: the granted settings, the
+        lateness of wake-ups, the replies if they were measured, and why they could not be.
 
     Raises:
-        ServoError: The process gave none.
+        ServoError: The process gave no answer.
     """
-    core, _ = pick_cores(config.realtime.core)
     spin_us = config.realtime.spin_us
     orders = Orders(
         port=port,
         id=config.servo.id,
         period_ns=config.period_ns,
-        collect_ns=int(COLLECT_SHARE * config.period_ns),
-        longer_ns=int(LONGER_SHARE * config.period_ns),
-        series_s=SERIES_S,
-        replies=REPLIES,
-        wakes=WAKES,
         profile=config.realtime.profile,
         priority=config.realtime.priority,
         spin_ns=None if spin_us is None else round(spin_us * 1000),
-        core=core,
+        core=realtime.pick_cores(config.realtime.core)[0],
         parent=os.getpid(),
     )
     descriptors = [] if port is None else [port]
-    child = Child(
-        "timing", ["haptic_wall.controller.doctor.timing_process"], asdict(orders), descriptors
-    )
+    child = Child("timing", ["haptic_wall.controller.doctor.measure"], asdict(orders), descriptors)
     try:
         line = first_line(child, _MEASURE_S)
         if line is None:
@@ -66,3 +82,41 @@ def measure(config: Config, port: int | None) -> dict[str, Any]:
         child.dismiss(_END_S)
     answer: dict[str, Any] = json.loads(line)
     return answer
+
+
+def main() -> None:
+    """Measure as ordered, and write the answer."""
+    orders = Orders(**read_orders())
+    realtime.die_with_parent(orders.parent, signal.SIGTERM)
+    os.sched_setaffinity(0, {orders.core})
+    realtime.freeze_garbage()
+    settings = realtime.apply(orders.profile, orders.priority, {orders.core})
+    clock = MonotonicClock()
+    waiter = waiter_for(clock, orders.spin_ns, orders.period_ns)
+    answer: dict[str, Any] = {
+        "realtime": [asdict(setting) for setting in settings],
+        "lateness_ns": _wakes(waiter, orders.period_ns),
+        "replies": None,
+        "failed": None,
+    }
+    if orders.port is not None:
+        try:
+            line = FdLine(orders.port, clock)
+            answer["replies"] = asdict(time_replies(line, orders.id, REPLIES, orders.period_ns))
+        except ServoError as error:
+            answer["failed"] = str(error)
+    sys.stdout.write(json.dumps(answer) + "\n")
+
+
+def _wakes(waiter: Waiter, period_ns: int) -> list[int]:
+    """Return the lateness of wake-ups on the grid without a bus [ns], in order of size."""
+    lateness = []
+    deadline_ns = time.monotonic_ns()
+    for _ in range(WAKES):
+        deadline_ns = max(deadline_ns + period_ns, time.monotonic_ns())
+        lateness.append(waiter.wait(deadline_ns) - deadline_ns)
+    return sorted(lateness)
+
+
+if __name__ == "__main__":
+    main()

@@ -39,13 +39,8 @@ def mend(table: Table, clock: Clock, name: str, repair: Repair) -> Change:
     try:
         if not repair.register:
             return _reboot(table, clock, name)
-        try:
-            before = table.read(repair.register)
-            told = str(before)
-        except ServoLostError:
-            if repair.register != "status_return_level":  # at 0 reads have no reply
-                raise
-            told = "no replies to reads"
+        before = table.read(repair.register)
+        told = str(before)
         factory = table.registers[repair.register].default
         value = factory if repair.value is None else repair.value
         wanted = before & ~repair.mask | value & repair.mask

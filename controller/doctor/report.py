@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from haptic_wall.controller.doctor.cycles import Series
 from haptic_wall.hw.errors import ExplainedError
 from haptic_wall.hw.servo import Check
 
@@ -65,7 +64,6 @@ class Report:
     """The port could be used, and a servo replied on it"""
     suits: str | None = None
     """The suitable schedule; None: none, or not measured"""
-    cycles: list[Series] = field(default_factory=list)
 
     @property
     def wrong(self) -> list[Check]:

@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.codec import BROADCAST, MAX_ID, Frame, Instruction, Parser, encode
-from haptic_wall.hw.dynamixel.tables import BAUD_RATES, model_by_number
+from haptic_wall.hw.dynamixel.registers import BAUD_RATES
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.errors import BaudRefusedError
 from haptic_wall.hw.serialport import port
@@ -103,7 +104,7 @@ def scan(
     clock: Clock,
     tell: Callable[[int], None] = lambda _baud: None,
 ) -> Generator[BaudSearch]:
-    """Search a port at several baud rates in sequence; restore the port's settings at the end.
+    """Search a port at several baud rates in sequence.
 
     Args:
         path: The port.
@@ -116,15 +117,14 @@ def scan(
         PortError: The port cannot be used.
         ServoLostError: The port is gone.
     """
-    with port.kept_settings(path):
-        for baud in bauds:
-            tell(baud)
-            try:
-                with opened(path, baud, clock) as line:
-                    found = search(line, baud, ids)
-            except BaudRefusedError as error:
-                found = BaudSearch(baud, [], 0, str(error))
-            yield found
+    for baud in bauds:
+        tell(baud)
+        try:
+            with opened(path, baud, clock) as line:
+                found = search(line, baud, ids)
+        except BaudRefusedError as error:
+            found = BaudSearch(baud, [], 0, str(error))
+        yield found
 
 
 @contextmanager

@@ -1,17 +1,10 @@
-"""Judges measured replies and cycles: the suitable schedule for the adapter, and its highest rate.
-
-A schedule is suitable if the fraction of replies that miss their tick stays below a limit at
-*every* phase of the loop's grid: the adapter's clock drifts against the computer's, so every phase
-occurs.
-"""
+"""Judges how fast the servo's replies come: which schedule and which rate they allow."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.controller.doctor.cycles import Series
 from haptic_wall.controller.doctor.replies import Replies, percentile
 from haptic_wall.controller.runtime.sampler import COLLECT_SHARE
 from haptic_wall.hw.dynamixel.wire import cycle_s
@@ -20,8 +13,7 @@ from haptic_wall.hw.servo import Check
 from haptic_wall.hw.settings import Schedule
 
 MOST_MISSED: Final = 0.05
-"""Largest fraction of missed replies at the worst phase; more would trip a run with default
-settings"""
+"""Largest fraction of missed replies; more would trip a run with default settings"""
 _TIMER_NS: Final = 1_200_000
 """Replies delayed for longer are not delayed by a latency timer of 1 ms, the shortest"""
 _HELD_NS: Final = 300_000
@@ -30,7 +22,7 @@ _PERIODS: Final[dict[Schedule, float]] = {
     "immediate": COLLECT_SHARE,
     "pipelined": 1.0 + COLLECT_SHARE,
 }
-"""Time allowed for a reply, in periods"""
+"""Time allowed for a reply, in periods; the one with younger samples first"""
 _RATES: Final = (2000, 1500, 1000, 800, 500, 400, 333, 250, 200, 100, 50)
 """Rates to recommend [Hz]"""
 
@@ -51,32 +43,35 @@ class Wanted:
     """What to check where the bus fails"""
 
 
-def judge_timing(replies: Replies, series: Sequence[Series], wanted: Wanted) -> list[Check]:
-    """Judge the replies: the resulting rate and schedule, and the noise of the encoder.
+def judge_timing(replies: Replies, wanted: Wanted) -> list[Check]:
+    """Judge the replies: the resulting rate and schedule, and the noise of the encoder."""
+    advice = _advice(replies, wanted)
+    found = [_reply_time(replies, wanted, advice)]
+    if replies.took_ns:
+        found += [_rate(replies, wanted, advice), _encoder(replies)]
+    return [*found, _schedule(replies, wanted, advice)]
+
+
+def suits(
+    replies: Replies, rate_hz: float, baud: int, most_missed: float = MOST_MISSED
+) -> Schedule | None:
+    """Return the schedule with the youngest samples that holds at every phase; None: none does.
+
+    The loop's grid and an adapter's timer drift against each other, so that each reply's time is
+    that of some phase, and a run meets all of them: 99 % must be in time.
 
     Args:
-        replies: Single ones.
-        series: Each schedule once.
-        wanted: The demands.
-    """
-    advice = _advice(replies, series, wanted)
-    answered = [_rate(replies, wanted, advice), _encoder(replies)] if replies.took_ns else []
-    return [_reply_time(replies, wanted, advice), *answered, *_schedules(series, wanted, advice)]
-
-
-def suits(series: Sequence[Series], most_missed: float = MOST_MISSED) -> Schedule | None:
-    """Return the schedule with the youngest samples that works at every phase; None: none does.
-
-    The median age at the worst phase decides: a stall of the machine does not affect it.
-
-    Args:
-        series: Measured, each schedule once.
+        replies: Sent at all phases.
+        rate_hz: The loop's rate [Hz].
+        baud: Baud rate of the wire [bit/s].
         most_missed: Fraction of replies.
     """
-    holding = [one for one in series if one.worst <= most_missed and one.ages_ns]
-    if not holding:
+    if not replies.took_ns or replies.share_failed > most_missed:
         return None
-    return min(holding, key=lambda one: one.oldest_median_ns).schedule
+    return next(
+        (one for one in _PERIODS if sustainable_hz(replies, one, baud, most_missed) >= rate_hz),
+        None,
+    )
 
 
 def sustainable_hz(
@@ -99,7 +94,11 @@ def sustainable_hz(
     return min(in_time, on_wire, in_row)
 
 
-def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
+def _suits(replies: Replies, wanted: Wanted) -> Schedule | None:
+    return suits(replies, wanted.rate_hz, wanted.baud, wanted.most_missed)
+
+
+def _advice(replies: Replies, wanted: Wanted) -> str:
     """Return advice against late replies, about the first cause found."""
     if not replies.took_ns:
         return f"check {wanted.wiring}: it answers single registers but not the block of its sample"
@@ -113,7 +112,7 @@ def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
         return "set the return delay to 0, as --fix and a run do, then examine again"
     disturbed = wanted.stalls or replies.disturbed
     ways = []
-    best = suits(series, wanted.most_missed)
+    best = _suits(replies, wanted)
     if best not in (None, wanted.schedule) and not (disturbed and held_ns < _HELD_NS):
         ways.append(f"set servo.schedule={best}")
     elif disturbed:
@@ -121,9 +120,10 @@ def _advice(replies: Replies, series: Sequence[Series], wanted: Wanted) -> str:
             "a few replies are slow, as on a busy machine: end other programs on this machine (see "
             "wake-up lateness), then examine again"
         )
-    rate = _lower_rate(replies, wanted)
-    if rate is not None:
-        ways.append(f"set loop.rate_hz={rate}")
+    most = sustainable_hz(replies, wanted.schedule, wanted.baud, wanted.most_missed)
+    lower = next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
+    if lower is not None:
+        ways.append(f"set loop.rate_hz={lower}")
     return ", or ".join(ways) or "examine again: with such replies no rate is sustainable"
 
 
@@ -164,12 +164,6 @@ def _rate(replies: Replies, wanted: Wanted, advice: str) -> Check:
     return Check("sustainable rate", ok, found, text, "" if ok else advice)
 
 
-def _lower_rate(replies: Replies, wanted: Wanted) -> int | None:
-    """Return the highest usual rate below the wanted one that the configured schedule can hold."""
-    most = sustainable_hz(replies, wanted.schedule, wanted.baud, wanted.most_missed)
-    return next((rate for rate in _RATES if rate <= most and rate < wanted.rate_hz), None)
-
-
 def _encoder(replies: Replies) -> Check:
     spread = replies.most_counts - replies.least_counts
     fix = "" if spread <= 1 else "noise, or the shaft is moving: take your hands off and repeat"
@@ -177,42 +171,15 @@ def _encoder(replies: Replies) -> Check:
     return Check("encoder at rest", True, found, "at most 1 count apart", fix)
 
 
-def _schedules(series: Sequence[Series], wanted: Wanted, advice: str) -> list[Check]:
-    """Judge each schedule at every phase, and whether the configured one is suitable."""
-    findings = []
-    for one in series:
-        holds = one.worst <= wanted.most_missed
-        used = one.schedule == wanted.schedule
-        found = _series_text(one, wanted.most_missed)
-        limit = f"at most {wanted.most_missed:.0%} missed at every phase"
-        if not used and not holds:
-            found = f"not suitable here: {found}"
-        fix = "" if holds or not used else advice
-        findings.append(Check(f"schedule {one.schedule}", holds or not used, found, limit, fix))
-    best = suits(series, wanted.most_missed)
-    ok = any(s.schedule == wanted.schedule and s.worst <= wanted.most_missed for s in series)
+def _schedule(replies: Replies, wanted: Wanted, advice: str) -> Check:
+    """Judge whether the configured schedule is suitable."""
+    best = _suits(replies, wanted)
+    ok = best in (wanted.schedule, "immediate")  # pipelined holds wherever immediate does
     fix = "" if ok else advice
     if ok and best != wanted.schedule:
         fix = f"set servo.schedule={best}, which has younger samples"
     text = best or f"none at {wanted.rate_hz:g} Hz"
-    findings.append(Check("schedule", ok, wanted.schedule, f"suitable: {text}", fix))
-    return findings
-
-
-def _series_text(series: Series, most_missed: float) -> str:
-    phases = [phase for phase in series.phases if phase.cycles]
-    if not phases:
-        return "not measured: every tick was late; this machine stalls"
-    shares = [phase.share for phase in phases]
-    bad = sum(share > most_missed for share in shares)
-    text = (
-        f"misses {min(shares):.0%} to {max(shares):.0%} of the replies; "
-        f"{bad} of {len(phases)} phases miss more than {most_missed:.0%}"
-    )
-    if ages := series.ages_ns:
-        p50, p99 = percentile(ages, 0.5), percentile(ages, 0.99)
-        text += f"; sample age median {_ms(p50)}, 99 % {_ms(p99)}, longest {_ms(ages[-1])}"
-    return text
+    return Check("schedule", ok, wanted.schedule, f"suitable: {text}", fix)
 
 
 def _ms(duration_ns: float) -> str:

@@ -27,9 +27,6 @@ _LOOKS_LIKE = frozenset(
 class Users(Protocol):
     """Finds other programs that use the port."""
 
-    brief: bool
-    """Another program opened and closed the port without being identified"""
-
     def look(self) -> str:
         """Search a little; return the program, for people. Empty: none was found."""
         ...
@@ -86,8 +83,6 @@ class Outside:
         notes = []
         if not self._real and (seconds := self._suspension.seconds()):
             notes.append(f"the computer was suspended for {seconds:.3g} s during the run")
-        if self.users is not None and self.users.brief:
-            notes.append("a program opened the port during the run and closed it again")
         return notes
 
     def _suspended(self) -> tuple[Trip, str] | None:

@@ -8,12 +8,11 @@ from typing import Final
 
 from haptic_wall.hw.dynamixel.codec import BROADCAST, Instruction, encode
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.station import Station
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import REGISTERS
 from haptic_wall.hw.errors import ServoLostError
 from haptic_wall.hw.serialport.line import Line
 
-_TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
 _QUICK_NS: Final = 4_000_000
 """Time allowed for a reply [ns]"""
 _SLOW_NS: Final = 20_000_000
@@ -47,12 +46,13 @@ def cut_torque(line: Line, servo_id: int, baud: int = 0) -> bool:
         line.read()
         while line.wait(min(now_ns() + _GAP_NS, end)) and now_ns() < end:
             line.read()
-        return not torque_off(Exchange(line, [servo_id], baud=baud).stations)
+        exchange = Exchange(line, [servo_id], baud=baud)
+        return not torque_off([Table(exchange, exchange.stations[0], "", REGISTERS)])
     except ServoLostError:
         return False
 
 
-def torque_off(stations: Sequence[Station]) -> list[Station]:
+def torque_off(servos: Sequence[Table]) -> list[Table]:
     """Write Torque Enable 0 to all at once, twice, and read it back from each; try several times.
 
     Only what is read back counts, in a block of a size that no other request has: a late reply must
@@ -60,7 +60,7 @@ def torque_off(stations: Sequence[Station]) -> list[Station]:
     adapter may be slow; a slow bus adds its wire time.
 
     Args:
-        stations: The servos, on one line.
+        servos: The servos, on one line.
 
     Returns:
         Those whose torque off was not read back.
@@ -68,18 +68,18 @@ def torque_off(stations: Sequence[Station]) -> list[Station]:
     Raises:
         ServoLostError: The port is gone.
     """
-    left = list(stations)
-    slow = any(station.longest_ns > _QUICK_NS for station in stations)
+    left = list(servos)
+    slow = any(one.station.longest_ns > _QUICK_NS for one in servos)
     for patience_ns in 4 * (_SLOW_NS if slow else _QUICK_NS,) + 2 * (_SLOW_NS,):
-        heard = len(left) < len(stations)
+        heard = len(left) < len(servos)
         if not left or (patience_ns == _SLOW_NS and heard and not slow):
             break
-        off = b"".join(struct.pack("<BB", station.id, 0) for station in left)
-        params = struct.pack("<HH", _TORQUE_ENABLE.address, 1) + off
+        off = b"".join(struct.pack("<BB", one.station.id, 0) for one in left)
+        params = struct.pack("<HH", REGISTERS["torque_enable"].address, 1) + off
         frame = encode(BROADCAST, Instruction.SYNC_WRITE, params)
         exchange = left[0].exchange
         for _ in range(2):
             exchange.line.write(frame)
-        allowed_ns = patience_ns + exchange.wire_ns(2 * len(frame))
-        left = [one for one in left if one.read_register(_TORQUE_ENABLE, allowed_ns, _SIZES) != 0]
+        allowed_ns = (patience_ns + exchange.wire_ns(2 * len(frame)),)
+        left = [one for one in left if one.try_read("torque_enable", allowed_ns, _SIZES) != 0]
     return left

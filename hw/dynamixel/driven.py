@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Final
 
 from haptic_wall.hw.dynamixel.drivable import drivable
 from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.hardware_errors import latched
 from haptic_wall.hw.dynamixel.health import HealthWatch
 from haptic_wall.hw.dynamixel.jump_filter import JumpFilter
-from haptic_wall.hw.dynamixel.register_access import APART
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, POSITION_UNIT
+from haptic_wall.hw.dynamixel.rules import error_names, what_to_do
 from haptic_wall.hw.dynamixel.samples import Sample
 from haptic_wall.hw.dynamixel.startup import Ready, Startup
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, POSITION_UNIT, model_by_number
+from haptic_wall.hw.dynamixel.tables import model_by_number
 from haptic_wall.hw.dynamixel.torque_law import torque_law
 from haptic_wall.hw.dynamixel.watchdog import WatchdogMonitor
-from haptic_wall.hw.errors import (
-    ServoHealthError,
-    StrangeServoError,
-    TorqueLostError,
-    UnfitServoError,
-)
+from haptic_wall.hw.errors import ServoLostError, StrangeServoError, UnfitServoError
 from haptic_wall.hw.servo import Bus, Facts, Outcome, Reading
 from haptic_wall.hw.settings import DriverSettings
 
@@ -48,8 +45,10 @@ class Driven:
         self._settings = settings
         self._model = model
         self._constant = constant
-        self._exchange = exchange
         self.station = station
+        where = settings.port or "the emulated bus in memory"
+        name = f"id {settings.id} at {settings.baud} baud on {where}"
+        self.table = Table(exchange, station, name, model.registers)
         self.law = torque_law(model, constant, model.voltage)
         if settings.torque_limit > 0.0 and not self.law.within(settings.torque_limit):
             raise UnfitServoError(
@@ -60,7 +59,7 @@ class Driven:
             )
         self._name = f"{model.name} id {settings.id} on {settings.port or 'memory'}"
         self.health = HealthWatch()
-        self.watchdog = WatchdogMonitor(settings, station, exchange.line.clock, self._name)
+        self.watchdog = WatchdogMonitor(settings.watchdog_s, self.table, self._name)
         self.running = False
         """It has been started, and not stopped"""
         self.bus = Bus(station.counts)
@@ -81,12 +80,11 @@ class Driven:
         self.station.forget()
         self.health.forget()
 
-    def meet(self) -> tuple[Startup, int]:
-        """Read the model number; record whether its control table is known."""
-        startup = Startup(self._settings, self._model, self._exchange, self.station, self._constant)
-        number = startup.table.ping()
+    def meet(self) -> int:
+        """Return the model number; record whether its control table is known."""
+        number = self.table.ping()
         self.known = model_by_number(number) is not None
-        return startup, number
+        return number
 
     def start(self) -> Ready:
         """Check and set up the servo; torque is on at a goal of zero then.
@@ -94,19 +92,20 @@ class Driven:
         Raises:
             ServoError: See ``DynamixelServo.start``; the caller switches the torque off.
         """
-        startup, number = self.meet()
+        number = self.meet()
+        startup = Startup(self._settings, self._model, self.table, self._constant)
         try:
             ready = startup.run(number)
         except UnfitServoError as error:
             if self.known:
                 raise
             raise StrangeServoError(error.problem) from error
-        self.law = ready.law
+        self.law = ready.seen.law
         self.health.bounds = ready.bounds
-        self.watchdog.heard_ns = self._exchange.line.clock.now_ns()
-        if startup.table.read("bus_watchdog") != ready.bounds.watchdog:
+        self.watchdog.heard_ns = self.table.clock.now_ns()
+        if self.table.read("bus_watchdog") != ready.bounds.watchdog:
             self.watchdog.look(0, under_torque=False)  # a stall in the start has tripped it
-        self._learn(self._facts(ready.current_limit, ready.volts))
+        self._learn(self._facts(ready.seen["current_limit"], ready.seen.volts))
         self.bus.longest_s = ready.longest_ns * 1e-9
         self.watchdog.begin()
         return ready
@@ -126,31 +125,10 @@ class Driven:
         goal = self.goal = self.law.goal(max(-most, min(most, torque)))
         return goal
 
-    def be_one(self) -> None:
-        """Refuse a second servo with this id.
-
-        Raises:
-            ServoHealthError: Two have replied.
-        """
-        if self.station.twins:
-            raise ServoHealthError(f"A second servo answers as the {self.facts.name}", advice=APART)
-
     def reading(self, sample: Sample) -> Reading:
-        """Convert a sample; a position that implies a speed above ``max_speed`` is refused.
-
-        Raises:
-            TorqueLostError: The servo has restarted.
-        """
+        """Convert a sample; a position that implies a speed above ``max_speed`` is refused."""
         outcome, counts, current, alert, sampled_ns = sample
         if outcome is not _OK:
-            if self.running and self.station.clock.restarted:
-                raise self.watchdog.explained(
-                    TorqueLostError(
-                        f"The {self.facts.name} has restarted, which its clock shows, so its "
-                        "torque is off",
-                        advice="check the supply, its current limit and the plugs.",
-                    )
-                )
             return Reading(outcome, _NAN, 0, sampled_ns, _NAN, False)
         self.watchdog.heard_ns = sampled_ns
         if not self._jump_filter.accepts(counts, sampled_ns):
@@ -164,7 +142,11 @@ class Driven:
     def name_trouble(self) -> None:
         """Read what the servo has latched, if it has."""
         if self.alert and not self.trouble:
-            self.trouble = latched(self.station, self.facts.name)
+            with suppress(ServoLostError):
+                if error := self.table.try_read("hardware_error_status", QUICK_NS):
+                    names = error_names(error) or f"0x{error:02x}"
+                    told = f"the {self.facts.name} has latched: {names}; {what_to_do(error)}"
+                    self.trouble = told
 
     def _learn(self, facts: Facts) -> None:
         self.facts = facts

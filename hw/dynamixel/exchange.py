@@ -13,11 +13,10 @@ Three cheap checks do it:
    17.
 2. **Time.** Bytes that arrived before the request was sent cannot be its answer.
 3. **The servo's clock.** The block begins with the servo's millisecond tick, which must have
-   advanced by the time that passed since the last accepted sample. A clock that no stall explains
-   means that the servo has restarted.
+   advanced by the time that passed since the last accepted sample.
 
 A request may ask for a wider block around the sample, of a length that no other request has.
-Registers are read in blocks of other sizes still; see ``station``.
+Registers are read in blocks of other sizes still; see ``register_access``.
 
 Two lengths would not do: a reply two periods late has the right one. The clock alone cannot tell
 periods of 1 ms. A late reply may arrive after the receive buffer was drained. The longer replies
@@ -42,7 +41,7 @@ from haptic_wall.hw.dynamixel.samples import (
     SampleRequest,
     Way,
 )
-from haptic_wall.hw.dynamixel.station import REFUSED, Station
+from haptic_wall.hw.dynamixel.station import Station
 from haptic_wall.hw.dynamixel.wire import wire_ns
 from haptic_wall.hw.serialport.line import Line
 from haptic_wall.hw.servo import Outcome
@@ -53,6 +52,8 @@ _GONE: Final = 3
 """Consecutive lost readings after which a servo is hardly waited for"""
 _GRACE_NS: Final = 200_000
 """Wait for such servos when all others have replied"""
+REFUSED: Final = 0x7F
+"""Bits of the error byte that say why a request was refused"""
 _NO_TIME: Final = -1
 _OK: Final = Outcome.OK  # a lookup takes as long as making a sample
 
@@ -97,7 +98,7 @@ class Exchange:
         self._excused = 0  # broken frames that are no broken replies to the last request
         self._undecided: Station | None = None
         """A servo whose reply had begun when it was given up: it may still be completed"""
-        self.stations = [Station(self, id_) for id_ in ids]
+        self.stations = [Station(id_) for id_ in ids]
         self.by_id = {station.id: station for station in self.stations}
         self.select(self.stations, Way.PLAIN if len(ids) == 1 else Way.SYNC)
 
@@ -206,8 +207,6 @@ class Exchange:
             for station, (error, tick, current, position) in zip(order, values):  # noqa: B905 - quicker
                 if error & REFUSED or not station.accept(tick, sent_ns, received_ns):
                     break
-                station.answered = length
-                station.position = position
                 station.counts.cycles += 1
                 samples.append(Sample(_OK, position, current, error != 0, sent_ns))
             else:
@@ -299,7 +298,6 @@ class Exchange:
                 self._refused.add(station)
             elif station not in self._missing or not self._accepts(station, frame):
                 station.counts.late += len(frame.params) in self.blocks
-                station.compare(frame.params)
 
     def _accepts(self, station: Station, frame: Frame) -> bool:
         """Take a frame as a servo's answer to the waiting request, if it is that."""
@@ -310,7 +308,7 @@ class Exchange:
         sent_ns = self._sent_ns
         if not station.accept(tick, sent_ns, self._now_ns()):
             return False
-        station.answered, station.position, station.block = len(data), position, data
+        station.block = data
         station.counts.cycles += 1
         self._found[station] = Sample(_OK, position, current, frame.error != 0, sent_ns)
         self._missing = [each for each in self._missing if each is not station]

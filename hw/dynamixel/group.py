@@ -22,7 +22,6 @@ from haptic_wall.hw.errors import (
     ServoError,
     ServoHealthError,
     ServoLostError,
-    TorqueLostError,
     UnfitServoError,
 )
 from haptic_wall.hw.serialport.line import FdLine, Line
@@ -185,8 +184,6 @@ class DynamixelGroup:
             waited_ns = exchange.waited_ns
             for one, sample in zip(self.servos, samples):  # noqa: B905 - quicker
                 one.bus.waited_ns = waited_ns
-                if one.station.twins:
-                    one.be_one()
                 if asked and sample.outcome is _OK and not sample.alert:
                     # A latched error explains more than its consequences.
                     self._judge(one)
@@ -288,7 +285,7 @@ class DynamixelGroup:
         """
         self._keep([])
         known = [one for one in self.servos if one.known]
-        left = [one.station for one in known]
+        left = [one.table for one in known]
         for one in self.servos:
             one.watchdog.end()
         with suppress(ServoLostError):
@@ -297,7 +294,7 @@ class DynamixelGroup:
                 with suppress(ServoLostError):  # torque off, which follows, is what counts
                     self.exchange.send([0] * len(self.servos))
             left = torque_off(left)
-        self.left_on = [one for one in self.servos if not one.known or one.station in left]
+        self.left_on = [one for one in self.servos if not one.known or one.table in left]
         return not left
 
     def _of_whom(self) -> str:
@@ -314,11 +311,7 @@ class DynamixelGroup:
     def _judge(self, one: Driven) -> None:
         """Judge the health of a servo that has replied to a poll, if it was asked for its block."""
         if values := self._polls.values(one.station.block):
-            try:
-                good = one.health.judge(values, one.facts.name)
-            except TorqueLostError as error:
-                raise one.watchdog.explained(error) from error
-            if not good:
+            if not one.health.judge(values, one.facts.name):
                 one.watchdog.look(0, under_torque=one.goal != 0)
             self._polls.answered()
 

@@ -207,7 +207,8 @@ class HealthWatch:
         if values.get("torque enable") == 0:
             raise TorqueLostError(
                 f"The torque of the {name} is off, but this program has not switched it off",
-                advice="look for another program on this bus, or for a failed supply.",
+                advice="look for another program on this bus, and check the supply: a restart "
+                "switches it off.",
             )
         for kind, find in (("supply", bounds.supply_fault), ("temperature", bounds.heat_fault)):
             if kind in values:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 
 _REFUSALS: Final = 3
 """Largest number of consecutive refusals. A persistent jump is no hiccup: the next position is

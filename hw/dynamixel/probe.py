@@ -14,17 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from haptic_wall.hw.dynamixel.exchange import Exchange
-from haptic_wall.hw.dynamixel.register_access import (
-    UNHELD,
-    Table,
-    confirmed,
-    lateness,
-    lost,
-    read_patiently,
-)
-from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED
+from haptic_wall.hw.dynamixel.register_access import UNHELD, Table
+from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
 from haptic_wall.hw.dynamixel.verdict import Verdict
 from haptic_wall.hw.dynamixel.watchdog import rearm, watchdog_units
@@ -34,7 +25,7 @@ from haptic_wall.hw.servo import Outcome
 from haptic_wall.hw.settings import DriverSettings
 
 _PUSHES: Final = 3
-"""Number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
+"""Largest number of attempts: without real-time settings a stall may exceed the Bus Watchdog"""
 _PERIOD_NS: Final = 1_000_000
 _CYCLE_SHARE: Final = 0.8
 """Largest fraction of a period for a cycle on the wire"""
@@ -79,21 +70,18 @@ class Push:
 
 
 def prove_the_sign(
-    settings: DriverSettings,
-    law: TorqueLaw,
-    current_limit: int,
-    table: Table,
-    exchange: Exchange,
-    name: str,
+    settings: DriverSettings, law: TorqueLaw, current_limit: int, table: Table, name: str
 ) -> Verdict:
     """Check that a small torque away from the wall moves the shaft away from the wall.
+
+    A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
+    is repeated. So is one in which the line was silent, or the Bus Watchdog tripped.
 
     Args:
         settings: Contains torque and direction of the push.
         law: Converts torque to goal current.
         current_limit: Current limit of the servo.
-        table: The servo, with torque on at zero torque.
-        exchange: Exchanges samples and goals with it alone.
+        table: The servo, with torque on at zero torque, which stays.
         name: Name of the servo, for messages.
 
     Raises:
@@ -106,12 +94,12 @@ def prove_the_sign(
     if settings.torque_limit > 0.0:
         most = min(most, settings.torque_limit)
     limit = max(1, min(law.within(most), current_limit))
-    direction = 1 if settings.probe_direction > 0 else -1
+    prober = _Prober(table, name)
     for _ in range(_PUSHES):
-        push = probe_sign(table.station, exchange, direction * limit, name)
+        push = prober.attempt(limit if settings.probe_direction > 0 else -limit)
         tripped = not push.moved and table.read("bus_watchdog") == WATCHDOG_TRIPPED
-        units = watchdog_units(settings)
-        if not tripped or not rearm(table.station, units, under_torque=False):
+        armed = not tripped or rearm(table, watchdog_units(settings.watchdog_s))
+        if push.sign_is_right or not armed:
             break
     torque = law.torque(push.peak)
     came = law.torque(push.measured)
@@ -134,57 +122,42 @@ def prove_the_sign(
         found = "no motion, because the Bus Watchdog tripped"
         why = f"Its Bus Watchdog ({settings.watchdog_s * 1e3:.0f} ms) ended the probe of the sign"
         advice = "find the cause of this machine's stalls, or raise servo.watchdog_s"
-        if late := lateness(table.station):
+        if late := table.lateness():
             why, advice = why + late, UNHELD
     return Verdict(push.sign_is_right, found, "motion with the torque", why, advice)
 
 
-def probe_sign(station: Station, exchange: Exchange, limit: int, name: str) -> Push:
-    """Push until the shaft moves; torque must be enabled, and is zero afterwards.
-
-    A hand may be on the shaft: the push waits until the shaft rests, and one with the wrong result
-    is repeated once. So is one in which the line was silent for a while.
-
-    Args:
-        station: The servo.
-        exchange: Exchanges samples and goals with it alone, at 1 kHz or as fast as the bus can,
-            which also keeps the Bus Watchdog from tripping.
-        limit: Largest goal current, with the sign of the push [current units].
-        name: Name of the servo, for messages.
-
-    Raises:
-        UnfitServoError: The shaft does not rest.
-        ServoLostError: The servo stops replying.
-    """
-    prober = _Prober(station, exchange, name)
-    wrong = silent = False
-    while True:
-        try:
-            prober.wait_for_rest()
-            push = prober.push(limit)
-        except ServoLostError as error:
-            if silent or not prober.ended():
-                raise lost(station, name, error.problem.what) from None
-            silent = True
-            continue
-        if wrong or push.sign_is_right:
-            return push
-        wrong = True
-
-
 class _Prober:
-    def __init__(self, station: Station, exchange: Exchange, name: str) -> None:
-        self._station = station
-        self._exchange = exchange
-        self._clock = exchange.line.clock
+    """Pushes a servo, at 1 kHz or as fast as the bus can, which keeps its Bus Watchdog quiet."""
+
+    def __init__(self, table: Table, name: str) -> None:
+        self._table = table
+        self._exchange = exchange = table.exchange
+        self._clock = table.clock
         self._name = name
         self._losses = 0
+        self._silent = False
         self._position = self._current = 0
         cycle_ns = exchange.wire_ns(CYCLE_BYTES)
         self._period_ns = max(_PERIOD_NS, round(cycle_ns / _CYCLE_SHARE))
         self._patience_ns = _PATIENCE_NS + cycle_ns
 
-    def wait_for_rest(self) -> None:
+    def attempt(self, limit: int) -> Push:
+        """Push until the shaft moves; no motion where the line was silent for once.
+
+        Args:
+            limit: Largest goal current, with the sign of the push [current units].
+        """
+        try:
+            self._wait_for_rest()
+            return self._push(limit)
+        except ServoLostError as error:
+            if self._silent or not self._ended():
+                raise self._table.lost(error.problem.what) from None
+            self._silent = True
+            return Push(0, 0, 0)
+
+    def _wait_for_rest(self) -> None:
         begun = since = self._cycle(0)
         low = high = self._position
         while (now := self._cycle(0)) - since < _REST_NS:
@@ -198,7 +171,7 @@ class _Prober:
             if high - low > _REST_COUNTS:
                 since, low, high = now, self._position, self._position
 
-    def push(self, limit: int) -> Push:
+    def _push(self, limit: int) -> Push:
         """Ramp up to ``limit`` until the shaft moves, then stop it."""
         origin = self._position
         begun = before = self._clock.now_ns()
@@ -230,16 +203,16 @@ class _Prober:
             furthest = max(furthest, way * self._position)
         self._end()
 
-    def ended(self) -> bool:
+    def _ended(self) -> bool:
         """Set zero torque, as a goal in the usual frame is not confirmed; return whether it is."""
-        station, self._losses = self._station, 0
-        if confirmed(station, REGISTERS["goal_current"], 0) == 0:
+        self._losses = 0
+        if self._table.try_write("goal_current", 0) == 0:
             return True
         # A tripped one accepts no goal, and has no torque.
-        return read_patiently(station, REGISTERS["bus_watchdog"]) == WATCHDOG_TRIPPED
+        return self._table.try_read("bus_watchdog") == WATCHDOG_TRIPPED
 
     def _end(self) -> None:
-        if not self.ended():
+        if not self._ended():
             raise ServoLostError(
                 f"The {self._name} has not confirmed its goal of zero torque after the "
                 "probe of the torque's sign"

@@ -1,18 +1,26 @@
-"""Reads and writes a servo's registers by name, and tries again; every failure raises.
+"""Reads and writes a servo's registers by name, and tries again.
 
-Replies are matched to requests elsewhere. Here a lost, late or damaged request or reply costs
-another attempt, with more patience each time. Only a value that is read back counts as written.
+Each register is read in a block whose size no request to this servo of the last 0.5 s had, and no
+sample has: so a late reply is not taken for the answer. A lost, late or damaged request or reply
+costs another attempt, with more patience each time. What is written is read back, since all
+confirmations of writes look alike.
+
+A second reply of the same length is a copy, or that of a second servo with this id: then its EEPROM
+differs.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction
-from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.codec import ErrorCode, Instruction, encode
+from haptic_wall.hw.dynamixel.exchange import REFUSED, Exchange
+from haptic_wall.hw.dynamixel.registers import EEPROM_END, Register
 from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import Model, Register
+from haptic_wall.hw.dynamixel.tables import Model
+from haptic_wall.hw.dynamixel.wire import ASKING_BYTES
 from haptic_wall.hw.errors import (
     Problem,
     ServoError,
@@ -28,12 +36,18 @@ QUICK_NS: Final = (3_000_000, 3_000_000, 4_000_000, 6_000_000, 20_000_000)
 (0.5 ms) and the adapter's hold (1 ms); the last one outlasts an adapter's 16 ms timer"""
 PATIENCE_NS: Final = (*QUICK_NS, 250_000_000)
 """The same at the start; the last one outlasts a USB link that holds everything for 200 ms"""
+SIZES: Final = range(28, 147)
+"""Sizes of the blocks that read a register; samples are shorter"""
+_TABLE_END: Final = 147
+"""After Present Temperature"""
+_LATEST_NS: Final = 500_000_000
+"""Time after a request without its reply or a copy of it [ns]: either may be 200 ms late"""
 _PING_BYTES: Final = 3
 """Data of a reply to a ping, model number and firmware; no other reply has as many"""
 _GARBLED: Final = (ErrorCode.INSTRUCTION, ErrorCode.CRC, ErrorCode.DATA_LENGTH)
 """Refusals of a request that the line has damaged"""
 _REASONS: Final = {code.value: f"{code.name.lower().replace('_', ' ')} error" for code in ErrorCode}
-APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
+_APART: Final = "connect one of them, and give it another id with Dynamixel Wizard."
 ECHOES: Final = "the adapter returns what is sent"
 """Of a half-duplex adapter; the reply comes behind the echo"""
 _LATE_MS: Final = 10.0
@@ -42,97 +56,28 @@ UNHELD: Final = "set the adapter's latency timer to 1 ms, use no hub"
 _Found = TypeVar("_Found")
 
 
-def lateness(station: Station) -> str:
-    """Return how late replies came, as the end of a sentence; empty: all came in time."""
-    late_ms = station.longest_ns * 1e-6
-    return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
-
-
-def lost(station: Station, name: str, what: str, more: str = "") -> ServoLostError:
-    """Return the error for a servo that stops answering; it names late replies, if any came.
-
-    Args:
-        station: The servo.
-        name: Its name, which ends in "on PORT".
-        what: What it did not answer.
-        more: Follows the advice.
-    """
-    advice = f"check {wiring(name)}{more}."
-    if late := lateness(station):
-        what += late
-        advice = f"{UNHELD}, and {advice}"
-    return ServoLostError(what, advice=advice)
-
-
-def confirmed(
-    station: Station,
-    register: Register,
-    value: int,
-    patience_ns: Sequence[int] = PATIENCE_NS,
-) -> int | None:
-    """Write a register until the value is read back.
-
-    Args:
-        station: The servo.
-        register: The register.
-        value: Its new value.
-        patience_ns: Time allowed for each reply of each attempt [ns].
-
-    Returns:
-        The value read back, another one if the servo does not take it; None: no reply.
-
-    Raises:
-        ServoLostError: The port is gone.
-    """
-    found: int | None = None
-    for each_ns in patience_ns:
-        station.refusal = 0
-        found = station.write_register(register, value, each_ns)
-        if found == value:
-            break
-    return found
-
-
-def read_patiently(
-    station: Station, register: Register, patience_ns: Sequence[int] = PATIENCE_NS
-) -> int | None:
-    """Read a register until there is a reply; None: there was none.
-
-    Args:
-        station: The servo.
-        register: The register.
-        patience_ns: Time allowed for each attempt [ns].
-
-    Raises:
-        ServoLostError: The port is gone.
-    """
-    return _until_answered(station, lambda each: station.read_register(register, each), patience_ns)
-
-
-def _until_answered(
-    station: Station, ask: Callable[[int], _Found | None], patience_ns: Sequence[int] = PATIENCE_NS
-) -> _Found | None:
-    for each_ns in patience_ns:
-        station.refusal = 0
-        found = ask(each_ns)
-        if found is not None:
-            return found
-    return None
-
-
 class Table:
     """One servo's registers by name.
 
     Args:
+        exchange: The line.
         station: The servo.
         name: Its id and bus, for messages.
-        registers: The registers of its model.
+        registers: The registers of its model and firmware; may be replaced.
     """
 
-    def __init__(self, station: Station, name: str, registers: Mapping[str, Register]) -> None:
+    def __init__(
+        self, exchange: Exchange, station: Station, name: str, registers: Mapping[str, Register]
+    ) -> None:
+        self.exchange = exchange
         self.station = station
+        self.clock = exchange.line.clock
         self.name = name
         self.registers = registers
+        self._read_ns: dict[int, int] = {}
+        """When a register was last read in a block of this size [ns]"""
+        self._eeprom: dict[int, bytes] = {}
+        """What the answer in a block of this size began with, of the EEPROM"""
 
     @classmethod
     def on(cls, line: Line, baud: int, servo_id: int, where: str, model: Model) -> Table:
@@ -146,13 +91,8 @@ class Table:
             model: Its model.
         """
         exchange = Exchange(line, [servo_id], baud=baud)
-        return cls(
-            exchange.stations[0], f"id {servo_id} at {baud} baud on {where}", model.registers
-        )
-
-    def at(self, registers: Mapping[str, Register]) -> Table:
-        """Return the same servo with other registers, those of its firmware."""
-        return Table(self.station, self.name, registers)
+        name = f"id {servo_id} at {baud} baud on {where}"
+        return cls(exchange, exchange.stations[0], name, model.registers)
 
     def ping(self) -> int:
         """Return the servo's model number.
@@ -161,16 +101,15 @@ class Table:
             ServoMissingError: No reply.
             UnfitServoError: The servo refuses.
         """
-        station = self.station
-        data = _until_answered(
-            station, lambda patience: station.ask(Instruction.PING, b"", _PING_BYTES, patience)
+        data = self._until_answered(
+            lambda each_ns: self._ask(Instruction.PING, b"", _PING_BYTES, each_ns), PATIENCE_NS
         )
         if data is not None:
             return int.from_bytes(data[:2], "little")
         failure = self._failure("a ping")
         if isinstance(failure, UnfitServoError):
             raise failure
-        for_a_second = ", and for a second servo with this id" if self.station.damaged else ""
+        for_a_second = ", and for a second servo with this id" if self._damaged else ""
         raise ServoMissingError(
             f"No servo answers as {self.name}{self._reason()}",
             advice=f"check {wiring(self.name)}{for_a_second}; `haptic-wall scan` lists what answers"
@@ -184,8 +123,8 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        found = read_patiently(self.station, self.registers[name])
-        self.be_one()
+        found = self.try_read(name)
+        self._be_one()
         if found is None:
             raise self._failure(f"to read {self.label(name)}")
         return found
@@ -197,20 +136,69 @@ class Table:
             ServoLostError: No valid reply, though it replied before.
             UnfitServoError: The servo refuses, or two have replied.
         """
-        found = confirmed(self.station, self.registers[name], value)
-        self.be_one()
+        found = self.try_write(name, value)
+        self._be_one()
         if found is None or (found != value and self.station.refusal):
             raise self._failure(f"to write {value} to {self.label(name)}")
         return found
 
-    def be_one(self) -> None:
-        """Refuse two servos with this id.
+    def try_read(
+        self, name: str, patience_ns: Sequence[int] = PATIENCE_NS, sizes: Sequence[int] = SIZES
+    ) -> int | None:
+        """Return the value of a register; None: no valid answer.
+
+        Args:
+            name: The register, one up to Present Temperature (146).
+            patience_ns: Time allowed for each attempt, beyond the bytes' own [ns].
+            sizes: Sizes of blocks to choose from [bytes].
 
         Raises:
+            ServoLostError: The port is gone.
+        """
+        register = self.registers[name]
+        return self._until_answered(lambda each: self._read(register, each, sizes), patience_ns)
+
+    def try_write(
+        self, name: str, value: int, patience_ns: Sequence[int] = PATIENCE_NS
+    ) -> int | None:
+        """Write a register until the value is read back.
+
+        A confirmation only ends the wait: it may be a late one of another write.
+
+        Args:
+            name: The register.
+            value: Its new value.
+            patience_ns: Time allowed for each reply of each attempt [ns].
+
+        Returns:
+            The value read back, another one if the servo does not take it; None: no reply.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        register, found = self.registers[name], None
+        params = register.address.to_bytes(2, "little") + register.encode(value)
+        for each_ns in patience_ns:
+            self.station.refusal = 0
+            self._ask(Instruction.WRITE, params, 0, each_ns)
+            found = self._read(register, each_ns, SIZES)
+            if found == value:
+                break
+        return found
+
+    def be_alone(self, wait_ns: int) -> None:
+        """Refuse a second servo with this id, whose reply comes within ``wait_ns`` [ns].
+
+        Replies that come apart are of different return delays. Others collide, and are lost, unless
+        both servos send the same: then nothing distinguishes them.
+
+        Raises:
+            ServoLostError: Replies collide.
             UnfitServoError: Two have replied.
         """
-        if self.station.twins:
-            raise UnfitServoError(f"Two servos answer as {self.name}", advice=APART)
+        self.read("return_delay_time")
+        self._await(0, -1, self.clock.now_ns() + wait_ns)
+        self._be_one()
 
     def reboot(self) -> None:
         """Restart the servo; it replies again after about a second.
@@ -220,12 +208,124 @@ class Table:
             UnfitServoError: The servo refuses.
         """
         self.station.refusal = 0
-        if self.station.ask(Instruction.REBOOT, b"", 0, PATIENCE_NS[-1]) is None:
+        if self._ask(Instruction.REBOOT, b"", 0, PATIENCE_NS[-1]) is None:
             raise self._failure("to reboot")
 
     def label(self, name: str) -> str:
         """Return a register's name and address as in the manual."""
         return f"{name.replace('_', ' ').title()} ({self.registers[name].address})"
+
+    def lateness(self) -> str:
+        """Return how late replies came, as the end of a sentence; empty: all came in time."""
+        late_ms = self.station.longest_ns * 1e-6
+        return f"; replies came up to {late_ms:.0f} ms late" if late_ms > _LATE_MS else ""
+
+    def lost(self, what: str, more: str = "") -> ServoLostError:
+        """Return the error for a servo that stops answering; it names late replies, if any came.
+
+        Args:
+            what: What it did not answer.
+            more: Follows the advice.
+        """
+        advice = f"check {wiring(self.name)}{more}."
+        if late := self.lateness():
+            what += late
+            advice = f"{UNHELD}, and {advice}"
+        return ServoLostError(what, advice=advice)
+
+    def _until_answered(
+        self, ask: Callable[[int], _Found | None], patience_ns: Sequence[int]
+    ) -> _Found | None:
+        for each_ns in patience_ns:
+            self.station.refusal = 0
+            found = ask(each_ns)
+            if found is not None:
+                return found
+        return None
+
+    def _read(self, register: Register, patience_ns: int, sizes: Sequence[int]) -> int | None:
+        """Read a register once; None: no valid answer."""
+        read_ns = self._read_ns
+        latest_ns = self.clock.now_ns() - _LATEST_NS
+        free = [size for size in sizes if size not in self.exchange.blocks]
+        size = next((n for n in free if read_ns.get(n, latest_ns) <= latest_ns), 0)
+        if not size:
+            size = min(free, key=read_ns.__getitem__)
+            self.clock.wait_until(read_ns[size] + _LATEST_NS)
+        read_ns[size] = self.clock.now_ns()
+        address = min(register.address, _TABLE_END - size)
+        self._eeprom.pop(size, None)
+        block = self._ask(Instruction.READ, struct.pack("<HH", address, size), size, patience_ns)
+        if block is None:
+            return None
+        self._eeprom[size] = block[: max(0, EEPROM_END - address)]
+        at = register.address - address
+        return register.decode(block[at : at + register.size])
+
+    def _ask(
+        self, instruction: Instruction, params: bytes, size: int, patience_ns: int
+    ) -> bytes | None:
+        """Send one instruction; return the data of a good reply with ``size`` bytes of data.
+
+        A refusal names its request no more than any reply does, so it does not end the wait.
+        Samples under way are discarded.
+
+        Args:
+            instruction: The instruction.
+            params: Its parameters.
+            size: Bytes of data in the reply.
+            patience_ns: Time allowed beyond the bytes' own [ns].
+
+        Returns:
+            The data; None: no such reply came.
+
+        Raises:
+            ServoLostError: The port is gone.
+        """
+        exchange, now_ns = self.exchange, self.clock.now_ns
+        exchange.set_aside()
+        self._await(0, -1, now_ns())
+        sent_ns = now_ns()
+        kept = exchange.kept
+        deadline_ns = sent_ns + patience_ns + exchange.wire_ns(len(kept) + ASKING_BYTES + size)
+        if kept:
+            exchange.line.write(kept)
+        exchange.line.write(encode(self.station.id, instruction, params))
+        found = self._await(instruction, size, deadline_ns)
+        if found is not None:
+            self.station.longest_ns = max(self.station.longest_ns, now_ns() - sent_ns)
+        return found
+
+    def _await(self, instruction: int, size: int, deadline_ns: int) -> bytes | None:
+        """Return the first answer of ``size`` bytes of data; None: none came in time."""
+        station, line, parser = self.station, self.exchange.line, self.exchange.parser
+        found: bytes | None = None
+        in_time = True  # a bus without a servo may never be silent
+        while found is None and in_time and line.wait(deadline_ns):
+            in_time = self.clock.now_ns() < deadline_ns
+            for frame in parser.feed(line.read()):
+                data = frame.params
+                if frame.instruction != Instruction.STATUS:
+                    station.echoes |= (frame.id, frame.instruction) == (station.id, instruction)
+                elif frame.id != station.id:
+                    continue
+                elif code := frame.error & REFUSED:
+                    station.refusal = code if instruction else station.refusal
+                elif len(data) == size and found is None:
+                    found = data
+                elif not data.startswith(self._eeprom.get(len(data), b"")):
+                    station.twins = True
+        return found
+
+    def _be_one(self) -> None:
+        if self.station.twins:
+            raise UnfitServoError(f"Two servos answer as {self.name}", advice=_APART)
+
+    @property
+    def _damaged(self) -> bool:
+        """Whether any bytes have come that are no frame."""
+        parser = self.exchange.parser
+        return parser.corrupt > 0 or not parser.idle
 
     def _reason(self) -> str:
         """Describe the refusal of the last attempt, if there was one."""
@@ -234,7 +334,7 @@ class Table:
             return f" ({_REASONS.get(code, f'error {code}')})"
         if self.station.echoes:
             return f" ({ECHOES})"
-        return " (damaged replies came)" if self.station.damaged else ""
+        return " (damaged replies came)" if self._damaged else ""
 
     def _failure(self, doing: str) -> ServoError:
         if self.station.refusal and self.station.refusal not in _GARBLED:
@@ -244,9 +344,7 @@ class Table:
                     advice="check that it is the configured model and that its torque is off.",
                 )
             )
-        return lost(
-            self.station,
-            self.name,
+        return self.lost(
             f"The servo {self.name} answered before, but not the request {doing}{self._reason()}",
             ", and for a second servo with this id",
         )

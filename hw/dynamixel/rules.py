@@ -9,34 +9,35 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from haptic_wall.hw.clock import Clock
-from haptic_wall.hw.dynamixel.hardware_errors import error_names, what_to_do
 from haptic_wall.hw.dynamixel.register_access import Table
-from haptic_wall.hw.dynamixel.tables import (
-    CURRENT_MODE,
-    POSITION_UNIT,
+from haptic_wall.hw.dynamixel.registers import (
     RETURN_DELAY_UNIT_NS,
-    WATCHDOG_TRIPPED,
-    Model,
-    model_by_number,
 )
+from haptic_wall.hw.dynamixel.tables import Model, model_by_number
 from haptic_wall.hw.dynamixel.verdict import Repair, Rule, Seen, Verdict
-from haptic_wall.hw.errors import ServoLostError
 
 WATCHDOG_FIRMWARE: Final = 38
 """First firmware with a Bus Watchdog"""
 STATUS_LEVEL: Final = 2
 """Status Return Level at which the servo replies to everything"""
+_ALL_REPLIES: Final = ("status_return_level", STATUS_LEVEL)
 _LISTENINGS: Final = 3
 _LISTEN_NS: Final = 20_000_000
 """Wait for a second reply [ns]: longer than the largest return delay (0.5 ms) and an adapter's
 16 ms timer"""
 _FIX: Final = "`haptic-wall doctor CONFIG --fix`"
-_MODES: Final = ("current", "velocity", "", "position", "extended position")
 _LEAST_PWM: Final = 0.1
 """Least fraction of the full PWM that leaves a usable torque"""
 _WARM: Final = 8
 """Distance to the highest temperature from which it is reported [°C]"""
+_ERRORS: Final = {
+    0: ("input voltage", "bring its supply within Min and Max Voltage Limit (34, 32)"),
+    2: ("overheating", "let it cool, and ask for less torque"),
+    3: ("motor encoder", "have it repaired if the error comes back: its position may be wrong"),
+    4: ("electrical shock", "look for a short circuit or a weak supply"),
+    5: ("overload", "free its shaft, or lower servo.torque_limit"),
+}
+"""Names and remedies of the bits of Hardware Error Status"""
 
 
 # Before anything else: without model and firmware no register has a meaning
@@ -76,42 +77,15 @@ def judge_firmware(model: Model, firmware: int) -> Verdict:
     return Verdict(ok, str(firmware), f"at least {WATCHDOG_FIRMWARE}", why, advice)
 
 
-def read_status_level(table: Table) -> tuple[int, str]:
-    """Return Status Return Level, and a text; at 0 reads have no reply.
-
-    Raises:
-        UnfitServoError: The servo refuses.
-    """
-    try:
-        level = table.read("status_return_level")
-    except ServoLostError:
-        return 0, "no replies to reads"
-    return level, str(level)
-
-
-def judge_status_level(level: int, found: str) -> Verdict:
-    """Judge Status Return Level: below 2 writes have no reply."""
-    if level == STATUS_LEVEL:
-        return Verdict(True, found, str(STATUS_LEVEL))
-    why = f"It does not confirm writes: its Status Return Level (68) is {level}"
-    advice = f"set it to {STATUS_LEVEL} with {_FIX} or Dynamixel Wizard"
-    return Verdict(False, found, str(STATUS_LEVEL), why, advice)
-
-
-def be_alone(table: Table, clock: Clock) -> None:
+def be_alone(table: Table) -> None:
     """Refuse a second servo with this id; a silent one only replies with Status Return Level 2.
 
-    Replies that come apart are of different return delays. Others collide, and are lost, unless
-    both servos send the same: then nothing distinguishes them.
-
     Raises:
-        ServoLostError: Replies collide.
+        ServoLostError: Their replies collide.
         UnfitServoError: Two have replied.
     """
     for _ in range(_LISTENINGS):
-        table.read("return_delay_time")
-        table.station.listen(clock.now_ns() + _LISTEN_NS)
-    table.be_one()
+        table.be_alone(_LISTEN_NS)
 
 
 # The registers
@@ -148,6 +122,18 @@ def _clear(
     return Rule(name, (register,), judge, Repair(register, 0, mask), refuses)
 
 
+def error_names(error: int) -> str:
+    """Return the names of latched errors, for messages; empty if no known bit is set."""
+    return ", ".join(name for bit, (name, _) in _ERRORS.items() if error >> bit & 1)
+
+
+def what_to_do(error: int) -> str:
+    """Return advice on latched errors, to be put after a colon."""
+    remedies = [remedy for bit, (_, remedy) in _ERRORS.items() if error >> bit & 1]
+    remove = "; ".join(remedies) or "remove the cause"
+    return f"{remove}; then reboot it, or switch its power off and on; only this clears the error"
+
+
 def _error(seen: Seen) -> Verdict:
     error = seen["hardware_error_status"]
     if not error:
@@ -155,6 +141,13 @@ def _error(seen: Seen) -> Verdict:
     names = error_names(error) or "unknown"
     why = f"It has latched a hardware error ({names})"
     return Verdict(False, f"{names} (0x{error:02x})", "none", why, what_to_do(error))
+
+
+def _status_level(seen: Seen) -> Verdict:
+    level = seen["status_return_level"]
+    why = "It does not confirm writes"
+    advice = f"set Status Return Level (68) to {STATUS_LEVEL}; a run does so itself"
+    return Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
 
 
 def _return_delay(seen: Seen) -> Verdict:
@@ -166,26 +159,12 @@ def _return_delay(seen: Seen) -> Verdict:
     return Verdict(False, found, "0", "It delays every reply", advice)
 
 
-def _operating_mode(seen: Seen) -> Verdict:
-    mode = seen["operating_mode"]
-    names = dict(enumerate(_MODES)) | {5: "current-based position", 16: "PWM"}
-    advice = "" if mode == CURRENT_MODE else "a run changes it to current mode itself"
-    found = f"{mode} ({names.get(mode) or 'unknown'})"
-    return Verdict(True, found, "0 (current)", advice=advice)
-
-
 def _secondary_id(seen: Seen) -> Verdict:
     second = seen["secondary_id"]
     if second > 252:
         return Verdict(True, "none", "none")
     why = f"It also obeys writes to id {second}, without a reply"
     return Verdict(False, str(second), "none", why, "write 255 to Secondary ID (12)")
-
-
-def _watchdog(seen: Seen) -> Verdict:
-    if seen["bus_watchdog"] == WATCHDOG_TRIPPED:
-        return Verdict(True, "tripped", "present", advice="a run arms it again")
-    return Verdict(True, str(seen["bus_watchdog"]), "present")
 
 
 def _shutdown(seen: Seen) -> Verdict:
@@ -227,12 +206,6 @@ def _pwm_limit(seen: Seen) -> Verdict:
     return Verdict(True, found, str(full), advice=advice)
 
 
-def _homing_offset(seen: Seen) -> Verdict:
-    offset = seen["homing_offset"]
-    advice = "all positions are shifted by it, wall.position included" if offset else ""
-    return Verdict(True, f"{offset} ({offset * POSITION_UNIT:.3f} rad)", "0", advice=advice)
-
-
 def _supply(seen: Seen) -> Verdict:
     volts, bounds, nominal = seen.volts, seen.bounds(0), seen.model.voltage
     wanted = f"{bounds.lowest / 10:g} to {bounds.highest / 10:g} V"
@@ -257,6 +230,7 @@ def _temperature(seen: Seen) -> Verdict:
 _SUPPLY: Final = ("present_input_voltage", "min_voltage_limit", "max_voltage_limit")
 _HEAT: Final = ("present_temperature", "temperature_limit")
 RULES: Final = (
+    Rule("status return level", ("status_return_level",), _status_level, Repair(*_ALL_REPLIES)),
     _clear(
         "torque",
         "torque_enable",
@@ -301,23 +275,10 @@ RULES: Final = (
         f"{_FIX} clears these bits of Startup Configuration (60)",
     ),
     Rule("return delay", ("return_delay_time",), _return_delay, Repair("return_delay_time")),
-    Rule("operating mode", ("operating_mode",), _operating_mode),
     Rule("secondary id", ("secondary_id",), _secondary_id, Repair("secondary_id", 255)),
-    Rule(
-        "bus watchdog",
-        ("bus_watchdog",),
-        _watchdog,
-        missing=Verdict(
-            False,
-            "missing",
-            "present",
-            advice=f"update the firmware: {WATCHDOG_FIRMWARE} or later has one",
-        ),
-    ),
     Rule("shutdown", ("shutdown",), _shutdown, Repair("shutdown", None)),
     Rule("current limit", ("current_limit", "present_input_voltage"), _current_limit, refuses=True),
     Rule("PWM limit", ("pwm_limit", "present_input_voltage"), _pwm_limit),
-    Rule("homing offset", ("homing_offset",), _homing_offset),
     Rule("supply", (*_SUPPLY, *_HEAT), _supply, refuses=True),
     Rule("temperature", (*_HEAT, *_SUPPLY), _temperature, refuses=True),
 )
@@ -354,9 +315,5 @@ def judge(seen: Seen, *, start: bool = False) -> Iterator[tuple[Rule, Verdict]]:
         start: Only the rules by which a start is refused.
     """
     for rule in RULES:
-        if start and not rule.refuses:
-            continue
-        if all(name in seen.values for name in rule.reads):
+        if (rule.refuses or not start) and all(name in seen.values for name in rule.reads):
             yield rule, rule.judge(seen)
-        elif rule.missing is not None:
-            yield rule, rule.missing

@@ -6,8 +6,8 @@ from typing import Final
 
 from haptic_wall.hw.clock import Clock
 from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
+from haptic_wall.hw.dynamixel.registers import TICK_MODULUS
 from haptic_wall.hw.dynamixel.samples import SAMPLE
-from haptic_wall.hw.dynamixel.tables import TICK_MODULUS
 
 _MIDDLE: Final = 2048
 _SPAN: Final = 256

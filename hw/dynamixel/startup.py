@@ -8,31 +8,26 @@ verifies its sign.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
-from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.health import DrivingRange
 from haptic_wall.hw.dynamixel.probe import prove_the_sign
-from haptic_wall.hw.dynamixel.register_access import ECHOES, Table, lost
+from haptic_wall.hw.dynamixel.register_access import ECHOES, Table
+from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, POSITION_UNIT
 from haptic_wall.hw.dynamixel.rules import (
     STATUS_LEVEL,
     be_alone,
     judge,
     judge_firmware,
     judge_model,
-    judge_status_level,
     read_servo,
-    read_status_level,
 )
 from haptic_wall.hw.dynamixel.samples import Sample
-from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, POSITION_UNIT, Model
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw
-from haptic_wall.hw.dynamixel.verdict import Verdict
+from haptic_wall.hw.dynamixel.verdict import Seen, Verdict
 from haptic_wall.hw.dynamixel.watchdog import watchdog_units
 from haptic_wall.hw.errors import UnfitServoError
-from haptic_wall.hw.serialport.line import FdLine
 from haptic_wall.hw.serialport.timer import describe, timer_file, timer_ms
 from haptic_wall.hw.servo import Check, Outcome
 from haptic_wall.hw.settings import DriverSettings
@@ -45,19 +40,14 @@ _IN_TIME: Final = 1.8
 """Periods that a reply may take: the one of its request, and 0.8 of the next"""
 
 
-@dataclass(frozen=True, slots=True)
-class Ready:
+class Ready(NamedTuple):
     """A servo with torque enabled at zero torque."""
 
     checks: list[Check]
-    current_limit: int
-    """The servo's own, in the model's current unit"""
+    seen: Seen
+    """What it is set to"""
     bounds: DrivingRange
     """The range in which it may be driven"""
-    law: TorqueLaw
-    """Between torque and goal current, at the present supply"""
-    volts: float
-    """Present supply [V]"""
     reply_ns: int
     """Time of a reply, if longer than the schedules allow [ns]; else 0"""
     longest_ns: int
@@ -70,8 +60,7 @@ class Startup:
     Args:
         settings: The wanted settings.
         model: The configured model.
-        exchange: Exchanges samples with this servo alone.
-        station: The servo.
+        table: The servo; its exchange is with it alone.
         constant: Torque per current of the motor [N·m/A].
     """
 
@@ -79,22 +68,19 @@ class Startup:
         self,
         settings: DriverSettings,
         model: Model,
-        exchange: Exchange,
-        station: Station,
+        table: Table,
         constant: float,
     ) -> None:
-        where = settings.port or "the emulated bus in memory"
         self._settings = settings
         self._model = model
-        self._exchange = exchange
-        self._station = station
-        self._clock = exchange.line.clock
+        self._table = table
+        self._exchange = table.exchange
+        self._clock = table.clock
         self._constant = constant
+        where = settings.port or "the emulated bus in memory"
         self._name = f"servo with id {settings.id} on {where}"
         self._checks: list[Check] = []
         self._faults: list[Verdict] = []
-        name = f"id {settings.id} at {settings.baud} baud on {where}"
-        self.table = Table(station, name, model.registers)
 
     def run(self, number: int) -> Ready:
         """Check everything, set what the driver may set, and enable torque at zero torque.
@@ -107,14 +93,13 @@ class Startup:
             UnfitServoError: One or more checks failed; the message has a sentence for each.
         """
         self._report_adapter()
-        if self._station.echoes:
+        if self._table.station.echoes:
             self._report("echo", f"{ECHOES}: switch its echo off", "none")
         self._identify(number)
-        be_alone(self.table, self._clock)
+        be_alone(self._table)
         self._torque_off()
-        seen = read_servo(
-            self.table, self._model, self._constant, self._settings.torque_limit, start=True
-        )
+        settings, table = self._settings, self._table
+        seen = read_servo(table, self._model, self._constant, settings.torque_limit, start=True)
         for rule, verdict in judge(seen, start=True):
             self._judge(rule.name, verdict)
         self._refuse_if_unfit()
@@ -125,26 +110,19 @@ class Startup:
         longest_ns, reply_ns = self._measure_reply()
         self._refuse_if_unfit()
         self._torque_on()
-        current_limit = seen["current_limit"]
-        proof = prove_the_sign(
-            self._settings, seen.law, current_limit, self.table, self._exchange, self._name
-        )
+        proof = prove_the_sign(settings, seen.law, seen["current_limit"], table, self._name)
         self._judge("torque sign", proof)
         self._refuse_if_unfit()
-        bounds = seen.bounds(watchdog_units(self._settings))
-        return Ready(
-            self._checks, current_limit, bounds, seen.law, seen.volts, reply_ns, longest_ns
-        )
+        bounds = seen.bounds(watchdog_units(settings.watchdog_s))
+        return Ready(self._checks, seen, bounds, reply_ns, longest_ns)
 
     # What is found
 
     def _report_adapter(self) -> None:
         """Report how long the adapter holds short replies; the samples' age shows the effect."""
         port, found = self._settings.port, "none"
-        line = self._exchange.line
         if port:
-            descriptor = line.descriptor if isinstance(line, FdLine) else None
-            found = describe(port, descriptor=descriptor)
+            found = describe(port)
             if (timer_ms(port) or 0) > 1:
                 file = timer_file(port)
                 found += f", which delays replies; `echo 1 | sudo tee {file}` sets 1 ms"
@@ -152,18 +130,17 @@ class Startup:
 
     def _identify(self, number: int) -> None:
         """Check model and firmware, and have every instruction answered."""
-        table = self.table
+        table = self._table
         self._judge("model", judge_model(number, self._model.name))
         self._refuse_if_unfit()
-        level, found = read_status_level(table)
-        now = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it too
-        if now != level:
-            found += f", set to {now}"
-        self._judge("status return level", judge_status_level(now, found))
+        level = table.write("status_return_level", STATUS_LEVEL)  # a silent second servo takes it
+        why, advice = "It does not answer every instruction", "reboot it"
+        verdict = Verdict(level == STATUS_LEVEL, str(level), str(STATUS_LEVEL), why, advice)
+        self._judge("status return level", verdict)
         firmware = table.read("firmware_version")
         self._judge("firmware", judge_firmware(self._model, firmware))
         self._refuse_if_unfit()
-        self.table = table.at(self._model.registers_at(firmware))
+        table.registers = self._model.registers_at(firmware)
 
     def _report_speed(self, volts: float) -> None:
         """Report the speed it reaches by itself, and whether the trip speed is below that."""
@@ -221,8 +198,8 @@ class Startup:
 
     def _torque_off(self) -> None:
         """Switch off torque left from another run."""
-        was_on = self.table.read("torque_enable") != 0
-        off = not was_on or self.table.write("torque_enable", 0) == 0
+        was_on = self._table.read("torque_enable") != 0
+        off = not was_on or self._table.write("torque_enable", 0) == 0
         found = "off" if not was_on else "on, switched off" if off else "on"
         self._judge(
             "torque at the start",
@@ -231,28 +208,29 @@ class Startup:
 
     def _set_up(self) -> None:
         """Set mode, return delay, goal and watchdog where they differ, and read them back."""
-        self.table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
+        self._table.write("bus_watchdog", 0)  # a tripped watchdog refuses every goal, 0 included
         self._settle_at("operating mode", "operating_mode", CURRENT_MODE)
         self._settle_at("return delay", "return_delay_time", 0)
-        self.table.write("goal_current", 0)  # the mode change has set it to Current Limit
+        self._table.write("goal_current", 0)  # the mode change has set it to Current Limit
         self._settle_at("goal current", "goal_current", 0)
         # It limits the current in this mode too, and keeps another program's value.
-        self._settle_at("goal pwm", "goal_pwm", self.table.read("pwm_limit"))
-        self._settle_at("bus watchdog", "bus_watchdog", watchdog_units(self._settings))
+        self._settle_at("goal pwm", "goal_pwm", self._table.read("pwm_limit"))
+        units = watchdog_units(self._settings.watchdog_s)
+        self._settle_at("bus watchdog", "bus_watchdog", units)
 
     def _settle_at(self, name: str, register_name: str, wanted: int) -> None:
         """Write a register where it differs, and read it back."""
-        before = after = self.table.read(register_name)
+        before = after = self._table.read(register_name)
         if before != wanted:
-            after = self.table.write(register_name, wanted)
+            after = self._table.write(register_name, wanted)
         found = str(after) if after == before else f"{before}, set to {after}"
-        why = f"Its {self.table.label(register_name)} stays {after} when {wanted} is written"
+        why = f"Its {self._table.label(register_name)} stays {after} when {wanted} is written"
         advice = "reboot it, and look for another program on this bus"
         self._judge(name, Verdict(after == wanted, found, str(wanted), why, advice))
 
     def _torque_on(self) -> None:
         """Enable torque; the goal is zero."""
-        on = self.table.write("torque_enable", 1) == 1
+        on = self._table.write("torque_enable", 1) == 1
         advice = "check its supply voltage and Hardware Error Status (70)"
         found = "on" if on else "off"
         self._judge("torque", Verdict(on, found, "on", "Its torque stays off", advice))
@@ -285,10 +263,8 @@ class Startup:
             (sample,) = exchange.collect(self._clock.now_ns() + _SAMPLE_PATIENCE_NS)
             if sample.outcome is Outcome.OK:
                 return sample
-        self.table.read("torque_enable")  # it may show how late replies are
-        raise lost(
-            self._station,
-            self._name,
+        self._table.read("torque_enable")  # it may show how late replies are
+        raise self._table.lost(
             f"The {self._name} answers single registers but not the block of its "
-            "sample (120 to 135)",
+            "sample (120 to 135)"
         )

@@ -103,5 +103,3 @@ class Rule:
     """None: a person's decision"""
     refuses: bool = False
     """Whether a start is refused by it"""
-    missing: Verdict | None = None
-    """The verdict on a servo without these registers; None: it needs none"""

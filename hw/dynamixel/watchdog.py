@@ -4,80 +4,58 @@ from __future__ import annotations
 
 from typing import Final
 
-from haptic_wall.hw.clock import Clock, Suspension
-from haptic_wall.hw.dynamixel.register_access import QUICK_NS, confirmed, lost, read_patiently
-from haptic_wall.hw.dynamixel.station import Station
-from haptic_wall.hw.dynamixel.tables import REGISTERS, WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
-from haptic_wall.hw.errors import ServoLostError, TorqueLostError, UnfitServoError
-from haptic_wall.hw.settings import DriverSettings
+from haptic_wall.hw.dynamixel.register_access import QUICK_NS, Table
+from haptic_wall.hw.dynamixel.registers import WATCHDOG_TRIPPED, WATCHDOG_UNIT_NS
+from haptic_wall.hw.errors import TorqueLostError, UnfitServoError
 
-_TORQUE_ENABLE: Final = REGISTERS["torque_enable"]
-_BUS_WATCHDOG: Final = REGISTERS["bus_watchdog"]
-_GOAL_CURRENT: Final = REGISTERS["goal_current"]
 _MOST_UNITS: Final = 127
 _NEVER_NS: Final = 1 << 62
 
 
-def watchdog_units(settings: DriverSettings) -> int:
-    """Return the configured Bus Watchdog in the register's unit.
+def watchdog_units(watchdog_s: float) -> int:
+    """Return the configured Bus Watchdog [s] in the register's unit.
 
     Raises:
         UnfitServoError: The register cannot hold it.
     """
-    units = round(settings.watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
+    units = round(watchdog_s * 1e9 / WATCHDOG_UNIT_NS)
     if not 1 <= units <= _MOST_UNITS:
         raise UnfitServoError(
-            f"A Bus Watchdog of {settings.watchdog_s:g} s is requested, but servos "
-            "have 0.02 to 2.54 s",
+            f"A Bus Watchdog of {watchdog_s:g} s is requested, but servos have 0.02 to 2.54 s",
             advice="set servo.watchdog_s in this range.",
         )
     return units
 
 
-def rearm(station: Station, units: int, *, under_torque: bool) -> bool | None:
-    """Check whether the servo still accepts goals; arm it again if no torque was lost.
-
-    A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return of
-    the torque after an unobserved motion would be an impact. It is written only after it was read.
+def rearm(table: Table, units: int) -> bool:
+    """Arm a tripped Bus Watchdog again, at zero torque; return whether that was read back.
 
     A tripped watchdog accepts no goal before it is cleared, and the old torque may then return with
     nothing to end it: so torque is off meanwhile. Every write is read back.
 
     Args:
-        station: The servo.
+        table: The servo.
         units: Its setting [20 ms].
-        under_torque: The last goal was not zero.
-
-    Returns:
-        Whether it has its setting, perhaps armed again at zero torque; False: it has tripped or was
-        changed, and there was a torque to lose; None: the servo does not reply.
 
     Raises:
         ServoLostError: The port is gone.
     """
-    found = read_patiently(station, _BUS_WATCHDOG, QUICK_NS)
-    if found is None:  # unknown whether there is a torque to lose
-        return None
-    if found == units:
-        return True
-    if under_torque:
-        return False
-    steps = [(_GOAL_CURRENT, 0), (_BUS_WATCHDOG, units)]
-    if found == WATCHDOG_TRIPPED:
-        steps = [(_TORQUE_ENABLE, 0), (_BUS_WATCHDOG, 0), *steps, (_TORQUE_ENABLE, 1)]
-    armed = all(
-        confirmed(station, register, value, 3 * QUICK_NS[-1:]) == value for register, value in steps
+    steps = (
+        ("torque_enable", 0),
+        ("bus_watchdog", 0),
+        ("goal_current", 0),
+        ("bus_watchdog", units),
+        ("torque_enable", 1),
     )
-    return armed or None
+    return all(table.try_write(name, value, 3 * QUICK_NS[-1:]) == value for name, value in steps)
 
 
 class WatchdogMonitor:
     """Examines the Bus Watchdog of one servo after a pause in which it may have tripped.
 
     Args:
-        settings: Contains the time of the Bus Watchdog.
-        station: The servo.
-        clock: Tells the time.
+        watchdog_s: Time of the Bus Watchdog [s].
+        table: The servo.
         name: Name of the servo, for messages.
 
     Raises:
@@ -85,10 +63,8 @@ class WatchdogMonitor:
     """
 
     __slots__ = (
-        "_clock",
         "_name",
-        "_station",
-        "_suspension",
+        "_table",
         "_units",
         "_watchdog_s",
         "called_ns",
@@ -97,13 +73,11 @@ class WatchdogMonitor:
         "most_ns",
     )
 
-    def __init__(self, settings: DriverSettings, station: Station, clock: Clock, name: str) -> None:
-        self._units = watchdog_units(settings)
-        self._watchdog_s = settings.watchdog_s
-        self._station = station
-        self._clock = clock
+    def __init__(self, watchdog_s: float, table: Table, name: str) -> None:
+        self._units = watchdog_units(watchdog_s)
+        self._watchdog_s = watchdog_s
+        self._table = table
         self._name = name
-        self._suspension = Suspension(clock)
         self.heard_ns = 0
         """When the last answered request was sent [ns]"""
         self.called_ns = 0
@@ -115,8 +89,7 @@ class WatchdogMonitor:
 
     def begin(self) -> None:
         """Start monitoring: the torque is on from now."""
-        self.called_ns = self._clock.now_ns()
-        self._suspension = Suspension(self._clock)
+        self.called_ns = self._table.clock.now_ns()
         # The watchdog counts whole units, so that one set to two may trip soon after the first.
         self.most_ns = self.limit_ns = round(max(self._units - 1, 0.75) * WATCHDOG_UNIT_NS)
 
@@ -141,10 +114,13 @@ class WatchdogMonitor:
         self.called_ns = now_ns
         if pause_ns > self.most_ns:
             self.look(pause_ns, under_torque=under_torque)
-            self.heard_ns = self.called_ns = self._clock.now_ns()
+            self.heard_ns = self.called_ns = self._table.clock.now_ns()
 
     def look(self, silence_ns: int, *, under_torque: bool) -> None:
-        """Check whether the servo still has torque; then arm its Bus Watchdog again.
+        """Check whether the servo still accepts goals; arm it again if no torque was lost.
+
+        A tripped watchdog silently refuses every goal. Under torque it is left tripped: the return
+        of the torque after an unobserved motion would be an impact.
 
         Args:
             silence_ns: Time without an instruction [ns]; 0: there was none.
@@ -154,41 +130,25 @@ class WatchdogMonitor:
             ServoLostError: The port is gone, or there is no reply.
             TorqueLostError: The torque is gone.
         """
-        armed = rearm(self._station, self._units, under_torque=under_torque)
-        if not armed:
-            raise self.explained(self._lost(armed, silence_ns))
-
-    def explained(self, error: ServoLostError) -> ServoLostError:
-        """Return the error; if the computer was suspended, an error that names this cause.
-
-        After a suspension the servo's clock and its registers look like a supply failure, and the
-        silence on this computer's clock is short.
-        """
-        seconds = self._suspension.seconds()
-        if not seconds:
-            return error
-        return type(error)(
-            f"The computer was suspended for {seconds:.3g} s while the {self._name} had torque, so "
-            "its Bus Watchdog has dropped it: keep the computer awake, then start again."
-        )
-
-    def _lost(self, armed: bool | None, silence_ns: int) -> ServoLostError:
-        """Return the error for a watchdog that was not armed."""
-        silence = f"{silence_ns * 1e-6:.0f} ms"
-        if armed is None:
-            return lost(
-                self._station,
-                self._name,
+        found = self._table.try_read("bus_watchdog", QUICK_NS)
+        if found == self._units:
+            return
+        if found is not None and found != WATCHDOG_TRIPPED:
+            raise TorqueLostError(
+                f"The Bus Watchdog of the {self._name} has another setting than the driver wrote, "
+                f"{found}",
+                advice="look for another program on this bus, and check the supply: a restart sets "
+                "it to 0.",
+            )
+        silence = f"{silence_ns * 1e-6:.0f} ms" if silence_ns else "a while"
+        if found == WATCHDOG_TRIPPED and under_torque:
+            raise TorqueLostError(
+                f"The {self._name} heard nothing for {silence}, so its Bus Watchdog "
+                f"({self._watchdog_s * 1e3:.0f} ms) has dropped the torque",
+                advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
+            )
+        if found is None or not rearm(self._table, self._units):
+            raise self._table.lost(
                 f"The {self._name} no longer answers, after {silence} without an answered request",
                 ": a servo that restarts is silent meanwhile",
             )
-        if not silence_ns:
-            return TorqueLostError(
-                f"The Bus Watchdog of the {self._name} has another setting than the driver wrote",
-                advice="look for another program on this bus.",
-            )
-        return TorqueLostError(
-            f"The {self._name} heard nothing for {silence}, so its Bus Watchdog "
-            f"({self._watchdog_s * 1e3:.0f} ms) has dropped the torque",
-            advice="find the cause of this machine's stalls, or raise servo.watchdog_s.",
-        )

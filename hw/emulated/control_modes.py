@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV
 from haptic_wall.hw.emulated.rules import ControlTable
 
 PWM_FULL = 885

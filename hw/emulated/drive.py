@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import COUNTS_PER_REV, CURRENT_MODE, VELOCITY_UNIT, Model
+from haptic_wall.hw.dynamixel.registers import COUNTS_PER_REV, CURRENT_MODE
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import (
     CURRENT_POSITION_MODE,
     POSITION_MODE,
@@ -22,7 +23,6 @@ from haptic_wall.hw.emulated.control_modes import (
     Controllers,
     Motion,
 )
-from haptic_wall.hw.emulated.health import HEALTH_NS, Health
 from haptic_wall.hw.emulated.motor import Motor
 from haptic_wall.hw.emulated.rules import ControlTable
 from haptic_wall.hw.plant.mechanism import Mechanism
@@ -36,15 +36,13 @@ _COUNTS_PER_RAD: Final = COUNTS_PER_REV / (2.0 * math.pi)
 
 
 class Drive:
-    """Controllers, motor and health of one servo.
+    """Controllers and motor of one servo.
 
     Args:
         table: Its registers.
         motor: Its motor.
         mechanism: The mechanism that the motor moves.
         model: The servo's model.
-        current_offset: Offset of the current sensor [A].
-        now_ns: The time [ns].
     """
 
     def __init__(
@@ -53,8 +51,6 @@ class Drive:
         motor: Motor,
         mechanism: Mechanism,
         model: Model,
-        current_offset: float,
-        now_ns: int,
     ) -> None:
         self.table = table
         self._memory = table.memory
@@ -66,7 +62,6 @@ class Drive:
         """[A] per unit of current; 0 where there is none"""
         self.held_pose = False
         """The measured current and velocity are those of ``measured.HELD_POSE``"""
-        self._offset = current_offset
         self._loops = mechanism.has_current_loop
         self._stepped_current = motor.senses_supply
         self._on = False
@@ -76,7 +71,6 @@ class Drive:
         self._duty = 0.0
         self._lost = 0
         self.controllers = Controllers(table)
-        self.health = Health(table, model.voltage / motor.resistance, now_ns)
         self.mechanism = mechanism
         self.motor = motor
         self.next_ns = _NEVER_NS
@@ -98,7 +92,7 @@ class Drive:
             if self._on:
                 self._on = False
                 self._goal = 0
-                self._limp(now_ns)
+                self.mechanism.release(now_ns)
             return
         if mode == CURRENT_MODE and unlimited and not self._stepped_current:
             if self._active is not None:
@@ -163,23 +157,21 @@ class Drive:
     def electrical(self) -> tuple[float, float]:
         """Return the measured current [A], and the duty (fraction of the supply on the motor).
 
-        Both in the motor's direction. The duty is 0 while the motor is limp, and so is the current
-        but for its sensor's filter and offset.
+        Both in the motor's direction, and 0 while the motor is limp.
         """
         mechanism, motor = self.mechanism, self.motor
-        torque = mechanism.current_torque
-        seen = mechanism.sensed_torque
+        torque = mechanism.torque
         active = self._active is not None
-        if torque == 0.0 and seen == 0.0 and not active:
-            return self._offset, 0.0
+        if torque == 0.0 and not active:
+            return 0.0, 0.0
         speed, volts = mechanism.motor_velocity, self.table.supply
         duty = self._duty
         if not active and (self._on or torque != 0.0):
             duty = motor.duty(torque / motor.torque_constant, volts, speed)
-        current = seen / motor.torque_constant
+        current = torque / motor.torque_constant
         if motor.senses_supply:
             current = motor.sensed(current, volts, speed)
-        return current + self._offset, min(max(duty, -1.0), 1.0)
+        return current, min(max(duty, -1.0), 1.0)
 
     def release(self, now_ns: int) -> None:
         """End every control action; the motor is limp."""
@@ -187,31 +179,14 @@ class Drive:
             self._active = None
             self._duty = 0.0
             self.next_ns = _NEVER_NS
-            self._limp(now_ns)
+            self.mechanism.release(now_ns)
 
     def _hold(self, current: int, now_ns: int) -> None:
         """Hold this current [units] from now on, in current mode."""
         self._goal = current
         self._on = True
-        self._torque(current * self.current_unit * self.motor.torque_constant, now_ns)
-        # The temperature is updated while current flows, and until its heat is accounted for.
-        if self.next_ns == _NEVER_NS:
-            self.next_ns = now_ns + HEALTH_NS
-
-    def _limp(self, now_ns: int) -> None:
-        self.mechanism.release(now_ns)
-        self.health.load(0.0, now_ns)
-
-    def _torque(self, torque: float, now_ns: int) -> None:
+        torque = current * self.current_unit * self.motor.torque_constant
         self.mechanism.command(torque, now_ns)
-        self.health.load(torque / self.motor.torque_constant, now_ns)
-
-    def _voltage(self, duty: float, volts: float, now_ns: int) -> None:
-        """Hold a duty: the torque falls with the speed continuously, not step by step."""
-        motor = self.motor
-        stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
-        self.mechanism.command(stalled, now_ns, motor.braking)
-        self.health.load(motor.current(duty, volts, self.mechanism.motor_velocity), now_ns)
 
     def _catch_up(self, now_ns: int) -> None:
         """Compute every step up to ``now_ns``."""
@@ -220,22 +195,12 @@ class Drive:
         while self.next_ns <= now_ns:
             time_ns = self.next_ns
             mechanism.advance(time_ns)
-            if self._active is not None:
-                self.next_ns = time_ns + STEP_NS
-                self._step(time_ns)
-            else:
-                self.next_ns = time_ns + HEALTH_NS if self._goal else _NEVER_NS
-                self.health.settle(time_ns)
-                self.update(time_ns)  # an error may have switched the torque off
+            self.next_ns = time_ns + STEP_NS
+            self._step(time_ns)
 
     def _step(self, now_ns: int) -> None:
         """Compute one period of the controllers."""
-        memory, motor, health, volts = self._memory, self.motor, self.health, self.table.supply
-        if now_ns >= health.due_ns:
-            health.settle(now_ns)
-        if not memory["torque_enable"]:
-            self.update(now_ns)
-            return
+        memory, motor, volts = self._memory, self.motor, self.table.supply
         speed = self.mechanism.motor_velocity
         mode = self._active
         cap = None
@@ -243,7 +208,6 @@ class Drive:
             wanted = motor.from_sensed(self.table.current * self.current_unit, volts, speed)
             asked = motor.duty(wanted, volts, speed)
             limit = abs(memory["goal_pwm"]) / PWM_FULL
-            at_limit = False
         else:
             inverted = self.table.inverts_current
             sign = self.table.position_inverted if mode in POSITION_MODES else 1 - 2 * inverted
@@ -255,7 +219,6 @@ class Drive:
             output = self.controllers.output(self.position(), seen)
             asked = sign * output / PWM_FULL
             limit = 1.0
-            at_limit = mode != PWM_MODE and abs(output) >= abs(memory["goal_pwm"])
             if mode == CURRENT_POSITION_MODE:
                 cap = abs(memory["goal_current"]) * self.current_unit
         duty = self._sloped(_clamp(asked, limit), volts)
@@ -265,17 +228,14 @@ class Drive:
         if cap is not None:
             most = motor.from_sensed(math.copysign(cap, current), volts, speed)
             if abs(current) > abs(most):
-                current, regulated, at_limit = most, True, True
+                current, regulated = most, True
                 duty = motor.duty(current, volts, speed)
         self._duty = duty
         if regulated:
-            self._torque(motor.torque_constant * current, now_ns)
-        else:
-            self._voltage(duty, volts, now_ns)
-        slow = abs(speed) <= memory["moving_threshold"] * VELOCITY_UNIT
-        health.watch_output(at_limit and slow, now_ns)
-        if not memory["torque_enable"]:
-            self.update(now_ns)
+            self.mechanism.command(motor.torque_constant * current, now_ns)
+        else:  # the torque of a held duty falls with the speed continuously, not step by step
+            stalled = motor.current(duty, volts, 0.0) * motor.torque_constant
+            self.mechanism.command(stalled, now_ns, motor.braking)
 
     def _sloped(self, duty: float, volts: float) -> float:
         """Return the duty that PWM Slope allows; models without one follow at once."""

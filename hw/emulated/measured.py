@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables import VELOCITY_UNIT
+from haptic_wall.hw.dynamixel.registers import VELOCITY_UNIT
 from haptic_wall.hw.emulated.control_modes import PWM_FULL
 from haptic_wall.hw.emulated.drive import Drive
 
@@ -19,20 +19,17 @@ _LOAD_FULL = 1000
 """Present Load at full output [0.1 %]"""
 
 
-def measured(drive: Drive, tick: int, now_ns: int) -> bytes:
+def measured(drive: Drive, tick: int) -> bytes:
     """Return the bytes of the measured registers.
 
     The velocity is the true one, unfiltered. Present Load, which replaces Present Current in models
     without current control, is the output: "inferred from the internal output value".
 
     Args:
-        drive: The servo's drive, advanced to ``now_ns``.
+        drive: The servo's drive, advanced to the present time.
         tick: Realtime Tick.
-        now_ns: The time [ns].
     """
-    table, health = drive.table, drive.health
-    if now_ns >= health.due_ns:
-        health.settle(now_ns)
+    table = drive.table
     # An unlimited motion may exceed the registers' range.
     position = min(max(drive.position(), _LOWEST), _HIGHEST)
     velocity = 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
-from haptic_wall.hw.dynamixel.tables import Register
+from haptic_wall.hw.dynamixel.registers import Register
 
 _DATA, _ADDRESS = "indirect_data_", "indirect_address_"
 

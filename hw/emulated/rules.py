@@ -9,7 +9,8 @@ Source: ROBOTIS e-Manual, control table pages of the X series.
 from __future__ import annotations
 
 from haptic_wall.hw.dynamixel.codec import ErrorCode
-from haptic_wall.hw.dynamixel.tables import CURRENT_MODE, WATCHDOG_TRIPPED, Model, Register
+from haptic_wall.hw.dynamixel.registers import CURRENT_MODE, WATCHDOG_TRIPPED, Register
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.memory import Memory
 
 _REVERSE, _TORQUE_ON_BY_GOAL = 0x01, 0x08

@@ -9,15 +9,15 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from haptic_wall.hw.dynamixel.codec import ALERT, MAX_ID, ErrorCode
-from haptic_wall.hw.dynamixel.tables import (
+from haptic_wall.hw.dynamixel.registers import (
     BAUD_RATES,
     COUNTS_PER_REV,
     EEPROM_END,
     RETURN_DELAY_UNIT_NS,
     TICK_MODULUS,
     WATCHDOG_UNIT_NS,
-    Model,
 )
+from haptic_wall.hw.dynamixel.tables import Model
 from haptic_wall.hw.emulated.control_modes import EXTENDED_MODE, POSITION_MODE
 from haptic_wall.hw.emulated.drive import Drive
 from haptic_wall.hw.emulated.measured import measured
@@ -115,14 +115,7 @@ class EmulatedServo:
         """End of its boot [ns]"""
         self._tick = tick
         self._boot_ns = self._heard_ns = start_ns
-        self.drive = Drive(
-            self.table,
-            motor,
-            self.mechanism,
-            model,
-            true.current_offset,
-            start_ns,
-        )
+        self.drive = Drive(self.table, motor, self.mechanism, model)
         self._preset("firmware_version", firmware)
         self._preset("id", id)
         self._preset("baud_rate", BAUD_RATES.index(baud))
@@ -214,12 +207,9 @@ class EmulatedServo:
         self.drive.update(now_ns)
 
     def set_ambient(self, celsius: float, now_ns: int) -> None:
-        """Set the ambient temperature [°C] from ``now_ns`` [ns] on; the motor's heat adds to it."""
+        """Set the temperature [°C] from ``now_ns`` [ns] on: the motor's heat is not simulated."""
         self.drive.advance(now_ns)
-        health = self.drive.health
-        health.settle(now_ns)
-        self.table.temperature += celsius - health.ambient
-        health.ambient = celsius
+        self.table.temperature = celsius
         self.table.check_health()
         self.drive.update(now_ns)
 
@@ -325,7 +315,6 @@ class EmulatedServo:
     def _power_up(self, now_ns: int) -> None:
         self._boot_ns = now_ns
         self.drive.release(now_ns)
-        self.drive.health.settle(now_ns)
         self.table.power_up()
         self.drive.update(now_ns)
 
@@ -342,4 +331,4 @@ class EmulatedServo:
         """Store the measurements of ``now_ns`` in the registers."""
         self.drive.advance(now_ns)
         tick = (self._tick + (now_ns - self._boot_ns) // 1_000_000) % TICK_MODULUS
-        self.memory.overwrite(measured(self.drive, tick, now_ns))
+        self.memory.overwrite(measured(self.drive, tick))

@@ -12,7 +12,7 @@ With backlash between motor and output F is counted from the end of the backlash
 is 0 within it. While the motor keeps its direction, or sticks, and the transmission its contact,
 the equations are linear: their power series is exact to rounding. It also gives the instant of an
 event (the motor stops or breaks away, a contact begins or ends). Events are looked for at the ends
-of substeps, so one that is undone within a substep is missed. Weight, cogging, ripple and friction
+of substeps, so one that is undone within a substep is missed. Weight, cogging and friction
 that depends on speed or load are held over a substep at the values of its middle.
 
 The functions are plain, so that Numba compiles them as they are. The state is a buffer (a list, or
@@ -33,7 +33,6 @@ from haptic_wall.hw.plant.mechanics import (
     friction_at,
     longest,
     most_friction,
-    ripple_at,
     weight_at,
 )
 from haptic_wall.hw.plant.step import Hand
@@ -100,9 +99,8 @@ def swing(  # noqa: PLR0915 - in one piece for speed: every period of such a ser
         x = end
         for i in range(count):
             x += z[2 * i + 1]
-        motor = torque - braking * v
-        made = motor + motor * ripple_at(p, x)
-        push = torque + (made - motor) + cogging_at(p, x)
+        made = torque - braking * v
+        push = torque + cogging_at(p, x)
         weight = weight_at(p, end)
         most = most_friction(p, made, -passed)
         stuck = v == 0.0 and abs(push - passed) <= most and not p.smooth
@@ -110,11 +108,11 @@ def swing(  # noqa: PLR0915 - in one piece for speed: every period of such a ser
         if not stuck and not p.smooth:
             direction = math.copysign(1.0, v if v != 0.0 else push - passed)
         viscous = (p.forth if direction >= 0.0 else p.back) + braking
-        friction, excess = friction_at(p, abs(v), made, -passed)
+        friction = friction_at(p, abs(v), made, -passed)
         kick = push - direction * friction
         if p.uneven:
             gain = (kick - passed - viscous * v) / p.inertia
-            length = min(length, longest(p, length, abs(v), gain, excess))
+            length = min(length, longest(p, length, abs(v), gain))
             n = _series(
                 *(p, links, z, side, stuck, viscous, stiffness, grip),
                 *(kick + ahead, -ahead, weight, slope, length),
@@ -126,11 +124,10 @@ def swing(  # noqa: PLR0915 - in one piece for speed: every period of such a ser
                 x += _one(z, n, size, 2 * i + 1, 0.5)
             if side != 0.0:
                 passed = joint * bent - ahead + loss * (pace - fast)
-            motor = torque - braking * pace
-            made = motor + motor * ripple_at(p, x)
-            push = torque + (made - motor) + cogging_at(p, x)
+            made = torque - braking * pace
+            push = torque + cogging_at(p, x)
             weight = weight_at(p, there)
-            friction, _ = friction_at(p, abs(pace), made, -passed)
+            friction = friction_at(p, abs(pace), made, -passed)
             kick = push - direction * friction
             if v == 0.0 and direction * (kick - passed) < 0.0:
                 kick = passed  # it breaks away just now

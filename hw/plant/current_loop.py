@@ -75,7 +75,7 @@ def drive_of(true: TrueServo, winding: Winding) -> Drive:
     stall, fastest = winding
     back_emf = stall / fastest if true.back_emf else 0.0
     droop = true.current_droop * back_emf / fastest if true.back_emf else 0.0
-    acts = any((true.current_bandwidth, true.current_period, true.dead_band, true.current_filter))
+    acts = any((true.current_bandwidth, true.current_period, true.dead_band))
     return Drive(
         math.tau * true.current_bandwidth,
         true.dead_band,
@@ -149,14 +149,12 @@ class CurrentLoop:
         self._drive = drive
         self._period_ns = round(true.current_period * 1e9)
         self.begin_ns = self._start_ns = start_ns
-        self._filter_rate = math.tau * true.current_filter
         self._goal = 0.0
         self._regulated = False
         """Whether a current is controlled; otherwise a voltage is held, or the motor is limp"""
-        self._u = self._target = self._mean = self._braking = 0.0
+        self._u = self._target = self._braking = 0.0
         self._duration = 0.0
         self._speed = self._acceleration = 0.0
-        self._sensed = self._sensed_now = 0.0
 
     @property
     def end_ns(self) -> int:
@@ -168,11 +166,6 @@ class CurrentLoop:
         """Whether the torque stays as it is until something is commanded."""
         follows_speed = self._regulated and self._drive.back_emf > 0.0
         return self._braking == 0.0 and self._u == self._target and not follows_speed
-
-    @property
-    def sensed(self) -> float:
-        """Return the measured torque, behind its filter [N·m]."""
-        return self._sensed_now
 
     def feed(self, stall_torque: float) -> None:
         """Change the supply, by what it makes at a standstill [N·m]; acts from the next step on."""
@@ -212,29 +205,13 @@ class CurrentLoop:
         """Return torque [N·m] and braking [N·m·s/rad] to hold from ``begin_ns`` to ``until_ns``."""
         duration = (until_ns - self.begin_ns) * 1e-9
         self._duration = duration
-        self._mean = mean_of(self._drive, self._target, self._u, duration)
-        return self._mean, self._braking
+        return mean_of(self._drive, self._target, self._u, duration), self._braking
 
-    def moved(self, distance: float, velocity: float, until_ns: int, *, ended: bool) -> None:
-        """Account for the motion from ``begin_ns`` to ``until_ns`` [ns].
-
-        Args:
-            distance: [rad].
-            velocity: At the end [rad/s].
-            until_ns: As given to ``hold``.
-            ended: The next step begins there; otherwise this one is taken again, to a later time.
-        """
-        duration = self._duration
-        mean = self._mean - self._braking * distance / duration
-        kept = math.exp(-self._filter_rate * duration) if self._filter_rate else 0.0
-        self._sensed_now = (
-            mean + (self._sensed - mean) * kept if self._filter_rate else self.torque(velocity)
-        )
-        if ended:
-            self._sensed = self._sensed_now
-            self._acceleration = (velocity - self._speed) / duration
-            self._u = self._value()
-            self._begin(velocity, until_ns)
+    def moved(self, velocity: float, until_ns: int) -> None:
+        """End the step at ``until_ns`` [ns], at this velocity [rad/s]; the next begins there."""
+        self._acceleration = (velocity - self._speed) / self._duration
+        self._u = self._value()
+        self._begin(velocity, until_ns)
 
     def torque(self, velocity: float) -> float:
         """Return the torque that acts where the last motion ended [N·m].

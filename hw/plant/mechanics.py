@@ -3,20 +3,14 @@
 The whole equation of motion is ::
 
     m x'' = u + e - b x' - A sin(N x + phase) - F sign(x')
-    u     = w (1 + r sin(N_r x + phase_r))                              motor's torque
     e     = hand - G sin(x - angle)                                     external torque
-    F     = c + L(u, e) + (s - c + R(u, e)) exp(-(|x'| / v_s)^n)        friction in motion
-    L     = |l_m u - l_e e|                                             gear load
-    R     = |r_m u - r_e e| + Q
-    Q     = q_e e²  where u and e oppose each other and |e| < |u|: the motor drives
-            q_m u²  where they do and |e| > |u|: the external torque drives
-            0       else
+    F     = c + l |u - e| + (s - c) exp(-|x'| / v_s)                    friction in motion
 
-with w the torque of the motor's current and the viscous friction b one of two values by the
-direction of motion. At rest the body is stuck while the torque on it is at most ``s + L + R``.
+with u the torque of the motor's current and the viscous friction b one of two values by the
+direction of motion. At rest the body is stuck while the torque on it is at most ``s + l |u - e|``.
 
-Source: models M1 to M6 of Duclusaud et al., "Extended Friction Models for the Physics Simulation of
-Servo Actuators" (2024), arXiv:2410.08650.
+Source: models M1 and M3 of Duclusaud et al., "Extended Friction Models for the Physics Simulation
+of Servo Actuators" (2024), arXiv:2410.08650.
 """
 
 from __future__ import annotations
@@ -32,7 +26,7 @@ GRAIN_S = 2.5e-4
 PHASE = 0.02
 """Longest substep, in radians of the fastest oscillation that position-dependent torques make"""
 TEETH = 0.3
-"""Largest change of the phase of cogging and ripple within a substep [rad]"""
+"""Largest change of the phase of the cogging within a substep [rad]"""
 FALL = 0.1
 """Largest change of speed within a substep, in Stribeck speeds, while the friction depends on it"""
 FADED = 12.0
@@ -64,26 +58,15 @@ class Mechanics(NamedTuple):
     excess: float
     """s - c where it fades with the speed; 0 where it is gone at once [N·m]"""
     stribeck: float
-    exponent: float
-    load_motor: float
-    """l_m, and l_e, r_m, r_e, q_m, q_e"""
-    load_external: float
-    rest_motor: float
-    rest_external: float
-    square_motor: float
-    square_external: float
+    load: float
+    """l"""
     gravity: float
     angle: float
     cogging: float
     periods: float
     phase: float
-    ripple: float
-    ripple_periods: float
-    ripple_phase: float
     half: float
     """Half of the backlash: before the encoder, or with a transmission between motor and output"""
-    loaded: bool
-    """Whether the gear adds friction under load"""
     fading: bool
     """Whether the friction depends on the speed"""
     uneven: bool
@@ -94,8 +77,6 @@ class Mechanics(NamedTuple):
     """Longest substep [s]"""
     faded: float
     """Speed from which on nothing is left of the excess friction [rad/s]"""
-    fall: float
-    """Largest change of speed in a substep, in Stribeck speeds"""
     masses: int
     """Behind the motor; 0: rigid"""
     rate: float
@@ -104,23 +85,13 @@ class Mechanics(NamedTuple):
 
 def mechanics_of(true: TrueServo) -> Mechanics:
     """Return the mechanics of a simulated servo."""
-    external, rest = true.load_friction_external, true.load_friction_at_rest_external
-    load = (
-        true.load_friction,
-        true.load_friction if external is None else external,
-        true.load_friction_at_rest,
-        true.load_friction_at_rest if rest is None else rest,
-        true.load_friction_square,
-        true.load_friction_square_external,
-    )
     static = true.static_friction or true.coulomb
     back = true.damping if true.damping_back is None else true.damping_back
-    stribeck, exponent = true.stribeck_speed, true.stribeck_exponent
-    excess = static - true.coulomb if stribeck > 0.0 else 0.0
-    fading = stribeck > 0.0 and (excess > 0.0 or any(load[2:]))
+    excess = static - true.coulomb if true.stribeck_speed > 0.0 else 0.0
+    fading = excess > 0.0
     cogs = true.cogging * true.cogging_periods
     stiffness = true.gravity + cogs
-    uneven = fading or any(load) or true.torque_ripple > 0.0 or stiffness > 0.0
+    uneven = fading or true.load_friction > 0.0 or stiffness > 0.0
     grain, rate = GRAIN_S if uneven else math.inf, 0.0
     smooth = not uneven and static == 0.0 and back == true.damping and true.backlash == 0.0
     if not true.flexible:
@@ -134,7 +105,6 @@ def mechanics_of(true: TrueServo) -> Mechanics:
         rate = fastest + max(fades) + max(true.damping, back) / true.inertia
         if not smooth:
             grain = min(grain, LOOK_S, max(TURN / fastest, FINEST_S))
-        cogs += true.torque_ripple * true.torque_ripple_periods * true.torque_limit
         if cogs > 0.0:
             grain = min(grain, finest(true.inertia, cogs))
         if true.gravity > 0.0:
@@ -146,31 +116,19 @@ def mechanics_of(true: TrueServo) -> Mechanics:
         coulomb=true.coulomb,
         static=static,
         excess=excess,
-        stribeck=stribeck,
-        exponent=exponent,
-        load_motor=load[0],
-        load_external=load[1],
-        rest_motor=load[2],
-        rest_external=load[3],
-        square_motor=load[4],
-        square_external=load[5],
+        stribeck=true.stribeck_speed,
+        load=true.load_friction,
         gravity=true.gravity,
         angle=true.gravity_angle,
         cogging=true.cogging,
         periods=true.cogging_periods,
         phase=true.cogging_phase,
-        ripple=true.torque_ripple,
-        ripple_periods=true.torque_ripple_periods,
-        ripple_phase=true.torque_ripple_phase,
         half=0.5 * true.backlash,
-        loaded=any(load),
         fading=fading,
         uneven=uneven,
         smooth=smooth,
         grain=grain,
-        faded=stribeck * FADED ** (1.0 / exponent),
-        # A small exponent makes the fall steep at the start.
-        fall=math.pow(FALL, 1.0 / exponent) if exponent < 1.0 else FALL / exponent,
+        faded=true.stribeck_speed * FADED,
         masses=len(true.links) if true.flexible else 0,
         rate=rate,
     )
@@ -196,75 +154,43 @@ def cogging_at(p: Mechanics, position: float) -> float:
     return -p.cogging * math.sin(p.periods * position + p.phase) if p.cogging > 0.0 else 0.0
 
 
-def ripple_at(p: Mechanics, position: float) -> float:
-    """Return the torque ripple at a position, as a fraction of the motor's mean torque."""
-    if p.ripple == 0.0:
-        return 0.0
-    return p.ripple * math.sin(p.ripple_periods * position + p.ripple_phase)
-
-
-def load_in_motion(p: Mechanics, motor: float, external: float) -> float:
-    """Return L for the torques of both sides [N·m]."""
-    return abs(p.load_motor * motor - p.load_external * external)
-
-
-def load_at_rest(p: Mechanics, motor: float, external: float) -> float:
-    """Return R for the torques of both sides [N·m]."""
-    found = abs(p.rest_motor * motor - p.rest_external * external)
-    if motor * external < 0.0:
-        own, other = abs(motor), abs(external)
-        if other < own:
-            found += p.square_external * external * external
-        elif other > own:
-            found += p.square_motor * motor * motor
-    return found
-
-
 def most_friction(p: Mechanics, motor: float, external: float) -> float:
-    """Return the largest friction at rest [N·m]."""
-    if not p.loaded:
-        return p.static
-    return p.static + load_in_motion(p, motor, external) + load_at_rest(p, motor, external)
+    """Return the largest friction at rest, for the torques of both sides [N·m]."""
+    return p.static + abs(p.load * motor - p.load * external) if p.load > 0.0 else p.static
 
 
 def left_of_excess(p: Mechanics, speed: float) -> float:
     """Return the fraction of the static friction's excess that is left at this speed."""
     if speed > p.faded:
         return 0.0
-    if p.exponent == 1.0:
-        return math.exp(-speed / p.stribeck)
-    return math.exp(-math.pow(speed / p.stribeck, p.exponent))
+    return math.exp(-speed / p.stribeck)
 
 
-def friction_at(p: Mechanics, speed: float, motor: float, external: float) -> tuple[float, float]:
-    """Return the friction in motion, and the excess of that at rest [N·m]."""
-    friction, excess = p.coulomb, p.excess
-    if p.loaded:
-        friction += load_in_motion(p, motor, external)
-        if p.fading:
-            excess += load_at_rest(p, motor, external)
+def friction_at(p: Mechanics, speed: float, motor: float, external: float) -> float:
+    """Return the friction in motion [N·m]."""
+    friction = p.coulomb
+    if p.load > 0.0:
+        friction += abs(p.load * motor - p.load * external)
     if p.fading:
-        friction += excess * left_of_excess(p, speed)
-    return friction, excess
+        friction += p.excess * left_of_excess(p, speed)
+    return friction
 
 
-def longest(p: Mechanics, grain: float, speed: float, gain: float, excess: float) -> float:
-    """Return the longest substep [s] at this speed, acceleration [rad/s²] and excess [N·m]."""
+def longest(p: Mechanics, grain: float, speed: float, gain: float) -> float:
+    """Return the longest substep [s] at this speed and acceleration [rad/s²]."""
     if p.cogging > 0.0 and p.periods * speed * grain > TEETH:
         grain = max(TEETH / (p.periods * speed), SHORTEST_S)
-    if p.ripple > 0.0 and p.ripple_periods * speed * grain > TEETH:
-        grain = max(TEETH / (p.ripple_periods * speed), SHORTEST_S)
-    if not p.fading or excess == 0.0:
+    if not p.fading:
         return grain
     # The error of a substep goes with the square of the change and with what is left of the
     # excess: the further it has faded, the longer the substep. Twice: the speed changes in it.
-    change = p.fall * p.stribeck
+    change = FALL * p.stribeck
     length, slower = grain, speed
     for _ in range(2):
         if slower > p.faded:
             return length
         left = math.sqrt(left_of_excess(p, slower))
-        steepest = excess / p.inertia * left * left
+        steepest = p.excess / p.inertia * left * left
         length = min(grain, change / (left * (abs(gain) + steepest)))
         slower = max(speed - abs(gain) * length, 0.0)
     return max(length, SHORTEST_S)

@@ -15,7 +15,7 @@ from haptic_wall.hw.hand import Grasp
 from haptic_wall.hw.plant.chain import room, swing
 from haptic_wall.hw.plant.current_loop import CurrentLoop, Winding, drive_of
 from haptic_wall.hw.plant.encoder import EncoderErrors
-from haptic_wall.hw.plant.mechanics import links_of, mechanics_of, ripple_at
+from haptic_wall.hw.plant.mechanics import links_of, mechanics_of
 from haptic_wall.hw.plant.operator_model import Grasped, OperatorModel, operator_of
 from haptic_wall.hw.plant.step import NOBODY, Hand, Kept, kept_for, move
 from haptic_wall.hw.truth import TrueServo
@@ -116,20 +116,9 @@ class Mechanism:
     @property
     def torque(self) -> float:
         """Return the motor's acting torque [N·m], from the present time on."""
-        torque = self.current_torque
-        return torque + torque * ripple_at(self._mechanics, self.motor_position)
-
-    @property
-    def current_torque(self) -> float:
-        """Return the torque of the motor's current without ripple [N·m]."""
         if self._loop is not None:
             return self._loop.torque(self.motor_velocity)
         return self._torque - self._braking * self.motor_velocity
-
-    @property
-    def sensed_torque(self) -> float:
-        """Return the torque that the motor's current is measured to make, filtered [N·m]."""
-        return self.current_torque if self._loop is None else self._loop.sensed
 
     @property
     def has_current_loop(self) -> bool:
@@ -286,11 +275,9 @@ class Mechanism:
                 end_ns = min(end_ns, max(self._operator_ns, self.time_ns + 1))
             stop_ns = min(end_ns, until_ns)
             self._torque, self._braking = loop.hold(stop_ns)
-            begin = self.motor_position
             self._move(stop_ns)
-            ended = stop_ns == end_ns
-            loop.moved(self.motor_position - begin, self.motor_velocity, stop_ns, ended=ended)
-            if ended:
+            if stop_ns == end_ns:
+                loop.moved(self.motor_velocity, stop_ns)
                 self._stepped = self._state()
 
     def _state(self) -> tuple[float, float, float, float, list[float]]:

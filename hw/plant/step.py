@@ -21,11 +21,9 @@ from typing import NamedTuple
 from haptic_wall.hw.plant.mechanics import (
     Mechanics,
     cogging_at,
-    finest,
     friction_at,
     longest,
     most_friction,
-    ripple_at,
     weight_at,
 )
 from haptic_wall.hw.plant.motion import response, time_to_rest
@@ -123,13 +121,7 @@ def move(  # noqa: PLR0912, PLR0915 - in one piece for speed: every period takes
     ramp = spring * slope
     left = grain = duration
     if uneven:
-        most = p.grain
-        if p.ripple > 0.0:
-            changes = p.gravity + p.cogging * p.periods
-            changes += p.ripple * p.ripple_periods * abs(torque)
-            if changes > 0.0:
-                most = finest(inertia, changes)
-        grain = duration / max(1.0, math.ceil(duration / most - 1e-9))
+        grain = duration / max(1.0, math.ceil(duration / p.grain - 1e-9))
     rests = 0
     while left > 0.0:
         outside = 0.0
@@ -235,14 +227,13 @@ def _leaves(
     external = outside
     if p.uneven:
         external += weight_at(p, x)
-        torque += torque * ripple_at(p, x)
         push = torque + external + cogging_at(p, x)
     most = most_friction(p, torque, external)
     if abs(push) > most:
         return math.copysign(1.0, push), 0.0
     if ramp == 0.0:
         return 0.0, left
-    if not p.loaded:
+    if p.load == 0.0:
         direction = math.copysign(1.0, ramp)
         wait = max(most - direction * push, 0.0) / abs(ramp)
         return (direction, wait) if wait < left else (0.0, left)
@@ -278,23 +269,19 @@ def _held(
     The torque is at the start, for the operator's part; friction and the others as in the middle.
     """
     weight, cogs = weight_at(p, x), cogging_at(p, x)
-    motor = torque - braking * v
-    ripple = motor * ripple_at(p, x)
-    friction, excess = friction_at(p, abs(v), motor + ripple, outside - grip * v + weight)
-    push = torque + outside + weight + ripple + cogs - direction * friction
+    friction = friction_at(p, abs(v), torque - braking * v, outside - grip * v + weight)
+    push = torque + outside + weight + cogs - direction * friction
     gain = (push - (viscous + grip) * v) / p.inertia
-    length = min(most, longest(p, most, abs(v), gain, excess))
+    length = min(most, longest(p, most, abs(v), gain))
 
     half = 0.5 * length
     middle, pace = x + half * v, v + half * gain
     if pace * direction < 0.0:
         pace = 0.0
     weight, cogs = weight_at(p, middle), cogging_at(p, middle)
-    motor = torque - braking * pace
-    ripple = motor * ripple_at(p, middle)
     there = outside + stiffness * (slope * half + x - middle) - grip * pace
-    friction, _ = friction_at(p, abs(pace), motor + ripple, there + weight)
-    push = torque + outside + weight + ripple + cogs - direction * friction
+    friction = friction_at(p, abs(pace), torque - braking * pace, there + weight)
+    push = torque + outside + weight + cogs - direction * friction
     if v == 0.0 and direction * push < 0.0:
         push = 0.0  # it breaks away just now: what holds it grows faster than what pushes
     return push, length

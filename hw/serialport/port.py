@@ -10,13 +10,10 @@ import errno
 import fcntl
 import logging
 import os
-import re
 import stat
 import struct
 import termios
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -31,10 +28,7 @@ _LOG = logging.getLogger(__name__)
 
 _BAUD_TOLERANCE: Final = 0.03
 """Largest relative difference between the two ends that an asynchronous receiver tolerates."""
-_WINDOWS: Final = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
-_DEVICE: Final = re.compile(r"tty(USB|ACM|AMA|S|THS|mxc)\d+|serial/by-\w+/.+")
 _TCGETS2: Final = 0x802C542A
-_TCSETS2: Final = 0x402C542B
 _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 
 
@@ -98,38 +92,6 @@ def open_port(path: str, baud: int) -> int:
     return descriptor
 
 
-@contextmanager
-def kept_settings(path: str) -> Iterator[None]:
-    """Restore a port's speed and modes at the end of a block.
-
-    Where the port cannot be opened, or this kernel numbers the requests differently, nothing is
-    restored.
-
-    Args:
-        path: The device; it may be opened and closed inside.
-    """
-    before = _settings(path)
-    try:
-        yield
-    finally:
-        if before is not None:
-            _settings(path, before)
-
-
-def _settings(path: str, wanted: bytes | None = None) -> bytes | None:
-    """Read a port's settings, or write ``wanted``; None: not possible."""
-    request = (_TCGETS2, bytes(_TERMIOS2.size)) if wanted is None else (_TCSETS2, wanted)
-    descriptor = -1
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        return fcntl.ioctl(descriptor, *request)
-    except OSError:
-        return None
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
-
-
 def device_number(path: str) -> int:
     """Return the device's number.
 
@@ -174,27 +136,13 @@ def open_error(path: str, error: OSError) -> PortError:
 
 def _other_name(path: str) -> str:
     """Return the advice for a name behind which there is no device."""
-    if "://" in path:
-        return (
-            "wanted a serial device of this computer, e.g. /dev/ttyUSB0; a port on the network has"
-            " no bounded delay."
-        )
-    if _WINDOWS.fullmatch(path):
-        return (
-            "wanted a device of Linux, e.g. /dev/ttyUSB0; in WSL, attach the adapter with usbipd"
-            " first."
-        )
-    if _DEVICE.fullmatch(path):
-        return f"give the whole path, /dev/{path}."
     if not Path(path).is_relative_to("/dev"):
         return (
-            f"start an emulated bus there (`haptic-wall emulate --link {path}`), or name another"
-            " port."
+            "name a serial device of this computer with its whole path, e.g. /dev/ttyUSB0, or start"
+            f" an emulated bus there (`haptic-wall emulate --link {path}`)."
         )
     if not Path(path).is_relative_to("/dev/pts"):
         return "plug the adapter in, or name another port."
-    if not any(Path("/dev/pts").glob("*")):
-        return "no /dev/pts is mounted here: `sudo mount -t devpts devpts /dev/pts` mounts it."
     return (
         "this pseudo-terminal is gone: start its emulated bus again, and name the path that it"
         " prints; `haptic-wall emulate --link PATH` keeps one path."

@@ -1,24 +1,16 @@
 """Finds other users of a port, and keeps them off it while it is in use.
 
-A second program on the bus garbles frames and takes replies away. Three measures are combined,
-because none of them suffices alone:
-
-1. **Exclusive use** (TIOCEXCL). The kernel refuses further openings, but not those of root.
-   It is released at the end; where this process is killed, the last close of the port does it.
-   A pseudo-terminal would stay refused, because its users do not close it last: there the measure
-   is omitted.
-2. **Detection of openings** (inotify), also by root, without the name of the program.
-3. **Search of open files** (``/proc``), a few processes at each look, so that all processes visible
-   to this user are searched within a second, and sooner after an opening.
+A second program on the bus garbles frames and takes replies away. The kernel refuses further
+openings (TIOCEXCL), but not those of root, and not on a pseudo-terminal: its users do not close it
+last, so that it would stay refused. So the open files of all processes that this user may see are
+searched too, a few processes at each look.
 """
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import os
 import stat
-import struct
 import termios
 from collections.abc import Iterator
 from contextlib import suppress
@@ -28,13 +20,6 @@ from typing import Final
 LOOKS: Final = 24
 """Number of looks to search all processes: a second at one look per 40 ms, as with the slowest
 loop, and usually half of that"""
-URGENT: Final = 4
-"""The same after the port was opened"""
-_PATIENCE: Final = 10
-"""Number of looks that an opening by an invisible program may last"""
-_IN_CLOSE: Final = 0x08 | 0x10
-_IN_OPEN: Final = 0x20
-_EVENT: Final = struct.Struct("=iIII")
 _PTMX: Final = os.makedev(5, 2)
 """The device behind the controlling end of every pseudo-terminal"""
 _PTS_MAJORS: Final = range(136, 144)
@@ -101,52 +86,33 @@ class PortUsers:
 
     Args:
         descriptor: The open port; it stays open.
-
-    Attributes:
-        brief: Whether another program opened and closed the port without being identified.
     """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._device = os.fstat(descriptor).st_rdev
-        self._path = str(_link(descriptor).readlink())
+        self._path = os.readlink(f"/proc/self/fd/{descriptor}")  # noqa: PTH115
         self._left: list[int] = []
         """Processes that this round has not searched yet"""
         self._at_once = 1
-        self._opened = 0
-        """Openings by others without a close"""
-        self._unseen = 0
-        """Looks since then"""
-        self.brief = False
         if not is_pseudo(self._device):
             exclusive(descriptor, True)
-        self._events = _openings(descriptor)
 
     def look(self) -> str:
         """Search some processes; return a text about other users of the port, or an empty one."""
-        noticed = self._opening_noticed()
-        if noticed or not self._left:
+        if not self._left:
             self._left = _processes()
-            self._at_once = -(-len(self._left) // (URGENT if noticed else LOOKS))
+            self._at_once = -(-len(self._left) // LOOKS)
         some, self._left = self._left[: self._at_once], self._left[self._at_once :]
-        if text := self._search(some):
-            return text
-        self._unseen = self._unseen + 1 if self._opened else 0
-        return self._unknown() if self._unseen > _PATIENCE else ""
+        return self._search(some)
 
     def look_everywhere(self) -> str:
         """Search all processes at once; see ``look``."""
-        if text := self._search(_processes()):
-            return text
-        self._opening_noticed()
-        return self._unknown() if self._opened else ""
+        return self._search(_processes())
 
     def close(self) -> None:
         """Release the port for others."""
         exclusive(self._descriptor, False)
-        if self._events >= 0:
-            os.close(self._events)
-            self._events = -1
 
     def _search(self, pids: list[int]) -> str:
         for pid in pids:
@@ -154,28 +120,6 @@ class PortUsers:
             if program is not None and not _descends(pid, os.getpid()):
                 return f"{program} (pid {pid}) has opened {self._path}"
         return ""
-
-    def _unknown(self) -> str:
-        return f"a program of another user has opened {self._path}"
-
-    def _opening_noticed(self) -> bool:
-        """Read the events; return whether the port was opened since the last look."""
-        data = b""
-        if self._events >= 0:
-            with suppress(BlockingIOError):
-                data = os.read(self._events, 4096)
-        new = False
-        at = 0
-        while at < len(data):
-            _, mask, _, length = _EVENT.unpack_from(data, at)
-            at += _EVENT.size + length
-            if mask & _IN_OPEN:
-                self._opened += 1
-                new = True
-            elif mask & _IN_CLOSE and self._opened:
-                self._opened -= 1
-                self.brief |= not self._opened
-        return new
 
 
 def exclusive(descriptor: int, wanted: bool) -> None:
@@ -205,21 +149,6 @@ def _target(entry: str) -> int | None:
     except OSError:
         return None
     return found.st_rdev if stat.S_ISCHR(found.st_mode) else None
-
-
-def _link(descriptor: int) -> Path:
-    return Path(f"/proc/self/fd/{descriptor}")
-
-
-def _openings(descriptor: int) -> int:
-    """Return a descriptor that reports openings and closings of a port; -1: not supported."""
-    library = ctypes.CDLL(None)
-    events = int(library.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC))
-    path = os.fsencode(_link(descriptor))  # the device itself, whatever its name
-    if events >= 0 and library.inotify_add_watch(events, path, _IN_OPEN | _IN_CLOSE) < 0:
-        os.close(events)
-        return -1
-    return events
 
 
 def _descends(pid: int, ancestor: int) -> bool:

@@ -27,14 +27,14 @@ from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from scripts.rates import lower_bound
 from scripts.study import Found, Option, Part, Study, table
-from tests.support.real_servos import ALL, EFFECTS, IDEAL, SHAPES, WHOLE, drawn_servo, truth_of
+from tests.support.real_servos import ALL, EFFECTS, IDEAL, drawn_servo, truth_of
 from tests.support.real_servos import KINDS as REAL_KINDS
 from tests.support.real_servos import Kind as RealKind
 
 SEEDS = 50
 FIRST = 7000
 """Seed of the first servo with an effect"""
-DRAWN = (IDEAL, *EFFECTS, *SHAPES, ALL, WHOLE)
+DRAWN = (IDEAL, *EFFECTS, ALL)
 SPREAD = 0.2
 LONGEST_S = 5e-3
 NAMES = ("inertia", "damping", "coulomb", "delay")

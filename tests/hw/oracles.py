@@ -104,40 +104,9 @@ def _integrate_stretch(
     return position, velocity
 
 
-class Gear(NamedTuple):
-    """Friction of a gear with its loads, and how the motor's torque varies with the position."""
-
-    motor: float = 0.0
-    external: float = 0.0
-    rest_motor: float = 0.0
-    rest_external: float = 0.0
-    square_motor: float = 0.0
-    square_external: float = 0.0
-    exponent: float = 1.0
-    ripple: float = 0.0
-    ripple_periods: float = 24.0
-    ripple_phase: float = 0.0
-
-    def friction(
-        self, coulomb: float, static: float, left: float, motor: float, outside: float
-    ) -> float:
-        """Friction with so much left of what there is at rest [N·m]."""
-        square = 0.0
-        if motor * outside < 0.0 and abs(motor) > abs(outside):
-            square = self.square_external * outside**2
-        if motor * outside < 0.0 and abs(motor) < abs(outside):
-            square = self.square_motor * motor**2
-        moving = coulomb + abs(self.external * outside - self.motor * motor)
-        resting = abs(self.rest_external * outside - self.rest_motor * motor) + square
-        return moving + left * (static - coulomb + resting)
-
-    def made(self, torque: float, x: float) -> float:
-        """What the motor makes [N·m]."""
-        return torque * (1.0 + self.ripple * math.sin(self.ripple_periods * x + self.ripple_phase))
-
-    def left(self, speed: float, stribeck: float) -> float:
-        """Share of the excess at rest that is left at a speed."""
-        return math.exp(-((abs(speed) / stribeck) ** self.exponent)) if stribeck > 0.0 else 0.0
+def _left(speed: float, stribeck: float) -> float:
+    """Share of the excess at rest that is left at a speed."""
+    return math.exp(-abs(speed) / stribeck) if stribeck > 0.0 else 0.0
 
 
 class Uneven(NamedTuple):
@@ -149,7 +118,7 @@ class Uneven(NamedTuple):
     coulomb: float
     static: float
     stribeck: float
-    gear: Gear
+    load: float
     gravity: float
     angle: float
     cogging: float
@@ -163,7 +132,7 @@ class Uneven(NamedTuple):
         self, stretch: Stretch, time: float, x: float, v: float, left: float
     ) -> tuple[float, float]:
         """What pushes the shaft, and its friction with so much left of that at rest [N·m]."""
-        motor = self.gear.made(stretch.torque - self.braking * v, x)
+        motor = stretch.torque - self.braking * v
         reference = stretch.reference + stretch.slope * time
         outside = (
             self.hand_stiffness * (reference - x)
@@ -171,7 +140,8 @@ class Uneven(NamedTuple):
             - self.gravity * math.sin(x - self.angle)
         )
         cogs = -self.cogging * math.sin(self.periods * x + self.phase)
-        friction = self.gear.friction(self.coulomb, self.static, left, motor, outside)
+        friction = self.coulomb + left * (self.static - self.coulomb)
+        friction += self.load * abs(outside - motor)
         return motor + outside + cogs, friction
 
 
@@ -207,7 +177,6 @@ def _integrate_uneven(
                     push, friction = body.torques(stretch, t, here, 0.0, 1.0)
                     return sign * push - friction
 
-                # The square's part of the friction jumps: look at more than the end.
                 times = np.linspace(time, stretch.duration, 200).tolist()
                 leaves = next((k for k, t in enumerate(times) if excess(t) > 0.0), 0)
                 if leaves == 0:
@@ -220,7 +189,7 @@ def _integrate_uneven(
 
         def slope(t: float, state: NDArray[np.float64], sign: float = sign) -> list[float]:
             x, v = state.tolist()
-            push, friction = body.torques(stretch, t, x, v, body.gear.left(v, body.stribeck))
+            push, friction = body.torques(stretch, t, x, v, _left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v
             push -= sign * friction
             return [v, push / body.inertia]
@@ -390,7 +359,7 @@ class Coupled(NamedTuple):
     coulomb: float
     static: float
     stribeck: float
-    gear: Gear
+    load: float
     gravity: float
     angle: float
     cogging: float
@@ -426,9 +395,9 @@ class Coupled(NamedTuple):
         """Return what pushes the motor, and its friction with so much left of that at rest."""
         passed = self.passed(side, *state)
         cogs = -self.cogging * math.sin(self.periods * state[0] + self.phase)
-        made = self.gear.made(stretch.torque, state[0])
-        friction = self.gear.friction(self.coulomb, self.static, left, made, -passed)
-        return made + cogs - passed, friction
+        friction = self.coulomb + left * (self.static - self.coulomb)
+        friction += self.load * abs(passed + stretch.torque)
+        return stretch.torque + cogs - passed, friction
 
 
 def integrate_coupled(
@@ -459,7 +428,7 @@ def _integrate_coupled(
             t: float, now: Sequence[float], sign: float = sign, side: int = side
         ) -> list[float]:
             v = now[1]
-            push, friction = body.net(stretch, side, now, body.gear.left(v, body.stribeck))
+            push, friction = body.net(stretch, side, now, _left(v, body.stribeck))
             push -= (body.forth if sign > 0.0 else body.back) * v + sign * friction
             torques = [body.passed(side, *now)]
             for i, (_, stiffness, damping) in enumerate(body.chain, 1):

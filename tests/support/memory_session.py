@@ -15,8 +15,9 @@ from haptic_wall.controller.runtime.telemetry import ROW, Telemetry
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.hw.clock import Clock, SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.servo import DynamixelServo
-from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine

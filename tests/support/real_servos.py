@@ -52,19 +52,12 @@ EFFECTS = (
     "backlash",
 )
 """Effects, each of which is drawn alone and together with all others"""
-SHAPES = ("exponent", "load at rest", "ripple")
-"""Further effects of published fits and drives: drawn alone, and together with all others"""
 STATIC, STRIBECK = (1.4, 2.5), (1.1, 2.6)
 """Friction at rest over that in motion, and the speed over which it fades [rad/s]: bam's fits"""
 BACKWARD = (0.8, 1.25)
 """Viscous friction at negative over that at positive speeds: not published"""
-EXPONENT = (0.76, 3.0)
-"""Of that fading: bam's fits M2 and M4"""
 LOAD = (0.05, 0.15)
 """Share of the load: 0.076 to 0.122 in bam's fits"""
-LOAD_AT_REST, RIPPLE = (0.0, 0.234), 0.05
-"""Increase of the load friction at rest: bam's fits M4; largest ripple of the torque: not
-published"""
 GRAVITY, COGGING, PERIODS = 1.1, 0.33, (4, 96)
 """Largest torques over the Coulomb friction; periods of the cogging in a turn: not published"""
 ECCENTRICITY, NOISE = 0.005, 0.3
@@ -75,7 +68,7 @@ DROOP, DEAD_BAND = 0.03, 0.03
 """Largest; an MX-106 fits 0.02. Largest dead band over the stall torque: 3 % of an XM430's"""
 BACKLASH = 0.00436
 """Largest between shaft and encoder [rad]: 15 arcmin, in the tables of the XM540 and XH430"""
-ALL, WHOLE = "all together", "with the shapes"
+ALL = "all together"
 IDEAL = "none"
 
 
@@ -84,8 +77,7 @@ def drawn_servo(kind: Kind, effect: str, seed: int) -> Config:
 
     Args:
         kind: The model.
-        effect: ``IDEAL``, one of ``EFFECTS`` or ``SHAPES``, ``ALL`` of ``EFFECTS``, or ``WHOLE``:
-            these and ``SHAPES``.
+        effect: ``IDEAL``, one of ``EFFECTS``, or ``ALL`` of them.
         seed: Decides on all that is drawn; the same servo has the same inertia, friction and delay
             with every effect.
     """
@@ -133,12 +125,6 @@ def _effects(
     loop_period = random.uniform(0.0, LOOP_PERIOD)
     dead_band = random.uniform(0.0, DEAD_BAND * kind.torque_limit)
     backlash = random.uniform(0.0, BACKLASH)
-    exponent, at_rest = random.uniform(*np.transpose([EXPONENT, LOAD_AT_REST])).tolist()
-    ripple = {
-        "torque_ripple": random.uniform(0.0, RIPPLE),
-        "torque_ripple_periods": int(random.integers(*PERIODS, endpoint=True)),
-        "torque_ripple_phase": random.uniform(-math.pi, math.pi),
-    }
     drive = {"current_bandwidth": bandwidth, "current_period": loop_period, "back_emf": True}
     fields: dict[str, dict[str, Any]] = {
         "stribeck": {"static_friction": static * coulomb, "stribeck_speed": stribeck},
@@ -153,14 +139,9 @@ def _effects(
         "droop": {"back_emf": True, "current_droop": droop},
         "dead band": {"dead_band": dead_band},
         "backlash": {"backlash": backlash},
-        "ripple": ripple,
     }
-    fields["exponent"] = {**fields["stribeck"], "stribeck_exponent": exponent}
-    fades = {"stribeck_speed": stribeck, "load_friction_at_rest": at_rest}
-    fields["load at rest"] = {**fields["load"], **fades}
-    if effect in (ALL, WHOLE):
-        shapes = SHAPES if effect == WHOLE else ("stribeck",)
-        every = (*EFFECTS, *shapes)
+    if effect == ALL:
+        every = (*EFFECTS, "stribeck")  # in place of the stiction alone
         return {name: value for each in every for name, value in fields[each].items()}
     return {} if effect == IDEAL else fields[effect]
 

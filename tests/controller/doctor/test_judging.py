@@ -1,12 +1,11 @@
 """What measurements mean: which schedule suits, which rate holds, what the machine grants."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from haptic_wall.controller.doctor.cycles import Phase, Series
 from haptic_wall.controller.doctor.machine import judge_lateness, judge_rights, judge_setup
 from haptic_wall.controller.doctor.replies import Replies
 from haptic_wall.controller.doctor.timing import Wanted, judge_timing, suits, sustainable_hz
@@ -47,23 +46,8 @@ def wanted(
     return Wanted(schedule, rate_hz, baud, **more)
 
 
-def judged(found: Replies, wish: Wanted, *measured: Series) -> dict[str, Check]:
-    return by_name(judge_timing(found, measured or holding(), wish))
-
-
-def holding() -> list[Series]:
-    return [series("immediate", 0, 0, age_ns=MS // 5), series("pipelined", 0, 0)]
-
-
-def series(schedule: Schedule, *shares: float, age_ns: int = MS) -> Series:
-    phases = [
-        Phase(k, 100, round(100 * s), [age_ns] * round(100 * (1 - s))) for k, s in enumerate(shares)
-    ]
-    return Series(schedule, phases, [0], 0)
-
-
-def by_name(findings: Iterable[Check]) -> dict[str, Check]:
-    return {finding.name: finding for finding in findings}
+def judged(found: Replies, wish: Wanted) -> dict[str, Check]:
+    return {finding.name: finding for finding in judge_timing(found, wish)}
 
 
 def test_quick_replies_are_well_in_both_schedules() -> None:
@@ -74,32 +58,21 @@ def test_quick_replies_are_well_in_both_schedules() -> None:
     assert found["schedule"].fix == "set servo.schedule=immediate, which has younger samples"
 
 
-SPOILED = [series("immediate", 0, 0, 1), series("pipelined", 0, 0, 0)]
-NONE = [series("immediate", 0.9, 1), series("pipelined", 0.9, 1)]
-
-
 def test_a_timer_of_1_ms_is_too_slow_for_immediate_and_pipelined_is_named() -> None:
-    found = judged(TIMER, wanted(), *SPOILED)
-    assert {name for name, finding in found.items() if not finding.ok} == {
-        "reply time",
-        "sustainable rate",
-        "schedule immediate",
-        "schedule",
-    }
-    for finding in found.values():
-        if not finding.ok:  # 0.8 / 1.1 ms is 727 Hz
-            assert finding.fix == "set servo.schedule=pipelined, or set loop.rate_hz=500"
-    assert "1 of 3 phases" in found["schedule immediate"].found
-    found = judged(TIMER, wanted("pipelined"), *SPOILED)
+    found = judged(TIMER, wanted())
+    wrong = {name for name, finding in found.items() if not finding.ok}
+    assert wrong == {"reply time", "sustainable rate", "schedule"}
+    for name in wrong:  # 0.8 / 1.1 ms is 727 Hz
+        assert found[name].fix == "set servo.schedule=pipelined, or set loop.rate_hz=500"
+    found = judged(TIMER, wanted("pipelined"))
     assert all(finding.ok for finding in found.values())
-    assert "not suitable here" in found["schedule immediate"].found
 
 
 def test_replies_held_for_16_ms_point_to_the_latency_timer_and_to_no_other_rate() -> None:
     # A run keeps its rate with such an adapter, with older samples: a lower one gains nothing.
     for schedule in ("immediate", "pipelined"):
-        found = judged(FACTORY, wanted(schedule), *NONE)
-        for name in ("reply time", "sustainable rate", f"schedule {schedule}", "schedule"):
+        found = judged(FACTORY, wanted(schedule))
+        for name in ("reply time", "sustainable rate", "schedule"):
             assert not found[name].ok
             assert "latency timer" in found[name].fix
             assert "one sample in 16 periods" in found[name].fix
@@ -124,11 +97,11 @@ def test_the_wire_limits_the_rate_however_quick_the_replies() -> None:
 
 def test_lost_replies_are_wrong_however_quick_the_others_are() -> None:
     poor = replies([MS // 10] * 180, MS // 10, 15, 5)
-    found = judged(poor, wanted(), *NONE)
+    found = judged(poor, wanted())
     assert not found["reply time"].ok
     assert "15 lost, 5 broken of 200" in found["reply time"].found
     assert "cable" in found["schedule"].fix  # and not a lower rate
-    none = judged(replies([], 0, 200), wanted(), *NONE)
+    none = judged(replies([], 0, 200), wanted())
     assert not none["reply time"].ok
     assert "encoder at rest" not in none
 
@@ -147,33 +120,27 @@ def test_a_busy_machine_is_blamed_before_the_bus_and_no_other_rate_is_proposed(
     stalls: bool,
 ) -> None:
     # The emulated bus may be kept waiting where the loop is not.
-    measured = [series("immediate", 0.06, 0), series("pipelined", 0.01, 0)]
-    found = judged(STALLED, wanted(stalls=stalls), *measured)
-    for name in ("reply time", "sustainable rate", "schedule immediate", "schedule"):
+    found = judged(STALLED, wanted(stalls=stalls))
+    for name in ("reply time", "sustainable rate", "schedule"):
         assert not found[name].ok
         assert "wake-up lateness" in found[name].fix
         assert "loop.rate_hz" not in found[name].fix
     # ... but what the adapter holds back is not the machine's doing
-    fix = judged(TIMER, wanted(stalls=True), *SPOILED)["schedule"].fix
+    fix = judged(TIMER, wanted(stalls=True))["schedule"].fix
     assert fix.startswith("set servo.schedule=pipelined")
 
 
 def test_the_youngest_samples_that_come_at_every_phase_are_recommended() -> None:
-    both = [series("immediate", 0, 0, age_ns=MS // 5), series("pipelined", 0, 0)]
-    assert suits(both) == "immediate"
-    assert suits([series("immediate", 0, 1), series("pipelined", 0, 0.04)]) == "pipelined"
-    assert suits([series("immediate", 0, 1), series("pipelined", 0, 0.06)]) is None
-
-
-def test_the_age_that_decides_is_not_that_of_a_few_samples_in_a_stall() -> None:
-    stalled = Series("immediate", [Phase(0, 100, 3, [MS // 5] * 97 + [20 * MS] * 3)], [0], 0)
-    assert suits([stalled, series("pipelined", 0)]) == "immediate"
+    assert suits(QUICK, 1000, 4_000_000) == "immediate"
+    assert suits(TIMER, 1000, 4_000_000) == "pipelined"
+    assert suits(FACTORY, 1000, 4_000_000) is None
+    assert suits(replies([MS // 10] * 180, MS // 10, 20), 1000, 4_000_000) is None
 
 
 def test_where_no_schedule_holds_a_lower_rate_is_named() -> None:
     # The wire alone: at 1 Mbit/s a cycle takes 0.58 ms, so 2 kHz cannot be.
     slow = replies([7 * MS // 10] * 200, 7 * MS // 10)
-    found = judged(slow, wanted("immediate", 2000.0, 1_000_000), *NONE)
+    found = judged(slow, wanted("immediate", 2000.0, 1_000_000))
     assert found["schedule"].fix == "set loop.rate_hz=1000"
 
 

@@ -15,7 +15,7 @@ from haptic_wall.controller.experiments.identify.identification import Identifie
 from haptic_wall.controller.experiments.identify.identified_config import identified_model
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
-from haptic_wall.hw.dynamixel.tables.models import MODELS
+from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import TrueServo
 from tests.support.real_servos import DROOP, KINDS, LOAD, STATIC, STRIBECK, truth_of

@@ -58,7 +58,7 @@ def drawn(random: np.random.Generator, kinds: set[str]) -> TrueServo:
         given |= {"backlash": random.uniform(0.001, 0.01)}
     if "effects" in kinds:
         given |= {"static_friction": 12.0 * m, "stribeck_speed": 0.5, "load_friction": 0.1}
-        given |= {"gravity": 10.0 * m, "cogging": 1.0 * m, "torque_ripple": 0.05}
+        given |= {"gravity": 10.0 * m, "cogging": 1.0 * m}
     if "load" in kinds:
         rate, load = math.tau * 10 ** random.uniform(0.9, 2.0), m * random.uniform(0.1, 3.0)
         given |= {"load_inertia": load, "transmission_stiffness": m * rate**2}

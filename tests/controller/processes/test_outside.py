@@ -12,7 +12,6 @@ SECOND_NS = 1_000_000_000
 class Users:
     def __init__(self) -> None:
         self.now = self.everywhere = ""
-        self.brief = False
 
     def look(self) -> str:
         return self.now
@@ -99,8 +98,3 @@ def test_where_nothing_was_lost_the_run_goes_on_and_a_note_tells() -> None:
     assert not stage.outside.look()
     assert stage.outside.verdict(Trip.LOSSES_IN_ROW) == ("trip:losses_in_row", "")
     assert stage.outside.notes() == ["the computer was suspended for 3 s during the run"]
-
-
-def test_a_brief_opening_is_a_note(stage: Stage) -> None:
-    stage.users.brief = True
-    assert stage.outside.notes() == ["a program opened the port during the run and closed it again"]

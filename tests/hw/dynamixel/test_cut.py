@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser, encode_status
 from haptic_wall.hw.dynamixel.cut import cut_torque
-from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.watchdog import rearm
 from haptic_wall.hw.emulated.memory_line import MemoryLine
 from haptic_wall.hw.errors import ServoLostError
@@ -181,7 +181,7 @@ def test_torque_is_armed_again_and_cut_although_a_fifth_of_the_replies_is_lost()
         line = TroubledLine(bench.memory_line, fate)
         bench.wait(0.2)  # the watchdog trips
         unguarded = bench.spy_unguarded()
-        armed += rearm(Exchange(line, [1], baud=BAUD).stations[0], 2, under_torque=False) is True
+        armed += rearm(Table.on(line, BAUD, 1, "memory", bench.truth.model), 2)
         assert not any(unguarded)
         cut += cut_torque(line, 1, BAUD)
     assert armed >= 14

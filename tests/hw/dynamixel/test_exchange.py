@@ -14,6 +14,7 @@ import pytest
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import Instruction, encode_status
 from haptic_wall.hw.dynamixel.exchange import Exchange
+from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.samples import QUARANTINE, Sample, Way
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.servo import Outcome
@@ -425,9 +426,9 @@ def test_registers_are_written_and_read_between_samples(shape: tuple[int, Way]) 
     bench.run(1)
     for station in bench.exchange.stations:
         bench.exchange.request()  # its replies are under way and must not disturb
-        register = REGISTERS["torque_enable"]
-        assert station.write_register(register, 1, PERIOD_NS) == 1
-        assert station.read_register(register, PERIOD_NS) == 1
+        table = Table(bench.exchange, station, "", REGISTERS)
+        assert table.try_write("torque_enable", 1, (PERIOD_NS,)) == 1
+        assert table.try_read("torque_enable", (PERIOD_NS,)) == 1
     assert bad(bench.run(1)) == []
     bench.assert_counts(0, 0, 0)
 
@@ -439,21 +440,21 @@ def test_no_late_sample_is_a_registers_value_nor_the_reverse(
     """Every second reply comes late: of samples and of registers, in turn."""
     bench = Bench(lambda n, reply: [(round(late_ms * MS) if n % 2 else 0, reply)], shape)
     bench.servo.registers[:147] = bytes(range(1, 148))
+    tables = [Table(bench.exchange, one, "", REGISTERS) for one in bench.exchange.stations]
     for number in range(60):
         bench.cycle()
-        station = bench.exchange.stations[number % shape[0]]
-        register = REGISTERS[("led", "drive_mode", "temperature_limit")[number % 3]]
-        found = station.read_register(register, 3 * MS)
-        assert found in (None, register.address + 1)
+        name = ("led", "drive_mode", "temperature_limit")[number % 3]
+        found = tables[number % shape[0]].try_read(name, (3 * MS,))
+        assert found in (None, REGISTERS[name].address + 1)
 
 
 def test_a_register_that_is_not_answered_has_no_value() -> None:
     bench = Bench(lost)
     (station,) = bench.exchange.stations
-    register = REGISTERS["torque_enable"]
+    table = Table(bench.exchange, station, "", REGISTERS)
     begun = bench.clock.now_ns()
-    assert station.read_register(register, 3 * MS) is None
-    assert station.write_register(register, 1, 3 * MS) is None
+    assert table.try_read("torque_enable", (3 * MS,)) is None
+    assert table.try_write("torque_enable", 1, (3 * MS,)) is None
     assert bench.clock.now_ns() == begun + 9 * MS
 
 
@@ -479,9 +480,9 @@ def test_a_bus_that_is_never_silent_holds_nobody_beyond_the_deadline(way: Way) -
     deadline = clock.now_ns() + PERIOD_NS
     assert not any(one.outcome is Outcome.OK for one in exchange.collect(deadline))
     assert deadline <= clock.now_ns() < deadline + 100 * US
-    begun, station = clock.now_ns(), exchange.stations[0]
-    assert station.read_register(REGISTERS["torque_enable"], PERIOD_NS) is None
-    assert station.write_register(REGISTERS["torque_enable"], 0, PERIOD_NS) is None
+    begun, table = clock.now_ns(), Table(exchange, exchange.stations[0], "", REGISTERS)
+    assert table.try_read("torque_enable", (PERIOD_NS,)) is None
+    assert table.try_write("torque_enable", 0, (PERIOD_NS,)) is None
     assert clock.now_ns() < begun + 3 * PERIOD_NS + 200 * US
 
 

@@ -9,11 +9,12 @@ from dataclasses import replace
 import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
-from haptic_wall.hw.dynamixel.codec import FastReply, Instruction, Parser, encode_fast_status
+from haptic_wall.hw.dynamixel.codec import Instruction, Parser
 from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.group import DynamixelGroup
+from haptic_wall.hw.dynamixel.registers import POSITION_UNIT
 from haptic_wall.hw.dynamixel.samples import Way
-from haptic_wall.hw.dynamixel.tables import MODELS, POSITION_UNIT
+from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.bus import EmulatedBus
 from haptic_wall.hw.emulated.memory_line import MemoryLine
@@ -347,28 +348,6 @@ def test_the_registers_of_every_servo_are_watched(count: int, periods: int, regi
         )
         assert bench.group.stop() is True
         assert took_ns <= 1_010_000_000
-
-
-def test_a_second_servo_with_the_id_of_one_is_named() -> None:
-    bench = started(48, 48, 48)
-    line = bench.line
-    bench.bus.inject("duplicate:p=1,way=reply", bench.clock.now_ns())
-    read = line.read
-
-    def other() -> bytes:
-        data = bytearray(read())
-        at = data.find(b"\xff\xff\xfd\x00", 1)
-        if at > 0:  # the copy of the joint reply, with another position of the second servo
-            frames = Parser(joint=3).feed(bytes(data[at:]))
-            parts = [
-                FastReply(one.id, one.error, one.params[:12] + b"\x7f" + one.params[13:])
-                for one in frames
-            ]
-            data[at:] = encode_fast_status(parts)
-        return bytes(data)
-
-    line.read = other
-    until_it_ends(bench, ServoHealthError, "A second servo answers as the .* id 1")
 
 
 def test_when_one_is_lost_all_are_told_zero_before_anything_else() -> None:

@@ -6,7 +6,6 @@ import pytest
 
 from haptic_wall.hw.clock import SimulatedClock
 from haptic_wall.hw.dynamixel.codec import encode_status
-from haptic_wall.hw.dynamixel.exchange import Exchange
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.tables import MODELS
 from haptic_wall.hw.errors import ServoLostError, ServoMissingError, UnfitServoError
@@ -17,9 +16,8 @@ class Bench:
     def __init__(self, fate: Fate = unharmed, baud: int = 1_000_000) -> None:
         self.clock = SimulatedClock()
         self.servo = ClockLine(self.clock)
-        (station,) = Exchange(TroubledLine(self.servo, fate), [1], baud=baud).stations
-        name = f"id 1 at {baud} baud on /dev/ttyTEST"
-        self.table = Table(station, name, MODELS["XM430-W350"].registers)
+        line = TroubledLine(self.servo, fate)
+        self.table = Table.on(line, baud, 1, "/dev/ttyTEST", MODELS["XM430-W350"])
 
 
 def first(count: int, fate: Fate) -> Fate:

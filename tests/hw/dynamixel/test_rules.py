@@ -20,12 +20,10 @@ CHOICES = {
     "drive_mode": range(16),
     "startup_configuration": range(4),
     "return_delay_time": (0, 250),
-    "operating_mode": (0, 3, 16),
     "secondary_id": (9, 252, 253, 255),
     "shutdown": (0, 52, 53),
     "current_limit": (0, 1, 1193, 1194, 0x7FFF),
     "pwm_limit": (0, 400, 885),
-    "homing_offset": (0, -5000),
     "min_voltage_limit": (95, 121, 160),
     "max_voltage_limit": (95, 119, 160),
     "temperature_limit": (20, 40, 80),
@@ -38,7 +36,7 @@ def test_a_start_refuses_by_the_table_and_by_nothing_else(seed: int) -> None:
     bench = Bench(probe_torque=0.0, firmware=draw.choice((38, 44, 48)))
     model = MODELS["XM430-W350"]
     table = Table.on(bench.line, BAUD, 1, "memory", model)
-    table = table.at(model.registers_at(bench.truth.firmware))
+    table.registers = model.registers_at(bench.truth.firmware)
     names = sorted(CHOICES.keys() & table.registers.keys())
     for name in draw.sample(names, draw.choice((0, 1, 1, 2, len(names)))):
         bench.truth.memory[name] = draw.choice(CHOICES[name])

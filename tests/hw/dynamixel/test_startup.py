@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from haptic_wall.hw.dynamixel.codec import Instruction, Parser
-from haptic_wall.hw.dynamixel.probe import Push
+from haptic_wall.hw.dynamixel.probe import Push, _Prober
 from haptic_wall.hw.dynamixel.register_access import Table
 from haptic_wall.hw.dynamixel.rules import RULES, read_servo
 from haptic_wall.hw.dynamixel.tables import MODELS
@@ -23,7 +23,6 @@ from haptic_wall.hw.emulated.adapter import Adapter
 from haptic_wall.hw.emulated.servo import EmulatedServo
 from haptic_wall.hw.errors import (
     ServoError,
-    ServoHealthError,
     ServoLostError,
     ServoMissingError,
     UnfitServoError,
@@ -330,7 +329,7 @@ def test_torque_that_is_on_is_switched_off_first() -> None:
 def test_a_servo_that_does_not_reply_to_everything_is_made_to(level: int) -> None:
     bench = Bench()
     bench.truth.memory["status_return_level"] = level
-    assert "set to 2" in bench.found("status return level")
+    assert bench.found("status return level") == "2"
 
 
 def test_a_tripped_watchdog_is_cleared() -> None:
@@ -465,7 +464,7 @@ def test_a_blocked_shaft_is_refused() -> None:
     bench = Bench(replace(TRUE, coulomb=2.0))
     begun = bench.clock.now_ns()
     refused(bench, match=r"did not move at 0\.3 N·m: free it.*servo\.probe_torque; 0 skips")
-    assert bench.clock.now_ns() - begun < 1.5e9  # two pushes of half a second
+    assert bench.clock.now_ns() - begun < 2.1e9  # three pushes of half a second
 
 
 def test_more_probe_torque_overcomes_more_friction() -> None:
@@ -583,7 +582,7 @@ def test_a_torque_that_does_not_come_is_no_wrong_sign(
     bench = Bench(probe_torque=0.3)
     bench.truth.memory["pwm_limit"] = pwm
     if pushed is not None:
-        monkeypatch.setattr("haptic_wall.hw.dynamixel.probe.probe_sign", lambda *_: pushed)
+        monkeypatch.setattr(_Prober, "attempt", lambda *_: pushed)
     elif pwm == 885:
         return
     with pytest.raises(UnfitServoError, match=r"not come \(.* N·m, where .* measured") as refusal:
@@ -631,21 +630,6 @@ def test_two_servos_with_one_id_get_no_torque(seed: int) -> None:
     apart_s, reply_s = abs(first - other) * 2e-6, 39 * 10 / baud
     if not fault and apart_s > reply_s + 2e-6:
         assert "Two servos answer as id 1" in str(refusal.value)
-
-
-@pytest.mark.parametrize("fault", ["", "duplicate:way=reply", "late:ms=3,p=0.02", "drop:p=0.2"])
-def test_a_second_servo_that_comes_later_ends_the_run(fault: str) -> None:
-    bench = Bench(probe_torque=0.0)
-    bench.servo.start()
-    if fault:
-        bench.bus.inject(fault, bench.clock.now_ns())
-    for _ in range(100):
-        bench.cycle(0.1)
-    add_twin(bench, 150)
-    with pytest.raises(ServoHealthError, match=r"A second servo answers as the XM430-W350 id 1"):
-        for _ in range(100):
-            bench.cycle(0.1)
-    assert bench.servo.stop()
 
 
 def test_a_line_that_repeats_every_request_is_no_second_servo() -> None:

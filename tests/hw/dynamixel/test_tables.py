@@ -7,11 +7,7 @@ from pathlib import Path
 import dynamixel_easy_sdk
 import pytest
 
-from haptic_wall.hw.dynamixel.tables import (
-    MODELS,
-    REGISTERS,
-    model_by_number,
-)
+from haptic_wall.hw.dynamixel.tables import MODELS, REGISTERS, model_by_number
 
 VENDOR = Path(dynamixel_easy_sdk.__file__).parent / "control_table"
 DOCS = Path(__file__).parents[3] / "docs"

@@ -7,13 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_wall.hw.dynamixel.codec import ALERT, ErrorCode, Instruction
-from haptic_wall.hw.dynamixel.tables import MODELS
-from haptic_wall.hw.dynamixel.tables.models import Model
-from haptic_wall.hw.emulated.health import OVERLOAD_NS
+from haptic_wall.hw.dynamixel.tables import MODELS, Model
 from haptic_wall.hw.emulated.motor import motor_of
 from haptic_wall.hw.truth import TrueServo
-from tests.cases import sampled
 from tests.hw.dynamixel.emulated_client import FREE, MS, TORQUE_UNIT, Client
 from tests.typed import not_none
 
@@ -131,41 +127,6 @@ def test_back_emf_in_current_mode_is_asked_for() -> None:
     assert speeds[1] == pytest.approx(46 * RPM, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("model", "mode"), sampled([("XM430-W350", 0), ("XL430-W250", 16), (SMALL, 0)], 3)
-)
-def test_it_shuts_down_when_it_is_too_hot_and_only_a_reboot_recovers(model: str, mode: int) -> None:
-    client = Client((model, 1), true=HELD, recorded=False)
-    client.write(1, MODE, mode, 1)
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    if mode == 0:
-        client.write(
-            1,
-            GOAL_CURRENT,
-            round(not_none(MODELS[model].stall_current) * 350 / MODELS[model].current_unit_ma),
-            2,
-        )
-    limit = client.read(1, TEMPERATURE_LIMIT, 1)
-    client.pass_time(3000 * MS)
-    assert client.torque() != 0
-    assert client.read(1, TEMPERATURE, 1) < limit
-    client.pass_time(1_000_000 * MS)
-    if mode == 0 and model != SMALL:  # at 0.35 of the stall current for ever: 32 + 25 °C
-        assert client.torque() != 0
-        client.write(1, GOAL_CURRENT, 850, 2)
-        client.pass_time(100_000 * MS)
-    reply = client.answer(1, Instruction.PING)
-    assert reply.error == ALERT
-    assert client.torque() == 0
-    assert client.read(1, HARDWARE_ERROR, 1) == 0x04
-    assert client.write(1, TORQUE_ENABLE, 1, 1) == ALERT | ErrorCode.RESULT_FAIL
-    client.pass_time(1_000_000 * MS)
-    client.ask(1, Instruction.REBOOT)
-    client.pass_time(500 * MS)
-    assert client.read(1, HARDWARE_ERROR, 1) == 0
-    assert client.write(1, TORQUE_ENABLE, 1, 1) == 0
-
-
 @pytest.mark.parametrize("volts", [9.0, 16.5])
 def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
     """Bit 0 is not in Shutdown from the factory: torque stays. With it, torque goes."""
@@ -178,43 +139,6 @@ def test_a_voltage_beyond_its_limits_is_an_error(volts: float) -> None:
         assert client.read(1, VOLTAGE, 2) == round(volts * 10)
         assert client.read(1, HARDWARE_ERROR, 1) == 0x01
         assert client.torque() == pytest.approx(torque)
-
-
-@pytest.mark.parametrize("mode", [1, 3, 5])
-def test_a_controller_that_cannot_do_it_is_overloaded(mode: int) -> None:
-    client = Client(true=HELD)
-    client.write(1, MODE, mode, 1)
-    if mode == 1:
-        client.write(1, 76, 16383, 2)  # Velocity I Gain: full output at once
-    client.write(1, TORQUE_ENABLE, 1, 1)
-    client.write(1, GOAL_POSITION, 3000, 4) if mode != 1 else client.write(1, 104, 100, 4)
-    client.pass_time(OVERLOAD_NS - 100 * MS)
-    assert client.read(1, HARDWARE_ERROR, 1) == 0
-    assert client.torque() != 0
-    client.pass_time(400 * MS)
-    assert client.read(1, HARDWARE_ERROR, 1) == 0x20
-    assert client.torque() == 0
-    assert client.read(1, TORQUE_ENABLE, 1) == 0
-
-
-def test_the_measured_current_has_an_offset_and_a_filter() -> None:
-    true = replace(HELD, current_filter=20.0, current_offset=0.0538)
-    client = Client(true=true)
-    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
-    client.enable_current_mode()
-    client.write(1, GOAL_CURRENT, 500, 2)
-    since = client.clock.now_ns()
-    for wait in (3 * MS, 10 * MS, 200 * MS):
-        client.pass_time(wait)
-        seen = client.read(1, PRESENT_CURRENT, 2, signed=True)
-        passed = (client.clock.now_ns() - since) * 1e-9
-        assert seen == pytest.approx(
-            20 - 500 * math.expm1(-math.tau * 20.0 * passed), abs=500 * 0.02
-        )
-        assert client.torque() == pytest.approx(500 * TORQUE_UNIT)
-    client.write(1, TORQUE_ENABLE, 0, 1)
-    client.pass_time(500 * MS)
-    assert client.read(1, PRESENT_CURRENT, 2, signed=True) == 20
 
 
 def test_a_weaker_supply_limits_a_moving_servo() -> None:

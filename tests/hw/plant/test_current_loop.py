@@ -128,7 +128,6 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, A
         delay=0.7e-3,
         backlash=0.004,
         hand="tap",
-        current_filter=40.0,
         **values,
     )
     rng = random.Random(3)
@@ -147,7 +146,7 @@ def test_the_instants_at_which_it_is_looked_at_do_not_matter(values: dict[str, A
         seldom.command(torque, sent_ns)
         assert often.measured()[0] == seldom.measured()[0]
         assert often.velocity == seldom.velocity
-        assert often.sensed_torque == pytest.approx(seldom.sensed_torque, rel=1e-12)
+        assert often.torque == pytest.approx(seldom.torque, rel=1e-12)
 
 
 def test_goals_are_taken_over_at_the_ticks_of_the_loop() -> None:
@@ -212,18 +211,8 @@ def test_a_held_voltage_does_not_pass_through_the_loop() -> None:
     assert mechanism.torque == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_measured_current_follows_its_filter() -> None:
-    mechanism = Mechanism(servo(inertia=1.0, current_filter=25.0), 0)
-    mechanism.command(2.0, 0)
-    for time_ns in (MS, 10 * MS, 3_333_333 + 20 * MS):
-        mechanism.advance(time_ns)
-        assert mechanism.torque == 2.0
-        expected = -2.0 * math.expm1(-math.tau * 25.0 * time_ns * 1e-9)
-        assert mechanism.sensed_torque == pytest.approx(expected, rel=1e-9)
-
-
 @pytest.mark.parametrize(
-    "name", ["current_bandwidth", "current_period", "current_droop", "dead_band", "current_filter"]
+    "name", ["current_bandwidth", "current_period", "current_droop", "dead_band"]
 )
 @pytest.mark.parametrize("value", [-1.0, math.inf, math.nan])
 def test_impossible_values_are_refused(name: str, value: float) -> None:
@@ -243,7 +232,7 @@ MX106 = servo(
 """Mechanism: Rhoban "bam". Motor: ROBOTIS e-Manual, 12 V."""
 
 
-@pytest.mark.parametrize("lag", [{}, {"current_bandwidth": 200.0, "current_filter": 20.0}])
+@pytest.mark.parametrize("lag", [{}, {"current_bandwidth": 200.0}])
 @pytest.mark.parametrize("sign", sampled([-1, 1], 2))
 @pytest.mark.parametrize(("speed", "low", "high"), [(2.0, 0.85, 0.92), (3.0, 0.73, 0.76)])
 def test_an_mx106_makes_less_than_its_goal_when_it_turns(
@@ -256,7 +245,7 @@ def test_an_mx106_makes_less_than_its_goal_when_it_turns(
     mechanism.command(sign * (friction + left), 0)
     mechanism.advance(4000 * MS)
     assert mechanism.velocity == pytest.approx(sign * speed, rel=3e-3)
-    assert low <= sign * mechanism.sensed_torque / (friction + left) <= high
+    assert low <= sign * mechanism.torque / (friction + left) <= high
 
 
 @pytest.mark.parametrize("inertia", [1e-8, 1e-6, 1e-4, 1e-2])

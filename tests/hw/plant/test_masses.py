@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.truth import Link, TrueServo
 from tests.cases import sampled
-from tests.hw.oracles import Coupled, Gear, Stretch, integrate_coupled
+from tests.hw.oracles import Coupled, Stretch, integrate_coupled
 from tests.support.exact_servo import Masses, PlantParameters, Pull, State, step
 
 MS = 1_000_000
@@ -30,7 +30,7 @@ GROUPS = {
     "friction": ("coulomb",),
     "gap": ("coulomb", "gap"),
     "effects": ("coulomb", "effects"),
-    "all": ("coulomb", "gap", "effects", "gear"),
+    "all": ("coulomb", "gap", "effects"),
 }
 STATED = {"linear": 1e-11, "friction": 1e-7, "gap": 1e-6, "effects": 5e-5, "all": 3e-4}
 """Bounds of the error that the page on the plant states [rad]"""
@@ -70,20 +70,6 @@ def drawn(random: np.random.Generator, on: tuple[str, ...]) -> TrueServo:
             gravity_angle=random.uniform(-3.0, 3.0),
             cogging=true.coulomb * random.uniform(0.0, 1.0),
             cogging_periods=float(random.integers(1, 100)),
-        )
-    if "gear" in on:
-        true = replace(
-            true,
-            stribeck_exponent=random.uniform(0.75, 4.0),
-            load_friction_external=random.uniform(0.0, 0.5),
-            load_friction_at_rest=random.uniform(0.0, 0.3),
-            load_friction_at_rest_external=random.uniform(0.0, 0.3),
-            load_friction_square=random.uniform(0.0, 0.01 / scale),
-            load_friction_square_external=random.uniform(0.0, 0.01 / scale),
-            torque_ripple=random.uniform(0.0, 0.3),
-            torque_ripple_periods=float(random.integers(1, 100)),
-            torque_ripple_phase=random.uniform(-3.0, 3.0),
-            torque_limit=scale * 5.0,
         )
     return true
 
@@ -129,18 +115,7 @@ def error(
         true.coulomb,
         true.static_friction or true.coulomb,
         true.stribeck_speed,
-        Gear(
-            true.load_friction,
-            one if (one := true.load_friction_external) is not None else true.load_friction,
-            true.load_friction_at_rest,
-            true.load_friction_at_rest_external or 0.0,
-            true.load_friction_square,
-            true.load_friction_square_external,
-            true.stribeck_exponent,
-            true.torque_ripple,
-            true.torque_ripple_periods,
-            true.torque_ripple_phase,
-        ),
+        true.load_friction,
         true.gravity,
         true.gravity_angle,
         true.cogging,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from haptic_wall.hw.plant.mechanism import Mechanism
 from haptic_wall.hw.plant.operator_model import DAMPING, STIFFNESS, operator_of
 from haptic_wall.hw.truth import TrueServo
-from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
+from tests.hw.oracles import Stretch, Uneven, integrate_uneven
 from tests.support.exact_servo import PlantParameters, State, step
 from tests.typed import not_none
 
@@ -207,17 +207,7 @@ EVERYTHING = {
     "gravity": 0.1,
     "gravity_angle": 0.4,
     "cogging": 0.02,
-    "stribeck_exponent": 1.5,
-    "load_friction_external": 0.05,
-    "load_friction_at_rest": 0.1,
-    "load_friction_at_rest_external": 0.2,
-    "load_friction_square": 0.05,
-    "load_friction_square_external": 0.03,
-    "torque_ripple": 0.1,
-    "torque_ripple_periods": 30.0,
-    "torque_ripple_phase": 0.7,
 }
-GEAR = Gear(0.1, 0.05, 0.1, 0.2, 0.05, 0.03, 1.5, 0.1, 30.0, 0.7)
 
 
 def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking() -> None:
@@ -225,7 +215,7 @@ def test_with_every_effect_it_moves_as_an_integrator_says_with_hand_and_braking(
     mechanism = Mechanism(true, 0)
     operator = not_none(operator_of(true))
     body = Uneven(
-        *(0.01, 0.01, 0.02, 0.05, 0.08, 0.5, GEAR, 0.1, 0.4, 0.02, 24.0, 0.0),
+        *(0.01, 0.01, 0.02, 0.05, 0.08, 0.5, 0.1, 0.1, 0.4, 0.02, 24.0, 0.0),
         *(STIFFNESS, DAMPING, 0.03),
     )
     mechanism.command(0.0, 0, braking=0.03)

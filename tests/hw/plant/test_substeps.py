@@ -11,24 +11,20 @@ from scipy.special import ellipk
 
 from haptic_wall.hw.truth import TrueServo
 from tests.cases import sampled
-from tests.hw.oracles import Gear, Stretch, Uneven, integrate_uneven
+from tests.hw.oracles import Stretch, Uneven, integrate_uneven
 from tests.support.exact_servo import Effects, PlantParameters, Pull, State, Substeps
 
 PERIOD = 1e-3
 MX64 = PlantParameters(inertia=0.011951, damping=0.011692, coulomb=0.09039)
 FREE = PlantParameters(inertia=0.01)
-ALONE = ("static", "stribeck", "back", "load", "gravity", "cogging", "ripple")
+ALONE = ("static", "stribeck", "back", "load", "gravity", "cogging")
 GROUPS = {
     **{name: (name,) for name in ALONE},
-    "M2": ("stribeck", "exponent"),
-    "M4": ("stribeck", "exponent", "load", "rest"),
-    "M5": ("stribeck", "exponent", "load", "rest", "sides"),
-    "M6": ("stribeck", "exponent", "load", "rest", "sides", "square"),
-    "all": (*ALONE, "exponent", "rest", "sides", "square"),
+    "all": ALONE,
 }
 EXACT = ("static", "back")
 """Solved exactly"""
-STATED = {**dict.fromkeys(GROUPS, 5e-5), **dict.fromkeys(("M4", "M5", "M6", "all"), 1e-4)}
+STATED = {**dict.fromkeys(GROUPS, 5e-5), "all": 1e-4}
 """Bounds of the error that the page on the plant states [rad]"""
 
 
@@ -49,23 +45,7 @@ def drawn(
         stribeck = float(np.exp(random.uniform(*np.log((0.01, 3.0)))))
     if "back" in on:
         back *= float(np.exp(random.uniform(-1.6, 1.6)))
-    shares = [random.uniform(0.0, 0.5) if "load" in on else 0.0] * 2
-    rests = [random.uniform(0.0, 0.3) if "rest" in on else 0.0] * 2
-    if "sides" in on:
-        shares[1], rests[1] = random.uniform(0.0, 0.5), random.uniform(0.0, 0.3)
-    squares = [random.uniform(0.0, 0.01 / scale) if "square" in on else 0.0 for _ in range(2)]
-    gear = Gear(
-        motor=shares[0],
-        external=shares[1],
-        rest_motor=rests[0],
-        rest_external=rests[1],
-        square_motor=squares[0],
-        square_external=squares[1],
-        exponent=random.uniform(0.75, 4.0) if "exponent" in on else 1.0,
-        ripple=random.uniform(0.0, 0.3) if "ripple" in on else 0.0,
-        ripple_periods=float(random.integers(1, 100)),
-        ripple_phase=random.uniform(-3.0, 3.0),
-    )
+    load = random.uniform(0.0, 0.5) if "load" in on else 0.0
     if "gravity" in on:
         gravity, angle = scale * random.uniform(0.0, 1.0), random.uniform(-3.0, 3.0)
     if "cogging" in on:
@@ -74,26 +54,17 @@ def drawn(
     effects = Effects(
         static_friction=static,
         stribeck_speed=stribeck,
-        stribeck_exponent=gear.exponent,
         damping_back=back,
-        load_friction=gear.motor,
-        load_friction_external=gear.external,
-        load_friction_at_rest=gear.rest_motor,
-        load_friction_at_rest_external=gear.rest_external,
-        load_friction_square=gear.square_motor,
-        load_friction_square_external=gear.square_external,
+        load_friction=load,
         gravity=gravity,
         gravity_angle=angle,
         cogging=cogging,
         cogging_periods=periods,
         cogging_phase=phase,
-        torque_ripple=gear.ripple,
-        torque_ripple_periods=gear.ripple_periods,
-        torque_ripple_phase=gear.ripple_phase,
     )
     grip = (4.0 * scale, 0.2 * scale) if hand else (0.0, 0.0)
     body = Uneven(
-        *(inertia, damping, back, coulomb, static, stribeck, gear),
+        *(inertia, damping, back, coulomb, static, stribeck, load),
         *(gravity, angle, cogging, periods, phase, *grip),
     )
     return PlantParameters(inertia, damping, coulomb), effects, body, scale

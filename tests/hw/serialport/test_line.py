@@ -209,9 +209,9 @@ def test_a_missing_port_says_what_there_is() -> None:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("socket://box:4000", "a serial device of this computer, e.g. /dev/ttyUSB0"),
-        ("COM3", "a device of Linux, e.g. /dev/ttyUSB0"),
-        ("ttyUSB0", "the whole path, /dev/ttyUSB0"),
+        ("socket://box:4000", "a serial device of this computer"),
+        ("COM3", "a serial device of this computer"),
+        ("ttyUSB0", "its whole path, e.g. /dev/ttyUSB0"),
         ("/dev/pts/987654", "start its emulated bus again"),
     ],
 )

@@ -16,7 +16,7 @@ from haptic_wall.controller.doctor.adapter import examine_port
 from haptic_wall.hw.errors import PortBusyError
 from haptic_wall.hw.serialport import users as port_users
 from haptic_wall.hw.serialport.port import open_port
-from haptic_wall.hw.serialport.users import LOOKS, URGENT, PortUsers, exclusive, holder, is_terminal
+from haptic_wall.hw.serialport.users import LOOKS, PortUsers, exclusive, holder, is_terminal
 from tests.typed import not_none
 
 OPENER = """
@@ -69,25 +69,15 @@ def opened_by_another(path: str) -> Iterator[None]:
 def test_nobody_is_nobody(port: Port) -> None:
     assert port.looks(3 * LOOKS) == ""
     assert port.users.look_everywhere() == ""
-    assert not port.users.brief
 
 
 def test_another_program_is_named_soon_after_it_has_opened_the_port(port: Port) -> None:
     port.looks(LOOKS // 3)
     with opened_by_another(port.path):
-        found = port.looks(URGENT)
+        found = port.looks(2 * LOOKS)
         assert found.startswith("python")
         assert f"has opened {port.path}" in found
         assert port.users.look_everywhere() == found
-
-
-def test_without_notice_of_the_opening_it_is_found_in_one_round(
-    port: Port, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(port.users, "_opening_noticed", lambda: False)
-    port.looks(LOOKS // 3)
-    with opened_by_another(port.path):
-        assert "has opened" in port.looks(2 * LOOKS)
 
 
 def test_what_the_run_has_started_itself_is_nobody(port: Port) -> None:
@@ -102,22 +92,6 @@ def test_what_the_run_has_started_itself_is_nobody(port: Port) -> None:
         not_none(child.stdin).close()
 
 
-def test_an_opening_by_nobody_to_be_seen_is_told_when_it_lasts(port: Port) -> None:
-    """As by root, or from outside of a container; here by this process, which is not looked at."""
-    held = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
-    words = "a program of another user has opened"
-    assert words in port.users.look_everywhere()
-    assert words in port.looks(LOOKS)
-    os.close(held)
-
-
-def test_one_that_is_over_is_remembered_and_no_more(port: Port) -> None:
-    port.looks(3)
-    os.close(os.open(port.path, os.O_RDWR | os.O_NOCTTY))
-    assert port.looks(2 * LOOKS) == ""
-    assert port.users.brief
-
-
 def test_nobody_of_ours_opens_a_port_that_is_in_use(port: Port) -> None:
     """`doctor` and a second `run` would else disturb the first, and end it."""
     with opened_by_another(port.path):
@@ -127,7 +101,6 @@ def test_nobody_of_ours_opens_a_port_that_is_in_use(port: Port) -> None:
         assert used_by.found.startswith("python")
         with pytest.raises(PortBusyError, match="is used by python"):
             open_port(port.path, 1_000_000)
-        assert not users._opening_noticed()
         users.close()
 
 

@@ -17,10 +17,49 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from haptic_wall.hw.dynamixel.tables.factory import FACTORY
-from haptic_wall.hw.dynamixel.tables.layout import control_table, fast_read_firmware
-from haptic_wall.hw.dynamixel.tables.register import Register
-from haptic_wall.hw.dynamixel.tables.units import VELOCITY_UNIT, Family
+from haptic_wall.hw.dynamixel.registers import (
+    VELOCITY_UNIT,
+    Family,
+    Register,
+    control_table,
+    fast_read_firmware,
+)
+
+_GAINS: Final = ("velocity_i", "velocity_p", "position_d", "position_i", "position_p")
+_GAINS_OF: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
+    {
+        "XL330-M077": (400, 40, 0, 400, 400),
+        "XL330-M288": (1600, 180, 0, 0, 400),
+        "XC330-M181": (1400, 100, 500, 0, 1200),
+        "XC330-M288": (1600, 50, 500, 0, 1100),
+        "XC330-T181": (1200, 40, 0, 0, 900),
+        "XC330-T288": (1200, 40, 0, 0, 900),
+        "XL430-W250": (1000, 100, 4000, 0, 640),
+        "XC430-W150": (1920, 100, 0, 0, 460),
+        "XC430-W240": (1920, 100, 0, 0, 700),
+        "2XC430-W250": (1920, 100, 0, 0, 700),
+        "2XL430-W250": (1800, 100, 2000, 0, 640),
+        "XH430-W210": (1920, 100, 0, 0, 900),
+        "XH430-W350": (1920, 100, 0, 0, 900),
+        "XD430-T210": (1920, 100, 0, 0, 900),
+        "XD430-T350": (1920, 100, 0, 0, 900),
+        "XW430-T200": (1920, 100, 0, 0, 900),
+        "XW430-T333": (1920, 100, 0, 0, 900),
+    }
+)
+"""Gains from the factory where they are not the family's"""
+_OTHER: Final[Mapping[str, Mapping[str, int]]] = MappingProxyType(
+    {
+        "XL330-M077": {"shutdown": 53},
+        "XL330-M288": {"shutdown": 53},
+        "XC330-T181": {"pwm_slope": 255},
+        "XC330-T288": {"pwm_slope": 255},
+        "XC430-W150": {"moving_threshold": 20},
+        "XL430-W250": {"temperature_limit": 72},
+        "2XL430-W250": {"temperature_limit": 72},
+    }
+)
+"""Other factory settings that are not the family's"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +72,8 @@ class Model:
     family: Family
     voltage: float
     """At which the stall figures hold [V]"""
+    velocity_limit: int
+    """Velocity Limit from the factory"""
     current_unit_ma: float = 0.0
     """[mA] per unit of current; 0 where there is no current control"""
     current_limit: int = 0
@@ -67,7 +108,7 @@ class Model:
         they agree within 14 %.
         """
         if self.no_load_rpm is None:
-            return self.registers["velocity_limit"].default * VELOCITY_UNIT
+            return self.velocity_limit * VELOCITY_UNIT
         return self.no_load_rpm * math.tau / 60.0
 
     def no_load_at(self, volts: float) -> float:
@@ -109,48 +150,52 @@ class Model:
 
 @cache
 def _control_table(model: Model, firmware: int) -> Mapping[str, Register]:
+    factory = {"model_number": model.number, "velocity_limit": model.velocity_limit}
+    gains = _GAINS_OF.get(model.name, ())
+    factory |= {f"{name}_gain": gain for name, gain in zip(_GAINS, gains, strict=False)}
+    factory |= _OTHER.get(model.name, {})
     return control_table(
         model.family,
         firmware,
         voltage=model.voltage,
         current_limit=model.current_limit,
-        factory={"model_number": model.number, **FACTORY[model.name]},
+        factory=factory,
     )
 
 
 _ALL: Final = (
-    Model("XL330-M077", 1190, "X330", 5.0, 1.0, 1750, 0.215, 1.47, 383),
-    Model("XL330-M288", 1200, "X330", 5.0, 1.0, 1750, 0.52, 1.47, 103),
-    Model("XC330-M181", 1230, "X330", 5.0, 1.0, 2352, 0.6, 1.8, 129),
-    Model("XC330-M288", 1240, "X330", 5.0, 1.0, 2352, 0.93, 1.8, 81),
-    Model("XC330-T181", 1210, "X330", 11.1, 1.0, 910, 0.76, 0.8, 104),
-    Model("XC330-T288", 1220, "X330", 11.1, 1.0, 910, 0.92, 0.8, 65),
-    Model("XM430-W210", 1030, "X430", 12.0, 2.69, 1193, 3.0, 2.3, 77),
-    Model("XM430-W350", 1020, "X430", 12.0, 2.69, 1193, 4.1, 2.3, 46),
-    Model("XH430-W210", 1010, "X430", 12.0, 2.69, 648, 2.5, 1.3, 50),
-    Model("XH430-W350", 1000, "X430", 12.0, 2.69, 648, 3.4, 1.3, 30),
-    Model("XH430-V210", 1050, "X430", 24.0, 1.34, 689, 2.6, 0.7, 52),
-    Model("XH430-V350", 1040, "X430", 24.0, 1.34, 689, 3.3, 0.7, 31),
-    Model("XD430-T210", 1011, "X430", 12.0, 2.69, 648),
-    Model("XD430-T350", 1001, "X430", 12.0, 2.69, 648),
-    Model("XM540-W150", 1130, "X540", 12.0, 2.69, 2047, 7.3, 4.4, 53),
-    Model("XM540-W270", 1120, "X540", 12.0, 2.69, 2047, 10.6, 4.4, 30),
-    Model("XH540-W150", 1110, "X540", 12.0, 2.69, 2047, 7.1, 4.9, 70),
-    Model("XH540-W270", 1100, "X540", 12.0, 2.69, 2047, 9.9, 4.9, 39),
-    Model("XH540-V150", 1150, "X540", 24.0, 2.69, 1188, 6.4, 2.4, 60),
-    Model("XH540-V270", 1140, "X540", 24.0, 2.69, 1188, 9.2, 2.4, 34),
-    Model("XD540-T150", 1111, "X540", 12.0, 2.69, 2047),
-    Model("XD540-T270", 1101, "X540", 12.0, 2.69, 2047),
-    Model("XW430-T200", 1280, "XW430", 12.0, 2.69, 2047),
-    Model("XW430-T333", 1270, "XW430", 12.0, 2.69, 2047),
-    Model("XW540-T140", 1180, "XW540", 12.0, 2.69, 2047, 6.9, 4.9, 72),
-    Model("XW540-T260", 1170, "XW540", 12.0, 2.69, 2047, 9.5, 4.9, 40),
-    Model("XW540-H260", 1310, "XW540", 24.0, 2.69, 1188),
-    Model("XL430-W250", 1060, "XL430", 11.1, stall_torque=1.4, stall_current=1.3, no_load_rpm=57),
-    Model("XC430-W150", 1070, "XL430", 12.0, stall_torque=1.6, stall_current=1.4, no_load_rpm=106),
-    Model("XC430-W240", 1080, "XL430", 12.0, stall_torque=1.9, stall_current=1.4, no_load_rpm=70),
-    Model("2XL430-W250", 1090, "2X430", 11.1, stall_torque=1.4, stall_current=1.3, no_load_rpm=57),
-    Model("2XC430-W250", 1160, "2X430", 12.0, stall_torque=1.8, stall_current=1.4, no_load_rpm=64),
+    Model("XL330-M077", 1190, "X330", 5.0, 1620, 1.0, 1750, 0.215, 1.47, 383),
+    Model("XL330-M288", 1200, "X330", 5.0, 445, 1.0, 1750, 0.52, 1.47, 103),
+    Model("XC330-M181", 1230, "X330", 5.0, 545, 1.0, 2352, 0.6, 1.8, 129),
+    Model("XC330-M288", 1240, "X330", 5.0, 350, 1.0, 2352, 0.93, 1.8, 81),
+    Model("XC330-T181", 1210, "X330", 11.1, 510, 1.0, 910, 0.76, 0.8, 104),
+    Model("XC330-T288", 1220, "X330", 11.1, 320, 1.0, 910, 0.92, 0.8, 65),
+    Model("XM430-W210", 1030, "X430", 12.0, 330, 2.69, 1193, 3.0, 2.3, 77),
+    Model("XM430-W350", 1020, "X430", 12.0, 200, 2.69, 1193, 4.1, 2.3, 46),
+    Model("XH430-W210", 1010, "X430", 12.0, 210, 2.69, 648, 2.5, 1.3, 50),
+    Model("XH430-W350", 1000, "X430", 12.0, 130, 2.69, 648, 3.4, 1.3, 30),
+    Model("XH430-V210", 1050, "X430", 24.0, 230, 1.34, 689, 2.6, 0.7, 52),
+    Model("XH430-V350", 1040, "X430", 24.0, 135, 1.34, 689, 3.3, 0.7, 31),
+    Model("XD430-T210", 1011, "X430", 12.0, 210, 2.69, 648),
+    Model("XD430-T350", 1001, "X430", 12.0, 130, 2.69, 648),
+    Model("XM540-W150", 1130, "X540", 12.0, 230, 2.69, 2047, 7.3, 4.4, 53),
+    Model("XM540-W270", 1120, "X540", 12.0, 128, 2.69, 2047, 10.6, 4.4, 30),
+    Model("XH540-W150", 1110, "X540", 12.0, 300, 2.69, 2047, 7.1, 4.9, 70),
+    Model("XH540-W270", 1100, "X540", 12.0, 167, 2.69, 2047, 9.9, 4.9, 39),
+    Model("XH540-V150", 1150, "X540", 24.0, 230, 2.69, 1188, 6.4, 2.4, 60),
+    Model("XH540-V270", 1140, "X540", 24.0, 128, 2.69, 1188, 9.2, 2.4, 34),
+    Model("XD540-T150", 1111, "X540", 12.0, 300, 2.69, 2047),
+    Model("XD540-T270", 1101, "X540", 12.0, 167, 2.69, 2047),
+    Model("XW430-T200", 1280, "XW430", 12.0, 235, 2.69, 2047),
+    Model("XW430-T333", 1270, "XW430", 12.0, 139, 2.69, 2047),
+    Model("XW540-T140", 1180, "XW540", 12.0, 304, 2.69, 2047, 6.9, 4.9, 72),
+    Model("XW540-T260", 1170, "XW540", 12.0, 167, 2.69, 2047, 9.5, 4.9, 40),
+    Model("XW540-H260", 1310, "XW540", 24.0, 145, 2.69, 1188),
+    Model("XL430-W250", 1060, "XL430", 11.1, 265, 0.0, 0, 1.4, 1.3, 57),
+    Model("XC430-W150", 1070, "XL430", 12.0, 460, 0.0, 0, 1.6, 1.4, 106),
+    Model("XC430-W240", 1080, "XL430", 12.0, 306, 0.0, 0, 1.9, 1.4, 70),
+    Model("2XL430-W250", 1090, "2X430", 11.1, 250, 0.0, 0, 1.4, 1.3, 57),
+    Model("2XC430-W250", 1160, "2X430", 12.0, 275, 0.0, 0, 1.8, 1.4, 64),
 )
 
 MODELS: Final[Mapping[str, Model]] = MappingProxyType({model.name: model for model in _ALL})

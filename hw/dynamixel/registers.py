@@ -1,4 +1,4 @@
-"""Returns the registers of a servo with their addresses, from family, supply and firmware.
+"""Registers of a servo, with their addresses and units, from family, supply and firmware.
 
 Registers below 64 live in EEPROM and are locked while torque is enabled. Position 0 rad is count 0.
 Where the manual gives no number: Model Information reads 0; External Port Data takes 12 bits; goals
@@ -11,12 +11,66 @@ space they leave.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
-from haptic_wall.hw.dynamixel.tables.register import Register
-from haptic_wall.hw.dynamixel.tables.units import EEPROM_END, Family
+Family = Literal["X430", "X540", "XW430", "XW540", "X330", "XL430", "2X430"]
+"""Models with the same registers; ``XL430`` are all 430 without current control, ``2X430`` those
+among them with two axes, each of which is a servo of its own on the bus."""
+
+COUNTS_PER_REV: Final = 4096
+POSITION_UNIT: Final = 2 * math.pi / COUNTS_PER_REV
+"""[rad] per count"""
+VELOCITY_UNIT: Final = 0.229 * 2 * math.pi / 60
+"""[rad/s] per unit: 0.229 rev/min"""
+RETURN_DELAY_UNIT_NS: Final = 2_000
+"""[ns] per unit of Return Delay Time"""
+WATCHDOG_UNIT_NS: Final = 20_000_000
+"""[ns] per unit of Bus Watchdog"""
+WATCHDOG_TRIPPED: Final = 0xFF
+"""Value of Bus Watchdog after a trip: -1"""
+TICK_MODULUS: Final = 32_768
+"""Realtime Tick counts milliseconds and wraps from 32767 to 0"""
+EEPROM_END: Final = 64
+CURRENT_MODE: Final = 0
+BAUD_RATES: Final = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+"""Indexed by the value of the Baud Rate register [bit/s]"""
+
+
+class Register(NamedTuple):
+    """One entry of a control table; ``minimum`` below 0 means the number is signed.
+
+    Numbers are little endian, signed ones in two's complement.
+    """
+
+    name: str
+    address: int
+    size: int
+    """[bytes]"""
+    writable: bool
+    default: int
+    minimum: int
+    maximum: int
+
+    @property
+    def eeprom(self) -> bool:
+        """Whether it is kept without power, and locked while torque is enabled."""
+        return self.address < EEPROM_END
+
+    def decode(self, data: bytes | bytearray) -> int:
+        """Return the number in ``data``, which contains exactly this register."""
+        return int.from_bytes(data, "little", signed=self.minimum < 0)
+
+    def encode(self, value: int) -> bytes:
+        """Return the bytes of ``value``.
+
+        Raises:
+            OverflowError: The value does not fit in the register.
+        """
+        return value.to_bytes(self.size, "little", signed=self.minimum < 0)
+
 
 _ANY_8, _ANY_16 = (0, 0xFF), (-0x8000, 0x7FFF)
 _ANY_32 = (-0x8000_0000, 0x7FFF_FFFF)
