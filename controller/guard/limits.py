@@ -29,10 +29,10 @@ from haptic_wall.controller.theory import (
     one_sided_limit,
     passive_limit,
 )
-from haptic_wall.controller.theory.backlash import backlash_limit
 from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
 from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
+from haptic_wall.controller.theory.harmonic import backlash_limit
 from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
 from haptic_wall.controller.theory.passivity import passive_slope
 
