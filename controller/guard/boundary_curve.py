@@ -20,13 +20,8 @@ from haptic_wall.controller.guard.limits import (
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.theory import (
-    CriticalPoint,
-    critical_point,
-    linear_limit,
-    peak,
-)
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
 from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
@@ -36,7 +31,7 @@ WallSide = Literal["one", "both"]
 
 EVERY_DAMPING = GuardSettings(mode="off")
 """Guard settings that evaluate the limits at any damping, without clamping it."""
-_PEAK_POINTS, _PEAK_WIDTH = 33, 1e-6
+_PEAK_POINTS = 33
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
@@ -128,12 +123,10 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
         request = replace(request, side="above")  # with a load the limit differs between the sides
     found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
     acting = p.gain * damping
+    passive = np.full(damping.size, np.nan)
     if filtered is None:
         passive = passive_over_delays(request, question.situation, p, damping)
-        at = critical_point(p.inertia, p.damping, acting, p.period, p.delay, n)
-    else:
-        passive = np.full(damping.size, np.nan)
-        at = chain_boundary(*one_mass(p.inertia, p.damping), acting, p.period, p.delay, n, filtered)
+    at = chain_boundary(*one_mass(p.inertia, p.damping), acting, p.period, p.delay, n, filtered)
     return Curve(damping, found, passive, at.frequency)
 
 
@@ -196,12 +189,10 @@ def ceiling(question: Question) -> float:
 def highest(question: Question) -> dict[str, float]:
     """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
     p, n = question.plants(1), question.velocity_samples
-    if question.is_exact:
-        top = _exact_peak(question, p)
-    elif question.situation.belief.is_flexible or question.velocity_filter is not None:
+    believed = question.situation.belief.is_flexible or question.velocity_filter is not None
+    if believed and not question.is_exact:
         return _believed_peak(question)
-    else:
-        top = peak(p.inertia, p.damping, p.period, p.delay, n)
+    top = chain_peak(_chain(question, p)[0], p.period, p.delay, n, question.velocity_filter)
     return {
         "stiffness": float((top.stiffness / p.gain)[0]),
         "virtual_damping": float((top.virtual_damping / p.gain)[0]),
@@ -222,21 +213,6 @@ def _believed_peak(question: Question) -> dict[str, float]:
         "virtual_damping": float(found.virtual_damping[best]),
         "frequency_hz": float(found.frequency[best]),
     }
-
-
-def _exact_peak(question: Question, p: Plants) -> CriticalPoint:
-    """Return the highest point of an exact boundary, by an ever finer grid of dampings."""
-    chain, shape = _chain(question, p)
-    low, high = 0.0, p.gain[0] * ceiling(question)
-    loop = (p.period, p.delay, question.velocity_samples, question.velocity_filter)
-    while True:
-        damping = np.linspace(low, high, _PEAK_POINTS)
-        found = chain_boundary(chain, shape, damping, *loop)
-        best = int(np.argmax(found.stiffness))
-        if high - low <= _PEAK_WIDTH * high:
-            one = slice(best, best + 1)
-            return CriticalPoint(found.stiffness[one], damping[one], found.frequency[one])
-        low, high = damping[max(best - 1, 0)], damping[min(best + 1, damping.size - 1)]
 
 
 def default_dampings(question: Question) -> tuple[float, ...]:

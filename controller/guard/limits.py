@@ -23,9 +23,7 @@ from haptic_wall.controller.guard.flexible import (
 from haptic_wall.controller.guard.plants import Box, Plants
 from haptic_wall.controller.guard.types import GuardSettings, Limits, Request, Situation
 from haptic_wall.controller.theory import (
-    critical_stiffness,
     linear_limit,
-    max_virtual_damping,
     one_sided_limit,
     passive_limit,
 )
@@ -505,19 +503,14 @@ def unstable_nominally(
 
 def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
     """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
-    m, b, n = plants.inertia, plants.damping, request.velocity_samples
-    loop = (acting, plants.period, plants.delay, n)
-    if request.velocity_filter is None:
-        return critical_stiffness(m, b, *loop)
-    found = chain_boundary(*one_mass(m, b), *loop, request.velocity_filter).stiffness
+    loop = (acting, plants.period, plants.delay, request.velocity_samples)
+    servo = one_mass(plants.inertia, plants.damping)
+    found = chain_boundary(*servo, *loop, request.velocity_filter).stiffness
     bounded: FloatArray = np.minimum(found, _UNBOUND)
     return bounded
 
 
 def _ceiling(plants: Plants, request: Request) -> FloatArray:
     """Return the damping above which no rigid servo is stable, in acting units."""
-    m, b = plants.inertia, plants.damping
     loop = (plants.period, plants.delay, request.velocity_samples)
-    if request.velocity_filter is None:
-        return max_virtual_damping(m, b, *loop)
-    return chain_ceiling(*one_mass(m, b), *loop, request.velocity_filter)
+    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop, request.velocity_filter)
