@@ -209,7 +209,7 @@ def delays() -> tuple[list[str], list[list[object]]]:
     ages = [0.0, 0.5e-3, 1e-3, 2e-3]
     rows: list[list[object]] = []
     for d in decided("emulated-ideal", ages, stiffness=1e6):
-        limits = d.limits.linear, d.limits.exact, d.limits.one_sided
+        limits = d.limits["linear"], d.limits["exact"], d.limits["one_sided"]
         rows.append([1e3 * d.delay, *limits, d.stiffness])
     head = ["delay t_d [ms]", "linear", "exact", "one_sided", "K commanded"]
     return head, rows
@@ -220,7 +220,7 @@ def dampings() -> tuple[list[str], list[list[object]]]:
     rows: list[list[object]] = []
     for asked in (-0.005, 0.02, 0.1, 0.2, 20.0):
         d = decided("emulated-ideal", [0.25e-3], stiffness=1e6, damping=asked)[0]
-        rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
+        rows.append([asked, d.damping, *(d.limits[name] for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
 

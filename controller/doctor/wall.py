@@ -6,7 +6,7 @@ import bisect
 from typing import Final
 
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
-from haptic_wall.controller.guard.sentences import sentences
+from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.hw.dynamixel.tables import POSITION_UNIT
 from haptic_wall.hw.dynamixel.torque_law import TorqueLaw

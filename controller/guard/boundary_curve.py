@@ -9,14 +9,12 @@ from typing import Literal
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import DelayParts
-from haptic_wall.controller.guard.limits import (
-    PlantLimits,
-    damping_ceiling,
+from haptic_wall.controller.guard.evaluation import (
+    Evaluation,
     encoder_damping,
-    evaluate_box,
-    passive_over_delays,
     quantisation_limit,
 )
+from haptic_wall.controller.guard.limits import PASSIVE, Found, evaluate
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
@@ -90,7 +88,7 @@ class Curve:
 
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
-    found: PlantLimits
+    found: Found
     passive: FloatArray
     """[N·m/rad]"""
     frequency: FloatArray
@@ -98,8 +96,11 @@ class Curve:
 
     def smallest(self, side: WallSide) -> FloatArray:
         """Return the smallest limit for a wall of that side [N·m/rad], without the passive one."""
-        found = replace(self.found, one_sided=None) if side == "both" else self.found
-        return found.smallest()
+        limits = dict(self.found.limits)
+        if side == "both":
+            limits.pop("one_sided", None)
+        least: FloatArray = np.min([*limits.values()], axis=0)
+        return least
 
 
 def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> Curve:
@@ -121,12 +122,13 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     filtered = question.velocity_filter
     if not question.situation.belief.is_flexible and filtered is None:
         request = replace(request, side="above")  # with a load the limit differs between the sides
-    found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
-    acting = p.gain * damping
+    asked = (request, EVERY_DAMPING, question.situation, p)
+    found = evaluate(*asked, exact=True, asked=damping)
     passive = np.full(damping.size, np.nan)
     if filtered is None:
-        passive = passive_over_delays(request, question.situation, p, damping)
-    at = chain_boundary(*one_mass(p.inertia, p.damping), acting, p.period, p.delay, n, filtered)
+        passive = PASSIVE.stiffness(Evaluation(*asked, asked=damping))
+    loop = (p.gain * damping, p.period, p.delay, n, filtered)
+    at = chain_boundary(*one_mass(p.inertia, p.damping), *loop)
     return Curve(damping, found, passive, at.frequency)
 
 
@@ -139,33 +141,22 @@ def _exact_curve(question: Question, damping: FloatArray) -> Curve:
     chain, shape = _chain(question, p)
     loop = (acting, p.period, p.delay, n, question.velocity_filter)
     exact = chain_boundary(chain, shape, *loop)
-    one_sided = None
+    limits = {
+        "linear": linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
+        "exact": exact.stiffness / p.gain,
+    }
     if question.velocity_filter is None:
         one = np.zeros(1, dtype=np.int64)
         period, delay = float(p.period[0]), float(p.delay[0])
         one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
-        one_sided = one_sided / p.gain
-    situation = question.situation
-    return Curve(
-        virtual_damping=damping,
-        found=PlantLimits(
-            ceiling=top,
-            damping=damping,
-            linear=linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
-            exact=exact.stiffness / p.gain,
-            one_sided=one_sided,
-            quantisation=quantisation_limit(
-                question.request, EVERY_DAMPING, situation, damping, p.period, rigid
-            ),
-            passive=None,
-            encoder_damping=encoder_damping(
-                question.request, EVERY_DAMPING, situation, p.period, rigid
-            ),
-            rigid_ceiling=rigid,
-        ),
-        passive=np.full(damping.size, np.nan),
-        frequency=exact.frequency,
+        limits["one_sided"] = one_sided / p.gain
+    asked = (question.request, EVERY_DAMPING, question.situation)
+    if question.situation.position_step > 0:
+        limits["quantisation"] = quantisation_limit(*asked, damping, p.period, rigid)
+    found = Found(
+        limits, top, damping, encoder_damping(*asked, p.period, rigid), np.zeros(top.size, np.bool_)
     )
+    return Curve(damping, found, np.full(damping.size, np.nan), exact.frequency)
 
 
 def _chain(question: Question, p: Plants) -> tuple[Chain, tuple[int, ...]]:
@@ -181,7 +172,8 @@ def ceiling(question: Question) -> float:
     """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
     p, n = question.plants(1), question.velocity_samples
     if not question.is_exact:
-        return float(damping_ceiling(question.request, question.situation, p)[0][0])
+        at = Evaluation(question.request, EVERY_DAMPING, question.situation, p)
+        return float(at.ceiling[0])
     top = chain_ceiling(*_chain(question, p), p.period, p.delay, n, question.velocity_filter)
     return float((top / p.gain)[0])
 
@@ -204,9 +196,8 @@ def _believed_peak(question: Question) -> dict[str, float]:
     """Return the highest point of a belief with a load or a filter, of a grid of dampings."""
     two_sided = replace(question, side="both")
     found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
-    stiffness = found.found.exact
-    if found.found.flexible is not None:
-        stiffness = np.minimum(stiffness, found.found.flexible)
+    limits = found.found.limits
+    stiffness = np.minimum(limits["exact"], limits.get("flexible", np.inf))
     best = int(np.argmax(stiffness))
     return {
         "stiffness": float(stiffness[best]),

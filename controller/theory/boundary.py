@@ -217,7 +217,7 @@ def _groups(
 
 
 def _ceiling(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Return the ceiling of one mass, over its damping unit; flat arrays of dimensionless values."""
+    """Return the dimensionless ceiling of one mass; flat arrays."""
     found = np.empty_like(delta)
     light = first_branch.holds(delta, delay, samples)
     for part in _parts(light):
