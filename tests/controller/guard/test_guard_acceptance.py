@@ -120,11 +120,6 @@ def test_commanded_is_margin_times_the_smallest_limit_and_no_less(cases: list[Ca
         d = case.decision
         names = ("linear", "exact", "one_sided", "quantisation")
         values = [d.limits[name] for name in names]
-            d.limits["linear"],
-            d.limits["exact"],
-            d.limits["one_sided"],
-            d.limits["quantisation"],
-        )
         least = min(v for v in values if v is not None)
         assert d.stiffness == pytest.approx(MARGIN * least, rel=1e-3)
         assert d.binding is not None
