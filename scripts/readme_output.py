@@ -32,6 +32,7 @@ from typing import Any
 
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
+from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
@@ -225,6 +226,11 @@ def dampings() -> tuple[list[str], list[list[object]]]:
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
 
 
+def limits() -> tuple[list[str], list[list[object]]]:
+    """Return the guard's limits, with their meaning."""
+    return ["limit", "meaning", "source"], [[x.name, x.meaning, x.source] for x in GUARD_LIMITS]
+
+
 def one_sided_shares() -> tuple[list[str], list[list[object]]]:
     """Return the table of one-sided limits of a device without friction, over the exact limit."""
     rows: list[list[object]] = []
@@ -258,6 +264,7 @@ def published() -> tuple[list[str], list[list[object]]]:
 
 
 TABLES = {
+    "limits": limits,
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,

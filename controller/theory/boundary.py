@@ -132,10 +132,10 @@ def chain_peak(
     rows = np.arange(len(chain.inertias))
     shape = (rows.size,)
     loop = (period, delay, velocity_samples)
+    t, t_d, n = (np.broadcast_to(each, shape)[:, None] for each in loop)
 
     def found(big_b: FloatArray) -> CriticalPoint:
-        columns = (np.broadcast_to(each, shape)[:, None] for each in loop)
-        return chain_boundary(chain, (rows.size, 1), big_b, *columns, velocity_filter)
+        return chain_boundary(chain, (rows.size, 1), big_b, t, t_d, n, velocity_filter)
 
     low = -chain.dampings.sum(axis=1)
     high = chain_ceiling(chain, shape, *loop, velocity_filter)
