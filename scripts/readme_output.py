@@ -32,6 +32,7 @@ from typing import Any
 
 from haptic_wall.controller.cli.main import main as haptic_wall
 from haptic_wall.controller.guard.guard import Decision, Situation, decide
+from haptic_wall.controller.guard.limits import LIMITS as GUARD_LIMITS
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
@@ -209,7 +210,7 @@ def delays() -> tuple[list[str], list[list[object]]]:
     ages = [0.0, 0.5e-3, 1e-3, 2e-3]
     rows: list[list[object]] = []
     for d in decided("emulated-ideal", ages, stiffness=1e6):
-        limits = d.limits.linear, d.limits.exact, d.limits.one_sided
+        limits = d.limits["linear"], d.limits["exact"], d.limits["one_sided"]
         rows.append([1e3 * d.delay, *limits, d.stiffness])
     head = ["delay t_d [ms]", "linear", "exact", "one_sided", "K commanded"]
     return head, rows
@@ -220,9 +221,14 @@ def dampings() -> tuple[list[str], list[list[object]]]:
     rows: list[list[object]] = []
     for asked in (-0.005, 0.02, 0.1, 0.2, 20.0):
         d = decided("emulated-ideal", [0.25e-3], stiffness=1e6, damping=asked)[0]
-        rows.append([asked, d.damping, *(getattr(d.limits, name) for name in LIMITS)])
+        rows.append([asked, d.damping, *(d.limits[name] for name in LIMITS)])
         rows[-1] += [d.stiffness, d.binding]
     return ["B asked", "B commanded", *LIMITS, "K commanded", "binds"], rows
+
+
+def limits() -> tuple[list[str], list[list[object]]]:
+    """Return the guard's limits, with their meaning."""
+    return ["limit", "meaning", "source"], [[x.name, x.meaning, x.source] for x in GUARD_LIMITS]
 
 
 def one_sided_shares() -> tuple[list[str], list[list[object]]]:
@@ -258,6 +264,7 @@ def published() -> tuple[list[str], list[list[object]]]:
 
 
 TABLES = {
+    "limits": limits,
     "stiffness": stiffness,
     "delays": delays,
     "dampings": dampings,

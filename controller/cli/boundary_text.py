@@ -8,20 +8,10 @@ from typing import Any
 from haptic_wall.controller.cli.text import filter_text
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.guard.limits import BY_NAME
 
 _LOWER = 0.98
 """Largest factor on the stiffness that is reported separately."""
-_UNITS = {
-    "virtual_damping": ("virtual damping", "N·m·s/rad"),
-    "linear": ("linear", "N·m/rad"),
-    "exact": ("exact", "N·m/rad"),
-    "one_sided": ("one-sided", "N·m/rad"),
-    "passive": ("passive", "N·m/rad"),
-    "quantisation": ("quantisation", "N·m/rad"),
-    "backlash": ("backlash", "N·m/rad"),
-    "flexible": ("flexible", "N·m/rad"),
-    "frequency_hz": ("oscillation", "Hz"),
-}
 _PARTS = {
     "delay": "the delay from sample to torque",
     "rest": "the rest of the delay",
@@ -80,8 +70,12 @@ def _settings(settings: Mapping[str, Any]) -> Iterator[str]:
 
 def _points(found: Mapping[str, Any]) -> Iterator[str]:
     points = found["points"]
-    columns = [name for name in _UNITS if points[0].get(name) is not None]
-    rows = [[_UNITS[name][0] for name in columns], [_UNITS[name][1] for name in columns]]
+    names = [name for name in BY_NAME if points[0].get(name) is not None]
+    columns = ["virtual_damping", *names, "frequency_hz"]
+    rows = [
+        ["virtual damping", *(_name(name) for name in names), "oscillation"],
+        ["N·m·s/rad", *("N·m/rad" for _ in names), "Hz"],
+    ]
     rows += [[f"{point[name]:.4g}" for name in columns] for point in points]
     yield from _aligned(rows)
     yield ""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from haptic_wall.controller.cli.wrapping import wrapped
-from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.runtime.safety import Trip
 
 _WORST = 3
@@ -160,10 +159,9 @@ def _guard(guard: Mapping[str, Any] | None) -> Iterator[str]:
     if filtered := guard.get("velocity_filter"):
         yield from entry("filter", f"{filter_text(filtered)}, of the velocity that damps")
     limits = [
-        f"{name} {number(guard['limit'][name])}"
-        + ("*" if name == guard["binding"] and guard["binding"] else "")
-        for name in LimitName
-        if guard["limit"].get(name) is not None
+        f"{name} {number(value)}" + ("*" if name == guard["binding"] else "")
+        for name, value in guard["limit"].items()
+        if value is not None
     ]
     if limits:
         star = "; * binds" if guard["binding"] else ""

@@ -13,6 +13,7 @@ from dataclasses import replace
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
 from haptic_wall.controller.guard.plants import is_heavy
 from haptic_wall.controller.guard.schedule import IRREGULAR_CAP, inserted_delays, served_range
+from haptic_wall.controller.guard.work import Work
 
 COARSE = 6
 """Off the nominal period only every n-th age has a decision of its own; the ages below share it [1]
@@ -28,6 +29,7 @@ def decide_bins(
     steps: int,
     ages_ns: Sequence[int],
     intervals_ns: Sequence[int],
+    work: Work | None = None,
 ) -> list[list[Decision]]:
     """Decide for all bins, without reasons.
 
@@ -38,6 +40,7 @@ def decide_bins(
         steps: Inserted delay [periods].
         ages_ns: Upper ends of the bins of the sample age, rising [ns].
         intervals_ns: Upper ends of the bins of the interval, rising, the period first [ns].
+        work: What was evaluated before for the same asker.
 
     Returns:
         For each interval one decision for each age.
@@ -45,8 +48,9 @@ def decide_bins(
     Raises:
         ValueError: As for ``decide``.
     """
+    work = Work() if work is None else work
     return [
-        decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, index)
+        decide_bin(request, settings, situation, steps, ages_ns, intervals_ns, index, work)
         for index in range(len(intervals_ns))
     ]
 
@@ -59,6 +63,7 @@ def decide_bin(
     ages_ns: Sequence[int],
     intervals_ns: Sequence[int],
     index: int,
+    work: Work | None = None,
 ) -> list[Decision]:
     """Decide for all ages at the bin ``index`` of the interval; arguments as of ``decide_bins``."""
     there, (least, most) = _at(situation, steps, intervals_ns, index)
@@ -71,6 +76,7 @@ def decide_bin(
         most,
         explained=False,
         least_inserted=least,
+        work=work,
     )
     return [found[bisect_left(ages, age)] for age in ages_ns]
 
@@ -83,7 +89,7 @@ def explained(
     before_device: float,
     intervals_ns: Sequence[int],
     interval: float,
-    reduced: bool,
+    work: Work | None = None,
 ) -> Decision:
     """Decide for one bin, with reasons.
 
@@ -95,7 +101,7 @@ def explained(
         before_device: Delay that was decided for, without the device's own lag [s].
         intervals_ns: Upper ends of the bins of the interval, rising, the period first [ns].
         interval: Upper end of the bin of the interval [s].
-        reduced: As for ``decide``.
+        work: What was evaluated before for the same asker.
     """
     index = min(range(len(intervals_ns)), key=lambda k: abs(intervals_ns[k] * 1e-9 - interval))
     there, (least, most) = _at(situation, steps, intervals_ns, index)
@@ -105,8 +111,8 @@ def explained(
         there,
         [before_device],
         most,
-        reduced=reduced,
         least_inserted=least,
+        work=work,
     )[0]
 
 

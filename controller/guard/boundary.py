@@ -97,13 +97,13 @@ def boundary(
         chosen = default_dampings(question) if virtual_damping is None else virtual_damping
         found = curve(question, chosen)
         top = highest(question)
-        limits = found.found
+        limits = found.found.limits
         unknown = np.full(found.virtual_damping.size, np.nan)
         return Boundary(
             virtual_damping=found.virtual_damping,
-            linear=limits.linear,
-            exact=limits.exact,
-            one_sided=unknown if limits.one_sided is None else limits.one_sided,
+            linear=limits["linear"],
+            exact=limits["exact"],
+            one_sided=limits.get("one_sided", unknown),
             passive=found.passive,
             frequency_hz=found.frequency,
             max_virtual_damping=ceiling(question),

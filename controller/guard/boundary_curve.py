@@ -9,24 +9,17 @@ from typing import Literal
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import DelayParts
-from haptic_wall.controller.guard.limits import (
-    PlantLimits,
-    damping_ceiling,
+from haptic_wall.controller.guard.evaluation import (
+    Evaluation,
     encoder_damping,
-    evaluate_box,
-    passive_over_delays,
     quantisation_limit,
 )
+from haptic_wall.controller.guard.limits import PASSIVE, Found, evaluate
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
-from haptic_wall.controller.theory import (
-    CriticalPoint,
-    critical_point,
-    linear_limit,
-    peak,
-)
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling, chain_peak
 from haptic_wall.controller.theory.chain import Chain, one_mass, two_masses
 from haptic_wall.controller.theory.chain_contact import one_sided_limits
 from haptic_wall.controller.theory.checks import FloatArray
@@ -36,7 +29,7 @@ WallSide = Literal["one", "both"]
 
 EVERY_DAMPING = GuardSettings(mode="off")
 """Guard settings that evaluate the limits at any damping, without clamping it."""
-_PEAK_POINTS, _PEAK_WIDTH = 33, 1e-6
+_PEAK_POINTS = 33
 _DEFAULT_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 
 
@@ -95,7 +88,7 @@ class Curve:
 
     virtual_damping: FloatArray
     """[N·m·s/rad]"""
-    found: PlantLimits
+    found: Found
     passive: FloatArray
     """[N·m/rad]"""
     frequency: FloatArray
@@ -103,8 +96,11 @@ class Curve:
 
     def smallest(self, side: WallSide) -> FloatArray:
         """Return the smallest limit for a wall of that side [N·m/rad], without the passive one."""
-        found = replace(self.found, one_sided=None) if side == "both" else self.found
-        return found.smallest()
+        limits = dict(self.found.limits)
+        if side == "both":
+            limits.pop("one_sided", None)
+        least: FloatArray = np.min([*limits.values()], axis=0)
+        return least
 
 
 def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> Curve:
@@ -126,14 +122,13 @@ def curve(question: Question, virtual_damping: Sequence[float] | FloatArray) -> 
     filtered = question.velocity_filter
     if not question.situation.belief.is_flexible and filtered is None:
         request = replace(request, side="above")  # with a load the limit differs between the sides
-    found = evaluate_box(request, EVERY_DAMPING, question.situation, p, asked=damping)
-    acting = p.gain * damping
+    asked = (request, EVERY_DAMPING, question.situation, p)
+    found = evaluate(*asked, exact=True, asked=damping)
+    passive = np.full(damping.size, np.nan)
     if filtered is None:
-        passive = passive_over_delays(request, question.situation, p, damping)
-        at = critical_point(p.inertia, p.damping, acting, p.period, p.delay, n)
-    else:
-        passive = np.full(damping.size, np.nan)
-        at = chain_boundary(*one_mass(p.inertia, p.damping), acting, p.period, p.delay, n, filtered)
+        passive = PASSIVE.stiffness(Evaluation(*asked, asked=damping))
+    loop = (p.gain * damping, p.period, p.delay, n, filtered)
+    at = chain_boundary(*one_mass(p.inertia, p.damping), *loop)
     return Curve(damping, found, passive, at.frequency)
 
 
@@ -146,33 +141,22 @@ def _exact_curve(question: Question, damping: FloatArray) -> Curve:
     chain, shape = _chain(question, p)
     loop = (acting, p.period, p.delay, n, question.velocity_filter)
     exact = chain_boundary(chain, shape, *loop)
-    one_sided = None
+    limits = {
+        "linear": linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
+        "exact": exact.stiffness / p.gain,
+    }
     if question.velocity_filter is None:
         one = np.zeros(1, dtype=np.int64)
         period, delay = float(p.period[0]), float(p.delay[0])
         one_sided = one_sided_limits(chain.take(one), period, delay, exact.stiffness, acting, n)
-        one_sided = one_sided / p.gain
-    situation = question.situation
-    return Curve(
-        virtual_damping=damping,
-        found=PlantLimits(
-            ceiling=top,
-            damping=damping,
-            linear=linear_limit(p.damping, acting, p.period, p.delay, n) / p.gain,
-            exact=exact.stiffness / p.gain,
-            one_sided=one_sided,
-            quantisation=quantisation_limit(
-                question.request, EVERY_DAMPING, situation, damping, p.period, rigid
-            ),
-            passive=None,
-            encoder_damping=encoder_damping(
-                question.request, EVERY_DAMPING, situation, p.period, rigid
-            ),
-            rigid_ceiling=rigid,
-        ),
-        passive=np.full(damping.size, np.nan),
-        frequency=exact.frequency,
+        limits["one_sided"] = one_sided / p.gain
+    asked = (question.request, EVERY_DAMPING, question.situation)
+    if question.situation.position_step > 0:
+        limits["quantisation"] = quantisation_limit(*asked, damping, p.period, rigid)
+    found = Found(
+        limits, top, damping, encoder_damping(*asked, p.period, rigid), np.zeros(top.size, np.bool_)
     )
+    return Curve(damping, found, np.full(damping.size, np.nan), exact.frequency)
 
 
 def _chain(question: Question, p: Plants) -> tuple[Chain, tuple[int, ...]]:
@@ -188,7 +172,8 @@ def ceiling(question: Question) -> float:
     """Return the virtual damping above which no stiffness is stable [N·m·s/rad]."""
     p, n = question.plants(1), question.velocity_samples
     if not question.is_exact:
-        return float(damping_ceiling(question.request, question.situation, p)[0][0])
+        at = Evaluation(question.request, EVERY_DAMPING, question.situation, p)
+        return float(at.ceiling[0])
     top = chain_ceiling(*_chain(question, p), p.period, p.delay, n, question.velocity_filter)
     return float((top / p.gain)[0])
 
@@ -196,12 +181,10 @@ def ceiling(question: Question) -> float:
 def highest(question: Question) -> dict[str, float]:
     """Return the highest stiffness at which any virtual damping makes a two-sided wall stable."""
     p, n = question.plants(1), question.velocity_samples
-    if question.is_exact:
-        top = _exact_peak(question, p)
-    elif question.situation.belief.is_flexible or question.velocity_filter is not None:
+    believed = question.situation.belief.is_flexible or question.velocity_filter is not None
+    if believed and not question.is_exact:
         return _believed_peak(question)
-    else:
-        top = peak(p.inertia, p.damping, p.period, p.delay, n)
+    top = chain_peak(_chain(question, p)[0], p.period, p.delay, n, question.velocity_filter)
     return {
         "stiffness": float((top.stiffness / p.gain)[0]),
         "virtual_damping": float((top.virtual_damping / p.gain)[0]),
@@ -213,30 +196,14 @@ def _believed_peak(question: Question) -> dict[str, float]:
     """Return the highest point of a belief with a load or a filter, of a grid of dampings."""
     two_sided = replace(question, side="both")
     found = curve(two_sided, np.linspace(0.0, 1.0, _PEAK_POINTS)[:-1] * ceiling(question))
-    stiffness = found.found.exact
-    if found.found.flexible is not None:
-        stiffness = np.minimum(stiffness, found.found.flexible)
+    limits = found.found.limits
+    stiffness = np.minimum(limits["exact"], limits.get("flexible", np.inf))
     best = int(np.argmax(stiffness))
     return {
         "stiffness": float(stiffness[best]),
         "virtual_damping": float(found.virtual_damping[best]),
         "frequency_hz": float(found.frequency[best]),
     }
-
-
-def _exact_peak(question: Question, p: Plants) -> CriticalPoint:
-    """Return the highest point of an exact boundary, by an ever finer grid of dampings."""
-    chain, shape = _chain(question, p)
-    low, high = 0.0, p.gain[0] * ceiling(question)
-    loop = (p.period, p.delay, question.velocity_samples, question.velocity_filter)
-    while True:
-        damping = np.linspace(low, high, _PEAK_POINTS)
-        found = chain_boundary(chain, shape, damping, *loop)
-        best = int(np.argmax(found.stiffness))
-        if high - low <= _PEAK_WIDTH * high:
-            one = slice(best, best + 1)
-            return CriticalPoint(found.stiffness[one], damping[one], found.frequency[one])
-        low, high = damping[max(best - 1, 0)], damping[min(best + 1, damping.size - 1)]
 
 
 def default_dampings(question: Question) -> tuple[float, ...]:

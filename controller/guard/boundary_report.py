@@ -18,13 +18,11 @@ from haptic_wall.controller.guard.boundary_curve import (
     highest,
 )
 from haptic_wall.controller.guard.decision_report import filter_report, finite
-from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, ms
-from haptic_wall.controller.guard.design import FAST_BAUD, FINER, improvements
-from haptic_wall.controller.guard.reasons import Change, Improvement
-from haptic_wall.controller.guard.types import Limits
+from haptic_wall.controller.guard.design import Change, Improvement, Wall, improvements
+from haptic_wall.controller.guard.limits import smallest
 from haptic_wall.controller.theory import critical_stiffness, linear_limit
 
-_CHANGES: tuple[Change, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
+_CHANGES: tuple[str, ...] = tuple(c for c in get_args(Change) if c != "largest_part")
 _BELIEVED = ("inertia", "damping", "delay", "torque_gain")
 
 
@@ -52,17 +50,11 @@ def report(question: Question, virtual_damping: Sequence[float]) -> dict[str, An
 
 
 def _point(points: Curve, i: int) -> dict[str, float | None]:
-    limits = points.found.limits(i)
     return {
         "virtual_damping": float(points.virtual_damping[i]),
-        "linear": limits.linear,
-        "exact": limits.exact,
-        "one_sided": limits.one_sided,
+        **points.found.at(i),
         "passive": None if np.isnan(points.passive[i]) else float(points.passive[i]),
         "frequency_hz": float(points.frequency[i]),
-        "quantisation": limits.quantisation,
-        "backlash": limits.backlash,
-        "flexible": limits.flexible,
     }
 
 
@@ -100,17 +92,15 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
     best = int(np.argmax(points.smallest(question.side)))
     damping = float(points.virtual_damping[best])
     request = replace(question.request, damping=damping)
-    found = points.found.take(np.array([best]))
+    limits = points.found.at(best)
     if question.side == "both":
-        found = replace(found, one_sided=None)
-    limits: Limits = found.limits(0)
-    binding, stiffness = limits.smallest()
+        limits["one_sided"] = None
+    binding, stiffness = smallest(limits)
     parts = question.delay_parts
     better: Sequence[Improvement] = ()
     if not question.is_exact:  # what a change would buy is known of a rigid servo
-        (better,) = improvements(
-            request, EVERY_DAMPING, question.situation, [parts], found, _CHANGES, thorough=True
-        )
+        wall = Wall(request, EVERY_DAMPING, question.situation, parts)
+        better = improvements(wall, _CHANGES, exact=True)
     return {
         "side": question.side,
         "virtual_damping": damping,
@@ -124,7 +114,7 @@ def design(question: Question, points: Curve) -> dict[str, Any]:
         "improvements": [
             {
                 "change": each.change,
-                "description": describe(each, question, damping),
+                "description": each.text,
                 "stiffness": each.stiffness,
                 "factor": each.factor(stiffness),
                 "buys": each.buys(stiffness),
@@ -184,41 +174,3 @@ def unknown(question: Question, damping: float) -> dict[str, Any] | None:
 
 def _lost(now: float, known: float) -> float:
     return 1.0 - now / known if known > now else 0.0
-
-
-def describe(improvement: Improvement, question: Question, damping: float) -> str:
-    """Describe a change in a few words, with its numbers.
-
-    Args:
-        improvement: The change.
-        question: The servo and loop that it improves.
-        damping: The present virtual damping [N·m·s/rad].
-    """
-    situation, parts = question.situation, question.delay_parts
-    period, low = situation.period, situation.belief.damping.low
-    match improvement.change:
-        case "virtual_damping":
-            return f"best virtual damping, {improvement.damping:.3g} instead of {damping:.3g}"
-        case "delay":
-            return f"half the delay, {ms(parts.delay / 2)} instead of {ms(parts.delay)}"
-        case "rate":
-            return f"twice the rate, {2 / period:.4g} Hz instead of {1 / period:.4g}"
-        case "damping":
-            return f"twice the viscous damping, {2 * low:.3g} instead of {low:.3g}"
-        case "baud":
-            fast, now = ms(parts.quickest_wire), ms(parts.named[WIRE])
-            return f"{FAST_BAUD / 1e6:g} Mbit/s, {fast} on the wire instead of {now}"
-        case "latency_timer":
-            now = ms(parts.named[ADAPTER])
-            return f"an adapter timer of {ms(SHORT_TIMER)} instead of {now}"
-        case "encoder":
-            return f"an encoder {FINER} times finer"
-        case "two_sided":
-            return "a two-sided wall, which also pulls"
-        case "motor_encoder":
-            return "an encoder on the motor's side"
-        case "stiffer":
-            hz = situation.belief.flexible_hz.low
-            return f"a stiffer horn and link, {2.0 * hz:.3g} Hz at least instead of {hz:.3g}"
-        case _:
-            return "knowing the servo: the middle of every range"

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
-from haptic_wall.controller.guard.reasons import Reason
-from haptic_wall.controller.guard.sentences import sentences
-from haptic_wall.controller.guard.types import Decision, Limits
+from haptic_wall.controller.guard.reasons import sentences
+from haptic_wall.controller.guard.types import Decision
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 
 def decision_report(
     decision: Decision,
-    further: Sequence[Reason] = (),
-    asked: bool = True,
+    further: Sequence[str] = (),
     now: tuple[float, float] | None = None,
 ) -> dict[str, object]:
     """Return the decision for a JSON report: no NaN, no infinity, None for what does not apply.
@@ -24,7 +21,6 @@ def decision_report(
     Args:
         decision: Decision of the guard.
         further: Reasons besides the guard's, placed after them.
-        asked: As for ``sentences``.
         now: Stiffness and damping that are really commanded; None: those of the decision.
     """
     stiffness, damping = now or (decision.stiffness, decision.damping)
@@ -34,12 +30,12 @@ def decision_report(
             "damping": decision.request.damping,
         },
         "commanded": {"stiffness": stiffness, "damping": damping},
-        "limit": {f.name: getattr(decision.limits, f.name) for f in fields(Limits)},
+        "limit": dict(decision.limits),
         "damping_ceiling": decision.damping_ceiling,
         "encoder_damping": finite(decision.encoder_damping),
         "margin": decision.margin,
-        "binding": None if decision.binding is None else decision.binding.value,
-        "reasons": sentences([*decision.reasons, *further], asked, now),
+        "binding": decision.binding,
+        "reasons": [*sentences(decision.reasons, now), *further],
         "only_friction": decision.only_friction,
         "interval_s": decision.period,
         "velocity_filter": filter_report(decision.request.velocity_filter, decision.period),

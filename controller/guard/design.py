@@ -1,4 +1,4 @@
-"""Finds which limit binds a wall, and what each improvement of servo, bus or wall would allow.
+"""Finds what each change of servo, bus or wall would allow, and says so in words.
 
 The guard's reasons and ``haptic-wall boundary`` both use this module. Each answer evaluates the
 limits anew with one change. Improvements do not add up: with two of them another limit may bind.
@@ -7,256 +7,279 @@ limits anew with one change. Improvements do not add up: with two of them anothe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
-from haptic_wall.controller.guard.delay_parts import ADAPTER, SHORT_TIMER, WIRE, DelayParts, shorter
-from haptic_wall.controller.guard.limits import (
-    LOOKED_UP,
-    PlantLimits,
-    damping_ceiling,
-    evaluate,
-    evaluate_box,
-    quantisation_limit,
+from haptic_wall.controller.guard.delay_parts import (
+    ADAPTER,
+    HOLD,
+    SAMPLE_AGE,
+    SHORT_TIMER,
+    WIRE,
+    DelayParts,
+    ms,
+    shorter,
 )
+from haptic_wall.controller.guard.evaluation import Evaluation, quantisation_limit
+from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Change, Improvement
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory import linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
 
 FAST_BAUD = 4_000_000
 FINER = 4
-_OF_THE_SERVO: tuple[Change, ...] = ("two_sided", "encoder", "motor_encoder", "stiffer")
-"""Changes after which the plants of the corner stay the same"""
+WORTH_NAMING = 1.02
+"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
+Change = Literal[
+    "virtual_damping",
+    "largest_part",
+    "delay",
+    "rate",
+    "damping",
+    "baud",
+    "latency_timer",
+    "encoder",
+    "two_sided",
+    "motor_encoder",
+    "stiffer",
+    "belief",
+]
+"""Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
+the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
+``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
+wall that also pulls; ``motor_encoder`` on the motor's side of a flexible transmission; ``stiffer``,
+that transmission's vibration at twice its frequency; ``belief`` the servo known exactly, at its
+believed values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """The limit after one change."""
+
+    change: str
+    text: str
+    """The change in words, with its numbers"""
+    stiffness: float
+    """The smallest limit after the change [N·m/rad]"""
+    binding: str
+    """The name of that limit"""
+    damping: float
+    """Virtual damping after the change [N·m·s/rad]"""
+
+    def factor(self, now: float) -> float | None:
+        """Return the new limit as a multiple of ``now`` [N·m/rad]; None where ``now`` is 0."""
+        return self.stiffness / now if now > 0 else None
+
+    def buys(self, now: float) -> bool:
+        """Whether the new limit exceeds ``now`` [N·m/rad] by more than 2 %."""
+        return self.stiffness > WORTH_NAMING * now
+
+
+class Wall(NamedTuple):
+    """A wall, its servo, and the parts of the delay, the device's own longest lag included."""
+
+    request: Request
+    settings: GuardSettings
+    situation: Situation
+    parts: DelayParts
+
+    @property
+    def corner(self) -> Plants:
+        """Return the least safe corner of the belief."""
+        one = Plants.at_corner(self.situation, np.zeros(1))
+        return replace(one, delay=np.array([self.parts.delay]))
 
 
 def improvements(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    parts: Sequence[DelayParts],
-    found: PlantLimits,
-    changes: Sequence[Change],
-    thorough: bool = False,
-) -> list[list[Improvement]]:
-    """Compute the limit after each change, for several delays at once.
+    wall: Wall, changes: Sequence[str], *, exact: bool = False, work: Work | None = None
+) -> list[Improvement]:
+    """Compute the limit after each change.
 
     Args:
-        request: The requested wall; its stiffness has no effect.
-        settings: The guard's settings; in mode ``off`` any B may be commanded.
-        situation: The belief about the servo, the period, encoder and torque limit.
-        parts: The parts of each delay, the device's own longest lag included.
-        found: The present limits, at the belief's corner, one per delay.
-        changes: Changes to try. The answer leaves out changes that do not apply (a finer encoder
-            where there is none, a two-sided wall in place of one, a baud rate without a part
-            ``wire``).
-        thorough: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good
-            one, in a fraction of the time.
+        wall: The requested wall, whose stiffness has no effect. In mode ``off`` any B may be
+            commanded.
+        changes: Changes to try, of ``Change``. The answer leaves out changes that do not apply (a
+            finer encoder where there is none, a two-sided wall in place of one, a baud rate without
+            a part ``wire``).
+        exact: Find the limits to 1e-4, and the best virtual damping; else to 5 %, and a good one,
+            in a fraction of the time.
+        work: What was evaluated before for the same asker.
 
     Returns:
-        The improvements for each delay, the highest stiffness first.
+        The improvements, the highest stiffness first.
     """
-    answers: list[list[Improvement]] = [[] for _ in parts]
-    if not parts:
-        return answers
-    corner = _corner(situation, parts)
-    plants: list[Plants] = []
-    asked: list[FloatArray] = []
-    tried: list[Change] = []
+    work = Work() if work is None else work
+    found = []
     for change in changes:
-        if change in _OF_THE_SERVO or not _applies(change, situation, parts):
+        made = _changed(change, wall, exact, work)
+        if made is None:
             continue
-        damping = np.full_like(corner.damping, request.damping)
-        if change == "virtual_damping":
-            search = _searched_damping if thorough else _promising_damping
-            damping = search(request, settings, situation, corner)
-        plants.append(_changed(change, corner, situation, parts))
-        asked.append(damping)
-        tried.append(change)
-    tolerance = 1e-4 if thorough else LOOKED_UP
-    # an exactly known servo is one plant; every other change needs the whole box
-    for known in (True, False):
-        some = [i for i, change in enumerate(tried) if (change == "belief") is known]
-        if not some:
-            continue
-        after = (evaluate if known else evaluate_box)(
-            request,
-            settings,
-            situation,
-            plants[some[0]].followed_by(*(plants[i] for i in some[1:])),
-            tolerance,
-            np.concatenate([asked[i] for i in some]),
-        )
-        for k, index in enumerate(some):
-            for i, answer in enumerate(answers):
-                answer.append(_improvement(tried[index], after, k * len(parts) + i))
-    if "two_sided" in changes and found.one_sided is not None and request.linear:
-        _append(answers, "two_sided", replace(found, one_sided=None))
-    if "encoder" in changes and found.quantisation is not None:
-        finer = replace(situation, position_step=situation.position_step / FINER)
-        limit = quantisation_limit(
-            request, settings, finer, found.damping, corner.period, found.rigid_ceiling
-        )
-        _append(answers, "encoder", replace(found, quantisation=limit))
-    for change in ("motor_encoder", "stiffer"):
-        if change in changes and _applies(change, situation, parts):
-            after = evaluate_box(
-                request,
-                settings,
-                replace(situation, belief=_changed_belief(change, situation.belief)),
-                corner,
-                tolerance,
-            )
-            _append(answers, change, after)
-    return [sorted(answer, key=lambda each: -each.stiffness) for answer in answers]
+        other, text = made
+        asked = (other.request, other.settings, other.situation, other.corner)
+        after = evaluate(*asked, exact=exact, work=work)
+        name, stiffness = smallest(after.at(0))
+        found.append(Improvement(change, text, stiffness, name, float(after.damping[0])))
+    return sorted(found, key=lambda each: -each.stiffness)
 
 
-def _append(answers: list[list[Improvement]], change: Change, found: PlantLimits) -> None:
-    for i, answer in enumerate(answers):
-        answer.append(_improvement(change, found, i))
-
-
-def _improvement(change: Change, found: PlantLimits, i: int) -> Improvement:
-    binding, stiffness = found.limits(i).smallest()
-    return Improvement(change, stiffness, binding, float(found.damping[i]))
-
-
-def _corner(situation: Situation, parts: Sequence[DelayParts]) -> Plants:
-    corner = Plants.at_corner(situation, np.zeros(len(parts)))
-    return replace(corner, delay=np.array([each.delay for each in parts]))
-
-
-def _applies(change: Change, situation: Situation, parts: Sequence[DelayParts]) -> bool:
-    """Whether the change is possible in this situation."""
-    belief = situation.belief
+def _changed(  # noqa: PLR0912 - a table of changes
+    change: str, wall: Wall, exact: bool, work: Work
+) -> tuple[Wall, str] | None:
+    """Return the wall after a change, and the change in words; None where it does not apply."""
+    request, _, situation, parts = wall
+    belief, period = situation.belief, situation.period
     match change:
-        case "belief":
-            known = (belief.inertia, belief.damping, belief.delay, belief.torque_gain)
-            return any(each.low < each.high for each in known)
-        case "damping":
-            return belief.damping.low > 0
-        case "motor_encoder":
-            return belief.is_flexible and belief.encoder == "output"
-        case "stiffer":
-            return belief.is_flexible
-        case "delay":
-            return any(each.delay > 0 for each in parts)
-        case "baud" | "latency_timer":
-            name = WIRE if change == "baud" else ADAPTER
-            return all(name in each.named for each in parts)
-        case _:
-            return True
-
-
-def _changed_belief(change: Change, belief: Belief) -> Belief:
-    """Return the belief of another encoder or transmission."""
-    if change == "motor_encoder":
-        return replace(belief, encoder="motor")
-    hz = belief.flexible_hz
-    return replace(belief, flexible_hz=Bounded(2.0 * hz.value, 2.0 * hz.low, 2.0 * hz.high))
-
-
-def _changed(
-    change: Change, corner: Plants, situation: Situation, parts: Sequence[DelayParts]
-) -> Plants:
-    """Return the plants of the belief's corner with one change."""
-    match change:
-        case "damping":
-            return replace(corner, damping=2 * corner.damping)
-        case "rate":
-            return replace(corner, period=corner.period / 2)
-        case "delay":
-            return replace(corner, delay=corner.delay / 2)
-        case "belief":
-            # the parts already include the device's own longest delay
-            rest = np.maximum(corner.delay - situation.belief.delay.high, 0.0)
-            return Plants.nominal(situation, rest)
+        case "virtual_damping":
+            best = _searched_damping(wall, work) if exact else _promising_damping(wall, work)
+            text = f"virtual damping {best:.2g} instead of {request.damping:.3g} N·m·s/rad"
+            return wall._replace(request=replace(request, damping=best)), text
         case "largest_part":
-            made = [
-                each.with_part(each.largest()[0], shorter(each, situation.slow_replies))
-                for each in parts
-            ]
-        case "baud":
-            made = [
-                each.with_part(WIRE, min(each.quickest_wire, each.named[WIRE])) for each in parts
-            ]
-        case "latency_timer":
-            made = [
-                each.with_part(ADAPTER, min(SHORT_TIMER, each.named[ADAPTER])) for each in parts
-            ]
+            return _largest_part(wall)
+        case "delay" if parts.delay > 0:
+            half = {name: 0.5 * size for name, size in parts.named.items()}
+            made = replace(parts, named=half)
+            text = f"half the delay, {ms(made.delay)} instead of {ms(parts.delay)}"
+            return wall._replace(parts=made), text
+        case "rate":
+            text = f"twice the rate, {2 / period:.4g} Hz instead of {1 / period:.4g}"
+            return _with_period(wall, 0.5 * period), text
+        case "baud" if WIRE in parts.named:
+            fast = min(parts.quickest_wire, parts.named[WIRE])
+            text = f"{FAST_BAUD / 1e6:g} Mbit/s, {ms(parts.quickest_wire)} on the wire instead of"
+            text += f" {ms(parts.named[WIRE])}"
+            return wall._replace(parts=parts.with_part(WIRE, fast)), text
+        case "latency_timer" if ADAPTER in parts.named:
+            short = min(SHORT_TIMER, parts.named[ADAPTER])
+            text = f"an adapter timer of {ms(SHORT_TIMER)} instead of {ms(parts.named[ADAPTER])}"
+            return wall._replace(parts=parts.with_part(ADAPTER, short)), text
+        case "encoder" if situation.position_step > 0:
+            finer = replace(situation, position_step=situation.position_step / FINER)
+            return wall._replace(situation=finer), f"an encoder {FINER} times finer"
+        case "two_sided" if request.side != "both" and request.linear:
+            both = replace(request, side="both")
+            return wall._replace(request=both), "a two-sided wall, which also pulls"
+        case "belief" if not belief.is_known:
+            rest = max(parts.delay - belief.delay.high, 0.0)
+            made = replace(parts, named={"delay": rest + belief.delay.value})
+            known = _with_belief(wall, _known(belief))
+            return known._replace(parts=made), "the servo known exactly, at its believed values"
+        case "damping" if belief.damping.low > 0:
+            low = belief.damping.low
+            text = f"twice the viscous damping, {2 * low:.3g} instead of {low:.3g} N·m·s/rad"
+            return _with_belief(wall, replace(belief, damping=_twice(belief.damping))), text
+        case "motor_encoder" if belief.is_flexible and belief.encoder == "output":
+            text = "an encoder on the motor's side of the flexible transmission"
+            return _with_belief(wall, replace(belief, encoder="motor")), text
+        case "stiffer" if belief.is_flexible:
+            hz = _twice(belief.flexible_hz)
+            text = f"a stiffer horn and link, {hz.low:.3g} Hz at least instead of"
+            text += f" {belief.flexible_hz.low:.3g}"
+            return _with_belief(wall, replace(belief, flexible_hz=hz)), text
         case _:
-            return corner
+            return None
+
+
+def _largest_part(wall: Wall) -> tuple[Wall, str]:
+    parts, slow = wall.parts, wall.situation.slow_replies
+    name, size = parts.largest()
+    least = shorter(parts, slow)
+    share = f"{100 * size / parts.total:.0f} % of the total delay"
+    what = {
+        HOLD: "half the period",
+        SAMPLE_AGE: "a sample's age",
+        "inserted": "an inserted delay",
+        "device": "a lag of the device",
+    }.get(name, f"a delay ({name})")
+    text = f"{what} of {ms(least)} instead of {ms(size)}, {share} (period/2 + delay ="
+    text += f" {ms(parts.total)})"
+    if slow and name == SAMPLE_AGE:
+        text += f": the adapter holds back replies; set its latency timer to {ms(SHORT_TIMER)}"
+    if name == HOLD:
+        return _with_period(wall, 2.0 * least), text
+    return wall._replace(parts=parts.with_part(name, least)), text
+
+
+def _with_period(wall: Wall, period: float) -> Wall:
+    situation = replace(wall.situation, period=period)
+    return wall._replace(situation=situation, parts=wall.parts.with_part(HOLD, 0.5 * period))
+
+
+def _with_belief(wall: Wall, belief: Belief) -> Wall:
+    return wall._replace(situation=replace(wall.situation, belief=belief))
+
+
+def _known(belief: Belief) -> Belief:
     return replace(
-        corner,
-        period=np.array([each.period for each in made]),
-        delay=np.array([each.delay for each in made]),
+        belief,
+        inertia=Bounded.exactly(belief.inertia.value),
+        damping=Bounded.exactly(belief.damping.value),
+        delay=Bounded.exactly(belief.delay.value),
+        torque_gain=Bounded.exactly(belief.torque_gain.value),
     )
+
+
+def _twice(value: Bounded) -> Bounded:
+    return Bounded(2.0 * value.value, 2.0 * value.low, 2.0 * value.high)
 
 
 # Virtual damping
 
 
-def _highest_damping(
-    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
-) -> FloatArray:
-    highest = damping_ceiling(request, situation, plants)[0]
-    return highest if settings.mode == "off" else settings.damping_cap * highest
+def _highest_damping(wall: Wall, work: Work) -> float:
+    request, settings, situation, _ = wall
+    at = Evaluation(request, settings, situation, wall.corner, work=work)
+    share = 1.0 if settings.mode == "off" else settings.damping_cap
+    return share * float(at.vibration[0])
 
 
-def _promising_damping(
-    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
-) -> FloatArray:
+def _promising_damping(wall: Wall, work: Work) -> float:
     """Return a virtual damping that allows a high stiffness, by a quick approximation.
 
     Relative to the linear limit, the exact limit falls about in proportion to the fraction of the
     ceiling, and the one-sided limit falls below the exact one by about the same. This approximation
     guides only the choice; the limits at the chosen damping are evaluated properly.
     """
+    request, settings, situation, _ = wall
     if settings.mode == "passive":
-        return np.zeros_like(plants.damping)  # virtual damping costs passivity
-    highest = _highest_damping(request, settings, situation, plants)[:, None]
-    share = np.geomspace(1e-4, 1.0, 200)
+        return 0.0  # virtual damping costs passivity
+    p, share = wall.corner, np.geomspace(1e-4, 1.0, 200)
+    tried = _highest_damping(wall, work) * share
     of_ceiling = share if settings.mode == "off" else settings.damping_cap * share
-    tried = highest * share
-    b, g, t, t_d = (
-        each[:, None] for each in (plants.damping, plants.gain, plants.period, plants.delay)
-    )
-    guide = linear_limit(b, g * tried, t, t_d) / g * (1 - of_ceiling)
+    guide = linear_limit(p.damping, p.gain * tried, p.period, p.delay) / p.gain * (1 - of_ceiling)
     if request.side != "both":
         guide = guide * (1 - of_ceiling)
-    rough = quantisation_limit(request, settings, situation, tried, t, tried + np.inf)
-    if rough is not None:
+    if situation.position_step > 0:
+        rigid = tried + np.inf
+        rough = quantisation_limit(request, settings, situation, tried, p.period, rigid)
         guide = np.minimum(guide, rough)
-    best: FloatArray = tried[np.arange(tried.shape[0]), np.argmax(guide, axis=1)]
-    return best
+    return float(tried[np.argmax(guide)])
 
 
 _SHARES, _POINTS, _ROUNDS = np.geomspace(1e-3, 1.0, 25), 9, 4
 _WITHIN = 1e-4  # fraction of the range left out at both ends, where no stiffness is allowed
 
 
-def _searched_damping(
-    request: Request, settings: GuardSettings, situation: Situation, plants: Plants
-) -> FloatArray:
+def _searched_damping(wall: Wall, work: Work) -> float:
     """Return the virtual damping with the highest limit over the belief, to 1e-3 of itself.
 
     The first points are spaced by a factor, as the encoder may leave only small dampings.
     """
-    lowest = -plants.damping / plants.gain * (1 - _WITHIN)
-    highest = _highest_damping(request, settings, situation, plants) * (1 - _WITHIN)
-    rows = np.arange(lowest.size)
-    tried = np.column_stack(
-        [lowest, np.zeros_like(lowest), *(share * highest for share in _SHARES)]
-    )
+    request, settings, situation, _ = wall
+    p = wall.corner
+    low = -float((p.damping / p.gain)[0]) * (1 - _WITHIN)
+    high = _highest_damping(wall, work) * (1 - _WITHIN)
+    tried: FloatArray = np.array([low, 0.0, *(high * _SHARES)])
+    best = 0.0
     for _ in range(_ROUNDS):
-        spread = plants.take(np.repeat(rows, tried.shape[1]))
-        after = evaluate_box(request, settings, situation, spread, 1e-3, asked=tried.ravel())
-        top = np.argmax(after.smallest().reshape(tried.shape), axis=1)
-        best: FloatArray = after.damping.reshape(tried.shape)[rows, top]
-        low = tried[rows, np.maximum(top - 1, 0)]
-        high = tried[rows, np.minimum(top + 1, tried.shape[1] - 1)]
-        tried = np.linspace(low, high, _POINTS, axis=1)
+        spread = p.take(np.zeros(tried.size, dtype=np.int64))
+        after = evaluate(request, settings, situation, spread, asked=tried, exact=True, work=work)
+        top = int(np.argmax(after.smallest()))
+        best = float(after.damping[top])
+        ends = tried[max(top - 1, 0)], tried[min(top + 1, tried.size - 1)]
+        tried = np.linspace(*ends, _POINTS)
     return best

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_wall.controller.guard.belief import HEAVIEST, LIGHTEST, Belief
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.flexible_scan import FlexibleScan
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -65,6 +65,7 @@ def flexible_ceiling(
     inserted: float = 0.0,
     velocity_filter: VelocityFilter | None = None,
     served: tuple[float, float] = (1.0, 1.0),
+    work: Work | None = None,
 ) -> FloatArray:
     """Return the commanded damping above which the load may vibrate without any stiffness.
 
@@ -76,17 +77,24 @@ def flexible_ceiling(
         inserted: The part of it that is neither the sample's age nor the device's own lag [s].
         velocity_filter: Filter of the velocity that damps; None: none.
         served: Shortest and longest interval that may take the place of a period, over it.
+        work: What was computed before for the same asker.
 
     Returns:
         [N·m·s/rad]
     """
+    work = Work() if work is None else work
     gain = belief.torque_gain.high
     every = _is_notch(velocity_filter)
+
+    def ceiling(at: _Interval, knot: Knot) -> float:
+        loop = (at.belief, at.period, knot, samples, velocity_filter)
+        return work.once(("ceiling", *loop), lambda: float(_scan(work, *loop).ceilings().min()))
+
     found = [
         min(
-            float(_scan(at.belief, at.period, knot, samples, velocity_filter).ceilings().min())
-            for at in _intervals(belief, t, served, velocity_filter)
-            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, every)
+            ceiling(at, knot)
+            for at in _intervals(work, belief, t, served, velocity_filter)
+            for knot in knots(at.belief, at.period, at.longer * t_d, inserted, every, work)
         )
         / gain
         for t, t_d in zip(period.tolist(), delay.tolist(), strict=True)
@@ -103,20 +111,22 @@ def flexible_limit(
     inserted: float = 0.0,
     velocity_filter: VelocityFilter | None = None,
     served: tuple[float, float] = (1.0, 1.0),
+    work: Work | None = None,
 ) -> FloatArray:
     """Return the stiffness up to which every wall from 0 on is stable for the whole belief.
 
     Arguments as of ``flexible_ceiling``; ``damping`` is the commanded one of each plant
     [N·m·s/rad]. The result is in commanded units [N·m/rad].
     """
+    work = Work() if work is None else work
     every = _is_notch(velocity_filter)
     found = []
     for t, t_d, b in zip(period.tolist(), delay.tolist(), damping.tolist(), strict=True):
         least = _UNBOUND
-        for at in _intervals(belief, t, served, velocity_filter):
+        for at in _intervals(work, belief, t, served, velocity_filter):
             late = at.longer * t_d
-            grid = knots(at.belief, at.period, late, inserted, every)
-            limit = _limit(at.belief, at.period, grid, late, b, samples, velocity_filter)
+            grid = knots(at.belief, at.period, late, inserted, every, work)
+            limit = _limit(work, at.belief, at.period, grid, late, b, samples, velocity_filter)
             least = min(least, limit)
         found.append(least)
     return np.minimum(WITHIN * np.array(found), _UNBOUND)
@@ -192,8 +202,18 @@ def _step(high: float, period: float) -> float:
     return _PHASE if high * period <= _SAMPLED else _FINER
 
 
-@lru_cache(maxsize=1024)
 def _intervals(
+    work: Work,
+    belief: Belief,
+    period: float,
+    served: tuple[float, float],
+    velocity_filter: VelocityFilter | None,
+) -> list[_Interval]:
+    asked = (belief, period, served, velocity_filter)
+    return work.once(("intervals", *asked), lambda: _all_intervals(*asked))
+
+
+def _all_intervals(
     belief: Belief,
     period: float,
     served: tuple[float, float],
@@ -258,6 +278,7 @@ def _is_notch(velocity_filter: VelocityFilter | None) -> bool:
 
 
 def _limit(
+    work: Work,
     belief: Belief,
     period: float,
     grid: list[Knot],
@@ -268,17 +289,17 @@ def _limit(
 ) -> float:
     *shorter, below, above = grid
     loop = (samples, velocity_filter)
-    at = [_limit_at(belief, period, knot, damping, *loop) for knot in shorter]
+    at = [_limit_at(work, belief, period, knot, damping, *loop) for knot in shorter]
     for knot in (below, above):
         scale = (0.5 * period + knot.delay) / (0.5 * period + delay)
         if _is_quick(belief, period):
             scale = min(scale, 1.0)
-        at.append(scale * _limit_at(belief, period, knot, damping, *loop))
+        at.append(scale * _limit_at(work, belief, period, knot, damping, *loop))
     return min(at)
 
 
-@lru_cache(maxsize=8192)
 def _limit_at(
+    work: Work,
     belief: Belief,
     period: float,
     knot: Knot,
@@ -286,9 +307,14 @@ def _limit_at(
     samples: int,
     velocity_filter: VelocityFilter | None,
 ) -> float:
-    scan = _scan(belief, period, knot, samples, velocity_filter)
+    loop = (belief, period, knot, samples, velocity_filter)
     gains = {belief.torque_gain.low, belief.torque_gain.high}
-    return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
+
+    def least() -> float:
+        scan = _scan(work, *loop)
+        return min(float(scan.limits(gain * damping).min()) / gain for gain in gains)
+
+    return work.once(("limit", *loop, damping), least)
 
 
 def _is_quick(belief: Belief, period: float) -> bool:
@@ -303,7 +329,12 @@ def _motor(whole: float, load: float) -> float:
 
 
 def knots(
-    belief: Belief, period: float, delay: float, inserted: float, every: bool = False
+    belief: Belief,
+    period: float,
+    delay: float,
+    inserted: float,
+    every: bool = False,
+    work: Work | None = None,
 ) -> list[Knot]:
     """Return the grid from below the shortest possible delay to above ``delay`` [s].
 
@@ -313,7 +344,9 @@ def knots(
     """
     hz = belief.flexible_hz
     most = _QUARTER if _is_quick(belief, period) else math.inf
-    grid = _delays(hz.low, hz.high, period, delay, every, most)
+    asked = (hz.low, hz.high, period, delay, every, most)
+    work = Work() if work is None else work
+    grid = work.once(("delays", *asked), lambda: _delays(*asked))
     shortest = min(inserted + belief.delay.low, delay)
     if grid[-1].low > 0.0:
         shortest = max(shortest, delay - 1.0 / grid[-1].low)
@@ -321,7 +354,6 @@ def knots(
     return grid[first:]
 
 
-@lru_cache(maxsize=1024)
 def _delays(
     low: float, high: float, period: float, longest: float, every: bool, most: float
 ) -> list[Knot]:
@@ -365,8 +397,19 @@ def _counted(low: float, high: float, period: float, delay: float) -> tuple[floa
     return slow, slow + span
 
 
-@lru_cache(maxsize=256)
 def _scan(
+    work: Work,
+    belief: Belief,
+    period: float,
+    knot: Knot,
+    samples: int,
+    velocity_filter: VelocityFilter | None,
+) -> FlexibleScan:
+    asked = (belief, period, knot, samples, velocity_filter)
+    return work.once(("scan", *asked), lambda: _scanned(*asked))
+
+
+def _scanned(
     belief: Belief,
     period: float,
     knot: Knot,

@@ -14,30 +14,24 @@ from dataclasses import replace
 import numpy as np
 
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
-from haptic_wall.controller.guard.design import improvements
-from haptic_wall.controller.guard.explain import REMEDIES, explain
-from haptic_wall.controller.guard.limits import (
-    LOOKED_UP,
-    PlantLimits,
-    evaluate_box,
-    unstable_nominally,
-)
+from haptic_wall.controller.guard.design import Wall
+from haptic_wall.controller.guard.evaluation import unstable_nominally
+from haptic_wall.controller.guard.limits import evaluate, smallest
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Improvement
+from haptic_wall.controller.guard.reasons import reasons
 from haptic_wall.controller.guard.types import (
     Decision,
     GuardSettings,
-    Limits,
     Mode,
     Request,
     Situation,
 )
-from haptic_wall.controller.theory.checks import FloatArray, not_negative
+from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.theory.checks import not_negative
 
 __all__ = [
     "Decision",
     "GuardSettings",
-    "Limits",
     "Mode",
     "Request",
     "Situation",
@@ -52,8 +46,8 @@ def decide(
     delays: Sequence[float],
     inserted: float = 0.0,
     explained: bool = True,
-    reduced: bool = False,
     least_inserted: float | None = None,
+    work: Work | None = None,
 ) -> list[Decision]:
     """Decide which stiffness and damping may be commanded, for each of several delays.
 
@@ -64,9 +58,8 @@ def decide(
         delays: Inserted delay and age of the sample, without the device's own lag, each >= 0 [s].
         inserted: The inserted part of each delay [s].
         explained: Whether to also give the reasons, which takes several times as long.
-        reduced: Whether something else commands less than this decision; the reasons then say
-            "allowed".
         least_inserted: Shortest inserted part, where it varies [s]; None: ``inserted``.
+        work: What was evaluated before for the same asker; None: nothing.
 
     Returns:
         One decision per delay, in order.
@@ -79,7 +72,8 @@ def decide(
     least = inserted if least_inserted is None else least_inserted
     situation = replace(situation, inserted=least)
     corner = Plants.at_corner(situation, before_device)
-    found = evaluate_box(request, settings, situation, corner, LOOKED_UP)
+    work = Work() if work is None else work
+    found = evaluate(request, settings, situation, corner, work=work)
     alone = (
         unstable_nominally(request, situation, before_device)
         if settings.mode == "off"
@@ -87,67 +81,38 @@ def decide(
     )
     decisions = []
     for i, delay in enumerate(corner.delay.tolist()):
-        limits = found.limits(i)
-        name, smallest = limits.smallest()
-        bound = settings.mode != "off" and request.stiffness > settings.margin * smallest
-        decisions.append(
-            Decision(
-                request=request,
-                delay=delay,
-                period=situation.period,
-                stiffness=settings.margin * smallest if bound else request.stiffness,
-                damping=float(found.damping[i]),
-                limits=limits,
-                encoder_damping=float(found.encoder_damping[i]),
-                damping_ceiling=float(found.ceiling[i]),
-                margin=settings.margin,
-                binding=name if bound else None,
-                reasons=(),
-                only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
-                vibrates=found.vibrates is not None and bool(found.vibrates[i]),
-                inserted=inserted,
-            )
+        limits = found.at(i)
+        name, least_limit = smallest(limits)
+        bound = settings.mode != "off" and request.stiffness > settings.margin * least_limit
+        decision = Decision(
+            request=request,
+            delay=delay,
+            period=situation.period,
+            stiffness=settings.margin * least_limit if bound else request.stiffness,
+            damping=float(found.damping[i]),
+            limits=limits,
+            encoder_damping=float(found.encoder_damping[i]),
+            damping_ceiling=float(found.ceiling[i]),
+            margin=settings.margin,
+            binding=name if bound else None,
+            reasons=(),
+            only_friction=bool(alone[i]) and situation.belief.coulomb.value > 0,
+            vibrates=bool(found.vibrates[i]),
+            inserted=inserted,
         )
-    if not explained:
-        return decisions
-    return _explained(decisions, settings, situation, before_device, inserted, found, reduced)
+        if explained:
+            parts = _parts(situation, float(before_device[i]), inserted)
+            wall = Wall(request, settings, situation, parts)
+            decision = replace(decision, reasons=reasons(decision, wall, work))
+        decisions.append(decision)
+    return decisions
 
 
-def _explained(
-    decisions: list[Decision],
-    settings: GuardSettings,
-    situation: Situation,
-    before_device: FloatArray,
-    inserted: float,
-    found: PlantLimits,
-    reduced: bool,
-) -> list[Decision]:
-    """Return the decisions with their reasons and the limit that each remedy would give."""
-    parts = [
-        DelayParts(
-            situation.period,
-            {
-                SAMPLE_AGE: max(delay - inserted, 0.0),
-                "inserted": min(inserted, delay),
-                "device": situation.belief.delay.high,
-            },
-        )
-        for delay in before_device.tolist()
-    ]
-    bound = [i for i, d in enumerate(decisions) if d.binding]
-    remedies: list[list[Improvement]] = [[] for _ in decisions]
-    if bound:
-        answers = improvements(
-            decisions[0].request,
-            settings,
-            situation,
-            [parts[i] for i in bound],
-            found.take(np.array(bound, dtype=np.int64)),
-            REMEDIES,
-        )
-        for i, answer in zip(bound, answers, strict=True):
-            remedies[i] = answer
-    return [
-        replace(d, reasons=explain(d, settings, situation, parts[i], remedies[i], reduced))
-        for i, d in enumerate(decisions)
-    ]
+def _parts(situation: Situation, before_device: float, inserted: float) -> DelayParts:
+    """Return the parts of a delay, the device's own longest lag included."""
+    named = {
+        SAMPLE_AGE: max(before_device - inserted, 0.0),
+        "inserted": min(inserted, before_device),
+        "device": situation.belief.delay.high,
+    }
+    return DelayParts(situation.period, named)

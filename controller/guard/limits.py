@@ -1,523 +1,341 @@
-"""Evaluates the guard's limits for many plants at once, in commanded units.
+"""The limits of the guard: one class each, and their list. All else iterates over the list.
 
-The acting torque is the torque gain times the commanded torque. A limit is therefore evaluated at
-``gain * B`` and divided by the gain.
+Decisions, reasons, reports, the table of ``haptic-wall boundary``, pictures and the live page's map
+take names, meanings and values from here.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.guard.flexible import (
-    fast_ceiling,
-    fast_limit,
-    flexible_ceiling,
-    flexible_limit,
-    returned_share,
-)
-from haptic_wall.controller.guard.plants import Box, Plants
-from haptic_wall.controller.guard.types import GuardSettings, Limits, Request, Situation
-from haptic_wall.controller.theory import (
-    critical_stiffness,
-    linear_limit,
-    max_virtual_damping,
-    one_sided_limit,
-    passive_limit,
-)
-from haptic_wall.controller.theory.backlash import backlash_limit
-from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
-from haptic_wall.controller.theory.chain import one_mass
-from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
+from haptic_wall.controller.guard.evaluation import UNBOUND, Evaluation, quantisation_limit
+from haptic_wall.controller.guard.flexible import fast_limit, flexible_limit, returned_share
+from haptic_wall.controller.guard.plants import Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.theory import linear_limit, passive_limit
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.harmonic import backlash_limit
 from haptic_wall.controller.theory.passivity import passive_slope
 
-BACKLASH_COUNTS = 4
-"""An oscillation of backlash of up to so many counts to either side is let be"""
-_UNBOUND = 1e12
-"""Stands for no limit at all [N·m/rad]"""
-ON_A_LINK = 0.4
-"""Fraction of the limit of a believed vibration that a two-sided law of several slopes may use: a
-law of many ridges can turn the shaft in one direction for ever, where their frequency is near that
-of the vibration"""
-LOOKED_UP = 0.05
-"""Largest fraction by which the table underestimates the one-sided limit."""
 
-CORNER_ALONE = 0.94
-"""Fraction of the corner's one-sided limit that the guard uses where friction is light: the worst
-that a search found over the box is 0.943. The exact limit is used as it is at the corner: the same
-search found 0.997 of it, 0.987 with velocities over several samples."""
-BETWEEN_MEMBERS = 0.96
-"""Fraction of the least one-sided limit over the evaluated members that the guard uses: between the
-members the limit is up to 3 % lower (found by search). 1 where the
-servo is known exactly."""
+class Limit(Protocol):
+    """A limit of the stiffness."""
+
+    name: str
+    """In reports and on pages"""
+    label: str
+    """In pictures and tables"""
+    meaning: str
+    """What happens above it, as the end of a sentence"""
+    source: str
+    raised_by: tuple[str, ...]
+    """Names of the changes (``design``) that raise it, besides more of the servo's own damping"""
+
+    def applies(self, at: Evaluation) -> bool:
+        """Whether it limits this wall."""
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return it at the commanded damping of each corner [N·m/rad]."""
+
+
+_OF_THE_LOOP = ("virtual_damping", "largest_part", "damping", "belief")
+
+
+class Linear:
+    """(b + B) / (T/2 + t_d): the tangent of the exact boundary at the origin."""
+
+    name, label = "linear", "linear condition"
+    meaning = "sum of the damping over sum of the delay"
+    source = "Gil et al., ICRA 2007, (7) to (10)"
+    raised_by = _OF_THE_LOOP
+
+    def applies(self, _: Evaluation) -> bool:
+        """Always."""
+        return True
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return it at the corner, where it is least."""
+        p = at.corners
+        found: FloatArray = linear_limit(p.damping, p.gain * at.damping, p.period, p.delay) / p.gain
+        return found
+
+
+class Exact:
+    """The two-sided loop is stable below it."""
+
+    name, label = "exact", "exact"
+    meaning = "above it the loop oscillates and grows"
+    source = "Gil et al., ICRA 2007, (11), solved on the unit circle"
+    raised_by = _OF_THE_LOOP
+
+    def applies(self, _: Evaluation) -> bool:
+        """Always."""
+        return True
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return the least of the members."""
+        return at.least(at.exact)
+
+
+class OneSided:
+    """Below it a wall that never pulls returns no device faster than it came."""
+
+    name, label = "one_sided", "one-sided"
+    meaning = "above it a wall that never pulls returns the device faster than it came"
+    source = "exact contacts over each phase of entry"
+    raised_by = (*_OF_THE_LOOP, "two_sided")
+
+    CORNER_ALONE = 0.94
+    """Fraction of the corner's limit that is used where friction is light: the worst that a search
+    found over the box is 0.943. The exact limit is used as it is at the corner: the same search
+    found 0.997 of it, 0.987 with velocities over several samples."""
+    BETWEEN_MEMBERS = 0.96
+    """Fraction of the least of the members that is used: between them it is up to 3 % lower (found
+    by search). 1 where the servo is known exactly."""
+
+    def applies(self, at: Evaluation) -> bool:
+        """To walls that never pull."""
+        return at.request.side != "both"
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return a fraction of the least of the members."""
+        share = self.BETWEEN_MEMBERS if at.box.size > 1 else self.CORNER_ALONE
+        if at.situation.belief.is_known:
+            share = 1.0
+        return share * at.least(at.one_sided)
+
+
+class Quantisation:
+    """Below it one encoder count commands a small fraction of the torque limit."""
+
+    name, label = "quantisation", "encoder (quantisation)"
+    meaning = "above it one encoder count commands too much of the torque limit"
+    source = "Diolaiti et al. 2006; the weights are fitted to the torque at rest"
+    raised_by = ("virtual_damping", "encoder", "largest_part", "belief")
+
+    def applies(self, at: Evaluation) -> bool:
+        """Where position and torque limit are known to be finite."""
+        situation = at.situation
+        return situation.position_step > 0 and not math.isinf(situation.torque_limit)
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return what the damper leaves."""
+        asked = (at.request, at.settings, at.situation)
+        return quantisation_limit(*asked, at.damping, at.corners.period, at.rigid_ceiling)
+
+
+class Passive:
+    """Below it the wall is stable with any passive hand."""
+
+    name, label = "passive", "passive"
+    meaning = "above it some passive hand makes the wall unstable"
+    source = "Colgate and Schenkel 1997, extended to any delay"
+    raised_by = _OF_THE_LOOP
+
+    def applies(self, at: Evaluation) -> bool:
+        """In mode ``passive``."""
+        return at.settings.mode == "passive"
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return the least over the delays that the belief admits; of a law, at the longest."""
+        return at.once("passive", lambda: self._over_delays(at))
+
+    def _over_delays(self, at: Evaluation) -> FloatArray:
+        p, lag, period = at.corners, at.situation.belief.delay, at.situation.period
+        acting = p.gain * at.damping
+        if not at.request.linear:
+            slope: FloatArray = passive_slope(p.damping, acting, p.period, p.delay) / p.gain
+            return slope
+        shortest = np.maximum(p.delay - (lag.high - lag.low), 0.0)
+        # between two whole periods the limit has its maximum inside, so it is least at a whole
+        # period or at the ends of the range
+        count = int((lag.high - lag.low) / period) + 2
+        whole = np.ceil(shortest / p.period)[:, None] + np.arange(count)
+        delays = [p.delay[:, None], shortest[:, None], whole * p.period[:, None]]
+        tried = np.clip(np.concatenate(delays, 1), shortest[:, None], p.delay[:, None])
+        rows = (np.repeat(row, tried.shape[1]) for row in (p.damping, acting, p.period))
+        # many corners share the same whole delays, and each evaluation takes half a millisecond
+        distinct, which = np.unique(np.stack([*rows, tried.ravel()]), axis=1, return_inverse=True)
+        limits = passive_limit(*distinct, at.request.velocity_samples)[which.ravel()]
+        least: FloatArray = limits.reshape(tried.shape).min(axis=1) / p.gain
+        return least
+
+
+class Backlash:
+    """Below it backlash sustains no oscillation of more than four encoder counts."""
+
+    name, label = "backlash", "backlash"
+    meaning = (
+        "above it the believed backlash may sustain an oscillation that friction does not stop"
+    )
+    source = "harmonic balance; Gelb and Vander Velde 1968"
+    raised_by = _OF_THE_LOOP
+
+    COUNTS = 4
+    """An oscillation of up to so many counts to either side is let be"""
+
+    def applies(self, at: Evaluation) -> bool:
+        """Where backlash is believed."""
+        return at.situation.belief.backlash.high > 0.0
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return the least over inertias and gains, with the least friction, which counts here."""
+        return at.once(("backlash", at.situation.position_step), lambda: self._over_box(at))
+
+    def _over_box(self, at: Evaluation) -> FloatArray:
+        belief, p = at.situation.belief, at.corners
+        width = belief.backlash.high
+        amplitude = self.COUNTS * at.situation.position_step or width
+        found = [
+            backlash_limit(
+                inertia,
+                p.damping,
+                belief.coulomb.low,
+                gain * at.damping,
+                p.period,
+                p.delay,
+                width,
+                amplitude,
+                at.request.velocity_samples,
+            )
+            / gain
+            for inertia in {belief.inertia.low, belief.inertia.high}
+            for gain in {belief.torque_gain.low, belief.torque_gain.high}
+        ]
+        least: FloatArray = np.min(found, axis=0)
+        return np.minimum(least, UNBOUND)
+
+
+class Flexible:
+    """Below it a load behind a flexible transmission does not vibrate, nor return faster."""
+
+    name, label = "flexible", "flexible load"
+    meaning = "above it the believed load may vibrate on its flexible transmission"
+    source = "two masses, exactly discretised, over a grid of the belief and its delays"
+    raised_by = (*_OF_THE_LOOP, "two_sided", "motor_encoder", "stiffer")
+
+    ON_A_LINK = 0.4
+    """Fraction that a two-sided law of several slopes may use: a law of many ridges can turn the
+    shaft in one direction for ever, where their frequency is near that of the vibration"""
+
+    def applies(self, at: Evaluation) -> bool:
+        """Where such a load is believed."""
+        return at.situation.belief.is_flexible
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return the least over the belief's whole box."""
+        p, request, situation = at.corners, at.request, at.situation
+        belief = situation.belief
+        if at.is_fast:
+            full = np.ones_like(at.damping)  # a load without damping allows no damping at all
+            share = np.divide(at.damping, at.vibration, out=full, where=at.vibration > 0.0)
+            exact = at.at_corner(at.exact)
+            return fast_limit(belief, exact, share, situation.served[0] * p.period)
+        found = flexible_limit(
+            belief,
+            p.period,
+            p.delay,
+            at.damping,
+            request.velocity_samples,
+            situation.inserted,
+            request.velocity_filter,
+            situation.served,
+            at.work,
+        )
+        if request.side == "both":
+            return found if request.linear else self.ON_A_LINK * found
+        return found * returned_share(belief, found) * np.minimum(at.one_sided_share, 1.0)
+
+
+class Resolution:
+    """Below it a law that slips travels four encoder counts first."""
+
+    name, label = "resolution", "resolution"
+    meaning = "above it friction slips before the encoder has seen it bend"
+    source = "four counts"
+    raised_by = ("encoder",)
+
+    def applies(self, at: Evaluation) -> bool:
+        """To such a law."""
+        return not math.isinf(at.request.resolved)
+
+    def stiffness(self, at: Evaluation) -> FloatArray:
+        """Return what the law's numbers say."""
+        return np.full_like(at.damping, at.request.resolved)
+
+
+PASSIVE = Passive()
+LIMITS: tuple[Limit, ...] = (
+    Linear(),
+    Exact(),
+    OneSided(),
+    Quantisation(),
+    PASSIVE,
+    Backlash(),
+    Flexible(),
+    Resolution(),
+)
+BY_NAME: Mapping[str, Limit] = {each.name: each for each in LIMITS}
 
 
 @dataclass(frozen=True, slots=True)
-class PlantLimits:
-    """Permitted damping and stiffness limits of each plant, in commanded units."""
+class Found:
+    """Permitted damping and stiffness limits of each corner; arrays of one length."""
 
+    limits: Mapping[str, FloatArray]
+    """By name, of those that apply [N·m/rad]"""
     ceiling: FloatArray
+    """As of ``Decision`` [N·m·s/rad]"""
     damping: FloatArray
-    linear: FloatArray
-    exact: FloatArray
-    one_sided: FloatArray | None
-    quantisation: FloatArray | None
-    passive: FloatArray | None
+    """[N·m·s/rad]"""
     encoder_damping: FloatArray
-    """As of ``Decision``"""
-    rigid_ceiling: FloatArray
-    """Damping above which no stiffness is stable on a rigid servo"""
-    backlash: FloatArray | None = None
-    flexible: FloatArray | None = None
-    resolution: FloatArray | None = None
-    vibrates: NDArray[np.bool_] | None = None
-    """The ceiling is that of the load's vibration on its transmission"""
+    """As of ``Decision`` [N·m·s/rad]"""
+    vibrates: NDArray[np.bool_]
+    """The ceiling is that of a load's vibration on its transmission"""
 
-    def limits(self, i: int) -> Limits:
-        """Return the limits of plant ``i``."""
-
-        def at(values: FloatArray | None) -> float | None:
-            return None if values is None else float(values[i])
-
-        return Limits(**{f.name: at(getattr(self, f.name)) for f in fields(Limits)})
-
-    def take(self, index: IntArray) -> PlantLimits:
-        """Return the results of the plants at ``index``."""
-        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        chosen: dict[str, Any] = {n: None if v is None else v[index] for n, v in every.items()}
-        return PlantLimits(**chosen)
+    def at(self, i: int) -> dict[str, float | None]:
+        """Return the limits of corner ``i`` by name; None where one does not apply."""
+        given = self.limits
+        return {name: float(given[name][i]) if name in given else None for name in BY_NAME}
 
     def smallest(self) -> FloatArray:
-        """Return the smallest limit of each plant [N·m/rad]."""
-        named = (getattr(self, f.name) for f in fields(Limits))
-        least: FloatArray = np.min([values for values in named if values is not None], axis=0)
+        """Return the smallest limit of each corner [N·m/rad]."""
+        least: FloatArray = np.min([*self.limits.values()], axis=0)
         return least
+
+
+def smallest(limits: Mapping[str, float | None]) -> tuple[str, float]:
+    """Return name and value of the smallest limit that applies."""
+    known = [(name, value) for name, value in limits.items() if value is not None]
+    return min(known, key=lambda pair: pair[1])
 
 
 def evaluate(
     request: Request,
     settings: GuardSettings,
     situation: Situation,
-    plants: Plants,
-    tolerance: float = 1e-4,
+    corners: Plants,
+    *,
+    exact: bool = False,
     asked: FloatArray | None = None,
-) -> PlantLimits:
-    """Compute the permitted damping and the stiffness limits at it.
+    work: Work | None = None,
+) -> Found:
+    """Compute the permitted damping, and each limit at it as the least over the belief.
 
-    Args:
-        request: The requested wall.
-        settings: The guard's settings; in mode ``off`` the damping is as requested.
-        situation: The torque limit and the encoder step.
-        plants: Plants to evaluate.
-        tolerance: Wanted relative accuracy of the one-sided limit. With ``LOOKED_UP`` or more it
-            comes from the table, on the safe side; with less, contacts are simulated.
-        asked: Requested virtual damping of each plant, where it differs from the request's
-            [N·m·s/rad].
+    Arguments are those of ``Evaluation``.
     """
-    m, b, g, t, t_d = (getattr(plants, f.name) for f in fields(plants))
-    n = request.velocity_samples
-    belief = situation.belief
-    ceiling, rigid = damping_ceiling(request, situation, plants)
-    nothing_stable, vibration = g * rigid, ceiling
-    most = encoder_damping(request, settings, situation, t, rigid)
-    vibrates = ceiling < rigid if belief.is_flexible else None
-    if settings.mode == "passive":
-        # above it, for whole delays, even the damper alone is not passive
-        ceiling = np.minimum(ceiling, b / g)
-        vibrates = None if vibrates is None else vibrates & (vibration <= b / g)
-    damping = np.full_like(ceiling, request.damping) if asked is None else asked
-    if settings.mode != "off":
-        damping = np.minimum(damping, settings.damping_cap * ceiling)
-        damping = np.where(damping <= -b / g, -settings.damping_cap * b / g, damping)
-        damping = np.clip(damping, -most, most) + 0.0
-    acting = g * damping
-    filtered = request.velocity_filter
-    exact = _critical(plants, request, acting)
-    one_sided = None
-    if request.side != "both":
-        one_sided = (
-            one_sided_limit(m, b, acting, t, t_d, n, tolerance)
-            if tolerance < LOOKED_UP
-            else one_sided_limit_tabulated(
-                m, b, acting, t, t_d, n, exact=exact, ceiling=nothing_stable
-            )
-        )
-    flexible = None
-    shortest = situation.served[0]
-    if belief.is_fast(shortest * situation.period):
-        full = np.ones_like(damping)  # a load without damping allows no virtual damping at all
-        of_ceiling = np.divide(damping, vibration, out=full, where=vibration > 0.0)
-        flexible = fast_limit(belief, exact / g, of_ceiling, shortest * t)
-    elif belief.is_flexible:
-        served = situation.served
-        flexible = flexible_limit(belief, t, t_d, damping, n, situation.inserted, filtered, served)
-        if one_sided is not None:
-            rigid_share = np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
-            flexible = flexible * returned_share(belief, flexible) * np.minimum(rigid_share, 1.0)
-        elif not request.linear:
-            flexible = ON_A_LINK * flexible
-    return PlantLimits(
-        ceiling=ceiling,
-        damping=damping,
-        linear=linear_limit(b, acting, t, t_d, n) / g,
-        exact=exact / g,
-        one_sided=None if one_sided is None else one_sided / g,
-        quantisation=quantisation_limit(request, settings, situation, damping, t, rigid),
-        encoder_damping=most,
-        rigid_ceiling=rigid,
-        passive=_passive(request, plants, acting) if settings.mode == "passive" else None,
-        flexible=flexible,
-        resolution=None if math.isinf(request.resolved) else np.full_like(g, request.resolved),
-        vibrates=vibrates,
+    at = Evaluation(request, settings, situation, corners, exact=exact, asked=asked, work=work)
+    return Found(
+        limits={each.name: each.stiffness(at) for each in LIMITS if each.applies(at)},
+        ceiling=at.ceiling,
+        damping=at.damping,
+        encoder_damping=at.encoder_damping,
+        vibrates=at.vibrates,
     )
-
-
-def _passive(request: Request, plants: Plants, acting: FloatArray) -> FloatArray:
-    """Return the stiffness below which the law is passive [N·m/rad].
-
-    Args:
-        request: The law.
-        plants: To be evaluated.
-        acting: Virtual damping that acts [N·m·s/rad].
-    """
-    b, t, t_d = plants.damping, plants.period, plants.delay
-    if request.linear:
-        limit = passive_limit(b, acting, t, t_d, request.velocity_samples)
-    else:
-        limit = passive_slope(b, acting, t, t_d)
-    found: FloatArray = limit / plants.gain
-    return found
-
-
-def damping_ceiling(
-    request: Request, situation: Situation, plants: Plants
-) -> tuple[FloatArray, FloatArray]:
-    """Return the commanded damping above which no stiffness is stable [N·m·s/rad].
-
-    Args:
-        request: The wall; only its number of velocity samples is used.
-        situation: The belief, and the period.
-        plants: Plants to evaluate.
-
-    Returns:
-        (with the believed vibration, of a rigid servo)
-    """
-    g, t, t_d = plants.gain, plants.period, plants.delay
-    n, belief = request.velocity_samples, situation.belief
-    filtered = request.velocity_filter
-    rigid = _ceiling(plants, request) / g
-    if belief.is_fast(situation.served[0] * situation.period):
-        return np.minimum(rigid, fast_ceiling(belief, rigid)), rigid
-    if belief.is_flexible:
-        found = flexible_ceiling(belief, t, t_d, n, situation.inserted, filtered, situation.served)
-        return np.minimum(rigid, found), rigid
-    return rigid, rigid
-
-
-def evaluate_box(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    corners: Plants,
-    tolerance: float = 1e-4,
-    asked: FloatArray | None = None,
-) -> PlantLimits:
-    """Compute the same as ``evaluate``, with each limit the least over the whole belief.
-
-    The permitted damping comes from the corners, where the ceiling is least. At that damping each
-    limit is evaluated at members of the belief's box around each corner.
-
-    Args:
-        request: As for ``evaluate``.
-        settings: As for ``evaluate``.
-        situation: As for ``evaluate``; its belief's bounds are the box.
-        corners: ``Plants.at_corner``, or changed corners.
-        tolerance: As for ``evaluate``.
-        asked: As for ``evaluate``, one for each corner.
-    """
-    unlimited = replace(situation, torque_limit=math.inf)
-    found = _kept(request, settings, unlimited, corners, tolerance, asked)
-    period, ceiling = corners.period, found.rigid_ceiling
-    most = encoder_damping(request, settings, situation, period, ceiling)
-    if settings.mode != "off" and np.any(np.abs(found.damping) > most):
-        clipped = np.clip(found.damping, -most, most)
-        found = _kept(request, settings, unlimited, corners, tolerance, clipped)
-    return replace(
-        found,
-        encoder_damping=most,
-        quantisation=quantisation_limit(
-            request, settings, situation, found.damping, period, ceiling
-        ),
-    )
-
-
-_MOST_EVALUATED = 64
-_evaluated: dict[tuple[object, ...], PlantLimits] = {}
-"""Cached results without a torque limit. A servo may report its torque limit only after its start,
-with torque on; that change alone must not cause a new evaluation."""
-
-
-def _kept(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    corners: Plants,
-    tolerance: float,
-    asked: FloatArray | None,
-) -> PlantLimits:
-    """Compute ``_evaluate_box``, or return what it computed before."""
-    key = (
-        request,
-        settings,
-        situation,
-        *(getattr(corners, f.name).tobytes() for f in fields(corners)),
-        tolerance,
-        None if asked is None else asked.tobytes(),
-    )
-    found = _evaluated.get(key)
-    if found is None:
-        if len(_evaluated) >= _MOST_EVALUATED:
-            _evaluated.clear()
-        found = _evaluated[key] = _evaluate_box(
-            request, settings, situation, corners, tolerance, asked
-        )
-    return found
-
-
-def _evaluate_box(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    corners: Plants,
-    tolerance: float,
-    asked: FloatArray | None,
-) -> PlantLimits:
-    """Compute ``evaluate_box`` without the cache."""
-    at_corner = evaluate(request, settings, situation, corners, tolerance, asked)
-    box = Box.of(situation)
-    at_members = at_corner
-    if box.size > 1:
-        at_members = evaluate(
-            request,
-            replace(settings, mode="off"),
-            situation,
-            box.around(corners),
-            tolerance,
-            np.repeat(at_corner.damping, box.size),
-        )
-
-    def least(values: FloatArray) -> FloatArray:
-        found: FloatArray = values.reshape(-1, box.size).min(axis=1)
-        return found
-
-    known = situation.belief.is_known
-    at_corner = replace(at_corner, exact=least(at_members.exact))
-    if at_members.one_sided is not None:
-        share = 1.0 if known else BETWEEN_MEMBERS if box.size > 1 else CORNER_ALONE
-        at_corner = replace(at_corner, one_sided=share * least(at_members.one_sided))
-    if situation.belief.backlash.high > 0.0:
-        backlash = backlash_over_box(request, situation, corners, at_corner.damping)
-        at_corner = replace(at_corner, backlash=backlash)
-    if at_corner.passive is not None and request.linear:
-        at_corner = replace(
-            at_corner,
-            passive=passive_over_delays(request, situation, corners, at_corner.damping),
-        )
-    return at_corner
-
-
-def backlash_over_box(
-    request: Request, situation: Situation, corners: Plants, damping: FloatArray
-) -> FloatArray:
-    """Return the least backlash limit over the belief's inertias and gains [N·m/rad].
-
-    Friction is at its lowest, and counts: without it backlash would allow no wall at all.
-
-    Args:
-        request: The wall; only its number of velocity samples is used.
-        situation: The belief, and the encoder step.
-        corners: The corners.
-        damping: Commanded virtual damping at each [N·m·s/rad].
-    """
-    belief = situation.belief
-    width = belief.backlash.high
-    amplitude = BACKLASH_COUNTS * situation.position_step or width
-    found = [
-        backlash_limit(
-            inertia,
-            corners.damping,
-            belief.coulomb.low,
-            gain * damping,
-            corners.period,
-            corners.delay,
-            width,
-            amplitude,
-            request.velocity_samples,
-        )
-        / gain
-        for inertia in {belief.inertia.low, belief.inertia.high}
-        for gain in {belief.torque_gain.low, belief.torque_gain.high}
-    ]
-    least: FloatArray = np.min(found, axis=0)
-    return np.minimum(least, _UNBOUND)
-
-
-def passive_over_delays(
-    request: Request, situation: Situation, corners: Plants, damping: FloatArray
-) -> FloatArray:
-    """Return the least passive limit over the delays that the belief admits [N·m/rad].
-
-    Args:
-        request: The wall; only its number of velocity samples is used.
-        situation: The belief.
-        corners: The corners, with the longest delay.
-        damping: Commanded virtual damping at each [N·m·s/rad].
-    """
-    lag, period = situation.belief.delay, situation.period
-    longest = corners.delay
-    shortest = np.maximum(longest - (lag.high - lag.low), 0.0)
-    # between two whole periods the limit has its maximum inside, so it is least at a whole period
-    # or at the ends of the range
-    count = int((lag.high - lag.low) / period) + 2
-    whole = np.ceil(shortest / corners.period)[:, None] + np.arange(count)
-    delays = np.concatenate(
-        [longest[:, None], shortest[:, None], whole * corners.period[:, None]], 1
-    )
-    delays = np.clip(delays, shortest[:, None], longest[:, None])
-    rows = [corners.damping, corners.gain * damping, corners.period]
-    every = np.stack([*(np.repeat(row, delays.shape[1]) for row in rows), delays.ravel()])
-    # many corners share the same whole delays, and each evaluation takes half a millisecond
-    distinct, which = np.unique(every, axis=1, return_inverse=True)
-    b, acting, t, t_d = distinct
-    limits = passive_limit(b, acting, t, t_d, request.velocity_samples)[which.ravel()]
-    least: FloatArray = limits.reshape(delays.shape).min(axis=1) / corners.gain
-    return least
-
-
-def count_torque(request: Request, situation: Situation, period: FloatArray) -> FloatArray:
-    """Return the torque of one encoder count through a damping of 1 N·m·s/rad [N·m].
-
-    Args:
-        request: The wall: its velocity samples, and its filter.
-        situation: The encoder step, and the shortest interval between samples.
-        period: Period of each plant [s].
-    """
-    n, filtered = request.velocity_samples, request.velocity_filter
-    peak = 1.0 if filtered is None else filtered.peak(n)
-    found: FloatArray = peak * situation.position_step / (n * np.minimum(period, situation.sampled))
-    return found
-
-
-def encoder_damping(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray:
-    """Return the damping at which one count commands ``quantisation_share`` of the torque limit.
-
-    A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a count
-    is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share, with up to
-    0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of the AS5045).
-
-    Args:
-        request: The wall: its velocity samples, and its filter.
-        settings: The fraction of the torque limit.
-        situation: The torque limit and the encoder step.
-        period: Period of each plant [s].
-        ceiling: ``PlantLimits.rigid_ceiling`` [N·m·s/rad].
-
-    Returns:
-        Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
-    """
-    if situation.position_step == 0 or math.isinf(situation.torque_limit):
-        return np.full_like(period, math.inf)
-    allowed = settings.quantisation_share * situation.torque_limit
-    alone = allowed / count_torque(request, situation, period)
-    # the root B of B / (1 - (B / ceiling)²) = alone
-    found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
-    return found
-
-
-def quantisation_limit(
-    request: Request,
-    settings: GuardSettings,
-    situation: Situation,
-    damping: FloatArray,
-    period: FloatArray,
-    ceiling: FloatArray,
-) -> FloatArray | None:
-    """Return the stiffness at which one count commands ``quantisation_share`` of the torque limit.
-
-    The damper's part is weighed by 1/(1 - a²)², a the fraction of the ceiling: a spring near its
-    own limit amplifies the noise again.
-
-    Args:
-        request: As for ``encoder_damping``.
-        settings: As for ``encoder_damping``.
-        situation: As for ``encoder_damping``.
-        damping: Commanded virtual damping [N·m·s/rad].
-        period: Period of each plant [s].
-        ceiling: As for ``encoder_damping``.
-
-    Returns:
-        [N·m/rad]; None without an encoder step.
-    """
-    step = situation.position_step
-    if step == 0 or math.isinf(situation.torque_limit):
-        return None
-    magnitude = np.abs(damping)
-    by_damper = magnitude * count_torque(request, situation, period)
-    left = np.ones_like(by_damper)
-    np.divide(magnitude, ceiling, out=left, where=ceiling > magnitude)
-    left = np.where(magnitude > 0.0, 1.0 - left**2, 1.0) ** 2
-    allowed = settings.quantisation_share * situation.torque_limit * left - by_damper
-    found: FloatArray = np.divide(
-        np.maximum(allowed, 0.0), left * step, out=np.zeros_like(left), where=left > 0.0
-    )
-    return found
-
-
-def unstable_nominally(
-    request: Request, situation: Situation, before_device: FloatArray
-) -> NDArray[np.bool_]:
-    """Whether the requested wall is unstable for the nominal belief without friction.
-
-    Args:
-        request: The requested wall.
-        situation: The belief.
-        before_device: Delay without the device's own lag [s].
-    """
-    p = Plants.nominal(situation, before_device)
-    acting = p.gain * request.damping
-    if request.stiffness > 0:
-        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)
-        return unstable
-    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= _ceiling(p, request))
-    return runs_away
-
-
-def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
-    """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
-    m, b, n = plants.inertia, plants.damping, request.velocity_samples
-    loop = (acting, plants.period, plants.delay, n)
-    if request.velocity_filter is None:
-        return critical_stiffness(m, b, *loop)
-    found = chain_boundary(*one_mass(m, b), *loop, request.velocity_filter).stiffness
-    bounded: FloatArray = np.minimum(found, _UNBOUND)
-    return bounded
-
-
-def _ceiling(plants: Plants, request: Request) -> FloatArray:
-    """Return the damping above which no rigid servo is stable, in acting units."""
-    m, b = plants.inertia, plants.damping
-    loop = (plants.period, plants.delay, request.velocity_samples)
-    if request.velocity_filter is None:
-        return max_virtual_damping(m, b, *loop)
-    return chain_ceiling(*one_mass(m, b), *loop, request.velocity_filter)

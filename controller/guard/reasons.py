@@ -1,285 +1,177 @@
-"""The reasons of the guard as data: request, command, binding limit, remedies.
+"""Says why a decision commands less than was requested, and what would allow more.
 
-``sentences`` puts them into words.
+Each reason is a sentence, in order of importance: the binding limit, what was clamped, remedies.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import Literal
+from collections.abc import Iterator, Sequence
 
-from haptic_wall.controller.guard.belief import Belief
-from haptic_wall.controller.guard.delay_parts import DelayParts
+import numpy as np
 
-WORTH_NAMING = 1.02
-"""Smallest factor that counts as an improvement: the limits are accurate to about 1 %."""
+from haptic_wall.controller.guard.delay_parts import ms
+from haptic_wall.controller.guard.design import Improvement, Wall, improvements
+from haptic_wall.controller.guard.evaluation import count_torque
+from haptic_wall.controller.guard.limits import BY_NAME, smallest
+from haptic_wall.controller.guard.types import Decision, Reason
+from haptic_wall.controller.guard.work import Work
 
-
-class LimitName(StrEnum):
-    """The limits of the stiffness; the values are those of reports."""
-
-    LINEAR = "linear"
-    """(b + B) / (T/2 + t_d)"""
-    EXACT = "exact"
-    """The two-sided loop is stable below it"""
-    ONE_SIDED = "one_sided"
-    """Below it a wall that never pulls returns no device faster than it came"""
-    QUANTISATION = "quantisation"
-    """One encoder count commands a small share of the torque limit"""
-    PASSIVE = "passive"
-    """Stable with any passive hand below it"""
-    BACKLASH = "backlash"
-    """Backlash sustains no oscillation of more than four counts below it"""
-    FLEXIBLE = "flexible"
-    """A load behind a flexible transmission does not vibrate below it"""
-    RESOLUTION = "resolution"
-    """The encoder resolves the law below it"""
+_MOST = 4
+"""Largest number of reasons; the best remedies are kept, at least two."""
+_STIFFNESS, _DAMPING = "N·m/rad", "N·m·s/rad"
 
 
-Change = Literal[
-    "virtual_damping",
-    "largest_part",
-    "delay",
-    "rate",
-    "damping",
-    "baud",
-    "latency_timer",
-    "encoder",
-    "two_sided",
-    "motor_encoder",
-    "stiffer",
-    "belief",
-]
-"""Names of the changes: ``virtual_damping`` another B; ``largest_part`` of the delay ``shorter``,
-the hold included; ``delay`` t_d halved; ``rate`` twice; ``damping``, the viscous, twice; ``baud``
-``FAST_BAUD``; ``latency_timer`` ``SHORT_TIMER``; ``encoder`` ``FINER`` times finer; ``two_sided`` a
-wall that also pulls; ``motor_encoder`` on the motor's side of a flexible transmission; ``stiffer``,
-that transmission's vibration at twice its frequency; ``belief`` the servo known exactly, at its
-believed values."""
+def reasons(decision: Decision, wall: Wall, work: Work) -> tuple[Reason, ...]:
+    """Return the reasons of a decision, most important first; none where nothing was clamped.
+
+    Args:
+        decision: The decision to explain.
+        wall: The wall that it decided, with the parts of its delay.
+        work: What was evaluated before for the same asker.
+    """
+    if wall.settings.mode == "off":
+        return tuple(_off(decision))
+    found = [*_stiffness(decision, wall), *_damping(decision, wall)]
+    if decision.binding is not None:
+        now = smallest(decision.limits)[1]
+        remedies = improvements(wall, BY_NAME[decision.binding].raised_by, work=work)
+        worth = [each for each in remedies if each.buys(now)]
+        found += [_would_raise(each, decision) for each in worth[: max(2, _MOST - len(found))]]
+    return tuple(found)
 
 
-@dataclass(frozen=True, slots=True)
-class Improvement:
-    """The limit after one change."""
+def sentences(reasons: Sequence[Reason], now: tuple[float, float] | None = None) -> list[str]:
+    """Return the reasons as sentences for a person.
 
-    change: Change
-    stiffness: float
-    """The smallest limit after the change [N·m/rad]"""
-    binding: LimitName
-    """The name of that limit"""
-    damping: float
-    """Virtual damping after the change [N·m·s/rad]"""
-
-    def factor(self, now: float) -> float | None:
-        """Return the new limit as a multiple of ``now`` [N·m/rad]; None where ``now`` is 0."""
-        return self.stiffness / now if now > 0 else None
-
-    def buys(self, now: float) -> bool:
-        """Whether the new limit exceeds ``now`` [N·m/rad] by more than 2 %."""
-        return self.stiffness > WORTH_NAMING * now
+    Args:
+        reasons: In order.
+        now: Stiffness [N·m/rad] and damping [N·m·s/rad] that are really commanded, where another
+            part of the program commands less than the guard allows; None: not known.
+    """
+    return [_with_number(reason, now) for reason in reasons]
 
 
-@dataclass(frozen=True, slots=True)
-class StiffnessBound:
-    """A limit binds the stiffness."""
-
-    asked: float
-    """[N·m/rad]"""
-    allowed: float
-    """[N·m/rad]"""
-    limit: LimitName
-    value: float
-    """Value of the limit [N·m/rad]"""
-    margin: float
-    """Share of the limit that is allowed [1]"""
-    commanded: bool
-    """The allowed stiffness is commanded; else something besides the guard commands less"""
-    law: str = ""
-    """Another law than a wall, with its steepest part"""
+def _with_number(reason: Reason, now: tuple[float, float] | None) -> str:
+    """Return a sentence that begins with what is really commanded, where that differs."""
+    if now is None or reason.allowed is None:
+        return reason.text
+    value = now[0] if reason.unit == _STIFFNESS else now[1]
+    if f"{value:.4g}" == f"{reason.allowed:.4g}":
+        return reason.text
+    falls = ", on its way down" if value > reason.allowed else ""
+    return f"the wall has {value:.4g} {reason.unit} at the end{falls}; {reason.text}"
 
 
-@dataclass(frozen=True, slots=True)
-class CoarseCount:
-    """One encoder count in one sample commands much torque through the damping."""
-
-    torque: float
-    """Through the damping alone [N·m]"""
-    allowed: float
-    """The share of the torque limit that a count may command [N·m]"""
-    highest_damping: float | None
-    """Virtual damping below which any is left to the stiffness [N·m·s/rad]; None: there is none"""
-    samples: int
-    """Samples of the velocity difference"""
-
-
-@dataclass(frozen=True, slots=True)
-class CoarseDamping:
-    """One encoder count in one sample binds the damping."""
-
-    asked: float
-    """[N·m·s/rad]"""
-    allowed: float
-    """[N·m·s/rad]"""
-    torque: float
-    """Of a count through the damping asked for [N·m]"""
-    most: float
-    """The share of the torque limit that a count may command [N·m]"""
-    samples: int
-    """Samples of the velocity difference"""
-    commanded: bool
-    """As of ``StiffnessBound``"""
+def _off(decision: Decision) -> Iterator[Reason]:
+    name, value = smallest(decision.limits)
+    yield Reason(
+        f"the guard is off: stiffness {decision.stiffness:.4g} N·m/rad and damping "
+        f"{decision.damping:.4g} N·m·s/rad are commanded as requested; the smallest limit at "
+        f"this damping is {name}, {value:.4g} N·m/rad"
+    )
+    exact = decision.limits["exact"]
+    if decision.only_friction:
+        yield Reason(
+            "only friction can keep this wall stable: without friction it is unstable for the "
+            "believed servo, so small motion dies and larger motion grows"
+        )
+    elif exact is not None and decision.stiffness > exact:
+        yield Reason(
+            "this wall is unstable for the believed servo: any motion grows until the torque "
+            "saturates or a safety limit ends the run"
+        )
 
 
-@dataclass(frozen=True, slots=True)
-class NothingAllowed:
-    """No stiffness is allowed at the commanded damping."""
-
-    damping: float
-    """Commanded [N·m·s/rad]"""
-    delay: float
-    """[s]"""
-    highest_damping: float
-    """Up to which the damping may be raised [N·m·s/rad]"""
-
-
-@dataclass(frozen=True, slots=True)
-class DampingTooLow:
-    """The damping asked for takes away all that the servo has."""
-
-    asked: float
-    """[N·m·s/rad]"""
-    allowed: float
-    """[N·m·s/rad]"""
-    lowest: float
-    """Damping at which none is left [N·m·s/rad]"""
-    commanded: bool
-    """As of ``StiffnessBound``"""
-
-
-@dataclass(frozen=True, slots=True)
-class DampingBound:
-    """The ceiling binds the damping."""
-
-    asked: float
-    """[N·m·s/rad]"""
-    allowed: float
-    """[N·m·s/rad]"""
-    ceiling: float
-    """[N·m·s/rad]"""
-    share: float
-    """Share of the ceiling that is allowed [1]"""
-    delay: float
-    """At which the ceiling was found [s]"""
-    passive: bool
-    """Above the ceiling the wall is not passive; else no stiffness is stable"""
-    vibrates: bool
-    """The ceiling is that of a load's vibration on its transmission"""
-    commanded: bool
-    """As of ``StiffnessBound``"""
+def _stiffness(decision: Decision, wall: Wall) -> Iterator[Reason]:
+    if decision.binding is None:
+        return
+    value = smallest(decision.limits)[1]
+    law = decision.request.law
+    where = f" where the law is steepest ({law})" if law else ""
+    yield Reason(
+        f"the guard allows {decision.stiffness:.4g} instead of {decision.request.stiffness:.4g} "
+        f"N·m/rad{where}: {decision.margin:g} of the limit {decision.binding}, {value:.4g} "
+        f"({BY_NAME[decision.binding].meaning})",
+        decision.stiffness,
+        _STIFFNESS,
+    )
+    if decision.binding == "quantisation":
+        if not decision.is_coarse:
+            yield _coarse_count(decision, wall)
+    elif value == 0:
+        highest = wall.settings.damping_cap * decision.damping_ceiling
+        yield Reason(
+            f"no stiffness is allowed at a damping of {decision.damping:.4g} N·m·s/rad and a "
+            f"delay of {ms(decision.delay)}: give the wall virtual damping within "
+            f"0 to {highest:.4g} N·m·s/rad"
+        )
 
 
-@dataclass(frozen=True, slots=True)
-class WouldRaise:
-    """A change that would allow more stiffness."""
-
-    improvement: Improvement
-    stiffness: float
-    """That could be commanded then [N·m/rad]"""
-    damping: float
-    """Commanded now [N·m·s/rad]"""
-    parts: DelayParts
-    """Parts of the delay now"""
-    slow_replies: bool
-    """A reply takes several periods"""
-    belief: Belief
-
-
-@dataclass(frozen=True, slots=True)
-class GuardOff:
-    """The guard is off: all is commanded as asked."""
-
-    stiffness: float
-    """[N·m/rad]"""
-    damping: float
-    """[N·m·s/rad]"""
-    limit: LimitName
-    value: float
-    """Value of the limit, the smallest one [N·m/rad]"""
+def _coarse_count(decision: Decision, wall: Wall) -> Reason:
+    torque = abs(decision.damping) * _per_damping(decision, wall)
+    said = (
+        f"one encoder count in one sample commands {torque:.3g} N·m through the damping alone, and "
+        f"a count may command {_share(wall):.3g} N·m, a fraction of the torque limit "
+        "(guard.quantisation_share)"
+    )
+    if decision.damping:
+        said += (
+            f": only virtual damping below {decision.encoder_damping:.3g} N·m·s/rad leaves torque "
+            f"for the stiffness; {_more_samples(decision)}"
+        )
+    return Reason(said)
 
 
-@dataclass(frozen=True, slots=True)
-class Unstable:
-    """The guard is off, and the wall is unstable for the believed servo."""
-
-    only_friction: bool
-    """Coulomb friction may hold small motion"""
-
-
-@dataclass(frozen=True, slots=True)
-class ServedSlower:
-    """Samples come at a longer interval than the grid's, which counts as the period."""
-
-    interval: float
-    """[s]"""
-    period: float
-    """Period of the grid [s]"""
-    missed: int
-    """Periods"""
-    failed: int
-    """Readings that were lost or broken"""
-    cycles: int
-    """Readings asked for"""
-    emulated: bool = False
-    """The bus is emulated: it has no cable"""
-
-
-@dataclass(frozen=True, slots=True)
-class Derated:
-    """An oscillation has reduced what the guard allows."""
-
-    frequency_hz: float
-    first_alarm_s: float
-    """When it was noticed [s]"""
-    stiffness_share: float
-    """Left of the stiffness [1]"""
-    damping_share: float
-    """Left of the damping [1]"""
+def _damping(decision: Decision, wall: Wall) -> Iterator[Reason]:
+    asked, given = decision.request.damping, decision.damping
+    if given == asked:
+        return
+    said = f"the guard allows {given:.4g} instead of {asked:.4g} N·m·s/rad: "
+    belief = wall.situation.belief
+    if decision.is_coarse:
+        torque = abs(asked) * _per_damping(decision, wall)
+        said += (
+            f"one encoder count in one sample would command {torque:.3g} N·m, and may command "
+            f"{_share(wall):.3g} N·m, a fraction of the torque limit; {_more_samples(decision)}"
+        )
+    elif asked < given:
+        lowest = -belief.damping.low / belief.torque_gain.high
+        said += (
+            f"at {lowest:.4g} or below it cancels all damping of the servo, and no stiffness is "
+            "stable"
+        )
+    else:
+        passive = wall.settings.mode == "passive"
+        above = "the wall is not passive" if passive else "no stiffness is stable"
+        said += (
+            f"{wall.settings.damping_cap:g} of the ceiling {decision.damping_ceiling:.4g}, above "
+            f"which {above} at a delay of {ms(decision.delay)}"
+        )
+        if decision.vibrates:
+            said += (
+                ": the believed load vibrates on its flexible transmission. An encoder on the"
+                " motor's side, or a stiffer horn and link, raises this ceiling"
+            )
+    yield Reason(said, given, _DAMPING)
 
 
-@dataclass(frozen=True, slots=True)
-class WaitsForRest:
-    """More stiffness is allowed, but the shaft was not where it may be raised."""
-
-    allowed: float
-    """[N·m/rad]"""
+def _per_damping(decision: Decision, wall: Wall) -> float:
+    period = np.array([decision.period])
+    return float(count_torque(decision.request, wall.situation, period)[0])
 
 
-@dataclass(frozen=True, slots=True)
-class FromTank:
-    """A law that depends on time gives energy from a tank."""
-
-    law: str
-    absorbed: float
-    """[J]"""
-    given: float
-    """[J]"""
-    limited: int
-    """Ticks in which the tank limited its torque"""
+def _share(wall: Wall) -> float:
+    return wall.settings.quantisation_share * wall.situation.torque_limit
 
 
-Reason = (
-    StiffnessBound
-    | CoarseCount
-    | CoarseDamping
-    | NothingAllowed
-    | DampingTooLow
-    | DampingBound
-    | WouldRaise
-    | GuardOff
-    | Unstable
-    | ServedSlower
-    | Derated
-    | WaitsForRest
-    | FromTank
-)
+def _more_samples(decision: Decision) -> str:
+    samples = decision.request.velocity_samples
+    return (
+        f"a velocity over more than {samples} sample{'s' if samples > 1 else ''} raises this bound "
+        "in proportion"
+    )
+
+
+def _would_raise(each: Improvement, decision: Decision) -> Reason:
+    stiffness = min(decision.margin * each.stiffness, decision.request.stiffness)
+    return Reason(f"with {each.text}, K could be about {float(f'{stiffness:.2g}'):g}")

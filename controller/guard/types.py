@@ -1,15 +1,26 @@
-"""The guard's input and output as plain values: request, settings, situation, limits, decision."""
+"""The guard's input and output as plain values: request, settings, situation, decision."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 from haptic_wall.controller.guard.belief import Belief
-from haptic_wall.controller.guard.reasons import LimitName, Reason
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """A sentence about a decision."""
+
+    text: str
+    allowed: float | None = None
+    """The allowed value that it tells [``unit``]"""
+    unit: str = ""
+
 
 Mode = Literal["stable", "passive", "off"]
 
@@ -104,37 +115,6 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """Stiffness limits at the commanded damping [N·m/rad]; None where a limit does not apply."""
-
-    linear: float | None
-    """(b + B) / (T/2 + t_d)"""
-    exact: float | None
-    """The two-sided loop is stable below it"""
-    one_sided: float | None
-    """Below it a wall that never pulls returns no device faster than it came; None when two-sided
-    """
-    quantisation: float | None
-    """Below it one encoder count commands a small fraction of the torque limit; None without an
-    encoder"""
-    passive: float | None
-    """Below it the wall is stable with any passive hand; None unless in mode ``passive``"""
-    backlash: float | None = None
-    """Below it backlash sustains no oscillation of more than four counts; None where the belief
-    has no backlash"""
-    flexible: float | None = None
-    """Below it a load behind a flexible transmission does not vibrate, nor return faster; None
-    where the belief has none"""
-    resolution: float | None = None
-    """Below it a law that slips travels four encoder counts first; None for any other law"""
-
-    def smallest(self) -> tuple[LimitName, float]:
-        """Return name and value of the smallest limit that applies."""
-        named = [(LimitName(f.name), getattr(self, f.name)) for f in fields(self)]
-        return min(((n, v) for n, v in named if v is not None), key=lambda pair: pair[1])
-
-
-@dataclass(frozen=True, slots=True)
 class Decision:
     """The stiffness and damping that may be commanded at one delay, with the reasons."""
 
@@ -147,14 +127,15 @@ class Decision:
     """Commanded K [N·m/rad]"""
     damping: float
     """Commanded B [N·m·s/rad]"""
-    limits: Limits
+    limits: Mapping[str, float | None]
+    """Each of the limits at the commanded damping, by name; None: it does not apply [N·m/rad]"""
     encoder_damping: float
     """Commanded damping, either way, above which one encoder count commands too much torque; inf
     without an encoder [N·m·s/rad]"""
     damping_ceiling: float
     """Commanded damping above which no stiffness fulfils the mode's promise [N·m·s/rad]"""
     margin: float
-    binding: LimitName | None
+    binding: str | None
     """Name of the limit that bound K; None: no limit did"""
     reasons: tuple[Reason, ...]
     """Why less than requested is commanded; empty where nothing was clamped"""

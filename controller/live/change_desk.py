@@ -205,7 +205,7 @@ class ChangeDesk:
         self._config = changes.config = asked.new
         self._asked = None
         decision = changes.schedule.decisions[settled.bin]
-        told = decision_in_force(asked.new, changes.servo, decision, decision.stiffness)
+        told = decision_in_force(asked.new, changes.servo, decision)
         guard = decision_report(told)
         made_ns = self._made_ns(settled.row)
         answer = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -11,9 +11,9 @@ import numpy as np
 from haptic_wall.controller.guard.boundary_curve import EVERY_DAMPING
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.guard import decide
-from haptic_wall.controller.guard.limits import evaluate_box
+from haptic_wall.controller.guard.limits import evaluate
 from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.types import Limits, Situation
+from haptic_wall.controller.guard.types import Situation
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory.checks import FloatArray
 
@@ -52,7 +52,7 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     most = min(most, decision.encoder_damping)
     most = max(most, LEAST_SPAN * request.damping, -LEAST_SPAN * least)
     damping = np.linspace(least, most, POINTS)
-    found = evaluate_box(
+    found = evaluate(
         replace(request, damping=0.0),
         EVERY_DAMPING if settings.mode != "passive" else replace(settings, damping_cap=0.999),
         replace(situation, inserted=min(inserted, before)),
@@ -62,12 +62,7 @@ def guard_map(config: Config, delay: float) -> dict[str, Any]:
     report = decision_report(decision)
     return {
         "damping": damping.tolist(),
-        "limits": {
-            field.name: _finite(np.array([getattr(found.limits(i), field.name) for i in all_]))
-            for all_ in [range(POINTS)]
-            for field in fields(Limits)
-            if getattr(found.limits(0), field.name) is not None
-        },
+        "limits": {name: _finite(values) for name, values in found.limits.items()},
         **{
             name: report[name]
             for name in ("requested", "commanded", "binding", "margin", "reasons")

@@ -12,7 +12,7 @@ from typing import Any, Final
 from haptic_wall.controller.live.relay import is_number
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import critical_point, max_virtual_damping, passive_limit, peak
-from haptic_wall.controller.theory.cycles import Saturation, limit_cycles
+from haptic_wall.controller.theory.harmonic import clipped_cycle
 from haptic_wall.controller.theory.one_sided import one_sided_limit
 
 SOFT: Final = 0.3
@@ -81,17 +81,16 @@ def _swings_hz(config: Config, delay: float) -> float | None:
     belief, torque = config.belief(), config.true_servo().torque_limit
     if not torque or config.wall.stiffness <= 0.0:
         return None
-    cycles = limit_cycles(
+    cycle = clipped_cycle(
         belief.inertia.low,
         belief.damping.low,
         config.wall.stiffness,
         config.wall.damping,
         config.period_ns * 1e-9,
         delay,
-        Saturation(0.5 * torque),
+        0.5 * torque,
     )
-    lasting = [cycle.frequency for cycle in cycles if cycle.stable]
-    return lasting[-1] if lasting else None
+    return None if cycle is None else cycle.frequency
 
 
 def scenes(config: Config, delay: float) -> dict[str, dict[str, float]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptic_wall.controller.paper.closed_forms import no_delay_limit, one_sample_limit
 from haptic_wall.controller.paper.curves import (
     Curve,
     FigureData,
@@ -17,7 +18,6 @@ from haptic_wall.controller.paper.curves import (
 )
 from haptic_wall.controller.report import style
 from haptic_wall.controller.theory import peak
-from haptic_wall.controller.theory.closed_forms import no_delay_limit, one_sample_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

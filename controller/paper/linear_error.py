@@ -14,8 +14,8 @@ from haptic_wall.controller.paper.curves import (
     exact_at,
     linear_at,
 )
+from haptic_wall.controller.paper.error_points import ErrorPoint, error_points
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory.linear_error import ErrorPoint, error_points
 
 DELTAS = (0.0, 0.01)
 """Viscous damping of the two panels"""

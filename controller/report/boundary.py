@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_wall.controller.guard.boundary_curve import Curve, Question, WallSide, curve
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.report.limit_curves import draw_limits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,8 +23,7 @@ _FAR = 10.0
 """Multiple of the highest exact limit above which another limit is not drawn"""
 _SMALL = 0.08
 """Ratio of the servo's own damping to the ceiling below which the origin gets an inset."""
-_ONE_SIDED_FILL, _ENCODER, _BACKLASH, _FLEXIBLE = "#dcebdf", "#a5004f", "#7a4b00", "#5a3fa0"
-_ALLOWED_FILL = "#9cc7a5"
+_ONE_SIDED_FILL, _ALLOWED_FILL = "#dcebdf", "#9cc7a5"
 
 
 def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> None:
@@ -66,15 +65,14 @@ def plot_boundary(question: Question, found: Mapping[str, Any], path: Path) -> N
 
 def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
     """Draw the limits as curves, and shade the stable area, and the area below all limits."""
-    damping, limits = across.virtual_damping, across.found
-    ax.fill_between(
-        damping, 0.0, limits.exact, color=style.FAINT, linewidth=0, label="stable, two-sided"
-    )
-    if limits.one_sided is not None:
+    damping, limits = across.virtual_damping, across.found.limits
+    exact = limits["exact"]
+    ax.fill_between(damping, 0.0, exact, color=style.FAINT, linewidth=0, label="stable, two-sided")
+    if "one_sided" in limits:
         ax.fill_between(
             damping,
             0.0,
-            np.minimum(limits.one_sided, limits.exact),
+            np.minimum(limits["one_sided"], exact),
             color=_ONE_SIDED_FILL,
             linewidth=0,
             label="stable, one-sided too",
@@ -83,28 +81,8 @@ def _plane(ax: Axes, across: Curve, side: WallSide) -> None:
     ax.fill_between(
         damping, 0.0, allowed, color=_ALLOWED_FILL, linewidth=0, label="below all limits"
     )
-    ax.plot(damping, limits.linear, "--", color=style.GREY, label="linear condition")
-    ax.plot(damping, limits.exact, color=style.BLUE, label="exact")
-    if limits.one_sided is not None:
-        ax.plot(damping, limits.one_sided, color=style.GREEN, label="one-sided")
-    if not np.isnan(across.passive).any():
-        shown = _above_zero(across.passive)
-        ax.plot(damping[shown], across.passive[shown], color=style.ORANGE, label="passive")
-    for values, line, color, label in (
-        (limits.quantisation, ":", _ENCODER, "encoder (quantisation)"),
-        (limits.backlash, "-.", _BACKLASH, "backlash"),
-        (limits.flexible, "--", _FLEXIBLE, "flexible load"),
-    ):
-        if values is not None:
-            shown = _above_zero(values)
-            within = np.where(values < _FAR * np.max(limits.exact), values, np.nan)[shown]
-            ax.plot(damping[shown], within, line, color=color, label=label)
-
-
-def _above_zero(values: FloatArray) -> slice:
-    """Return the range in which a limit is above zero, and its neighbours."""
-    where = np.flatnonzero(values > 0)
-    return slice(max(where[0] - 1, 0), where[-1] + 2) if where.size else slice(0)
+    passive = {} if np.isnan(across.passive).any() else {"passive": across.passive}
+    draw_limits(ax, damping, {**limits, **passive}, _FAR * float(np.max(exact)))
 
 
 def _marks(ax: Axes, question: Question, found: Mapping[str, Any]) -> None:
@@ -137,7 +115,7 @@ def _origin(ax: Axes, question: Question, lowest: float, found: Mapping[str, Any
     inset = ax.inset_axes((1.065, -0.04, 0.2, 0.3))
     _plane(inset, close, question.side)
     inset.set_xlim(min(1.15 * lowest, -0.02 * near), near)
-    inset.set_ylim(0.0, 1.05 * float(np.max(close.found.exact)))
+    inset.set_ylim(0.0, 1.05 * float(np.max(close.found.limits["exact"])))
     inset.tick_params(labelsize=7)
     inset.set_title("near the origin", fontsize=7.5, pad=2)
     style.grid(inset)

@@ -15,9 +15,8 @@ from haptic_wall.controller.experiments.maps.limits import (
 from haptic_wall.controller.experiments.maps.maps import CriticalMap
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.report import style
-from haptic_wall.controller.theory import linear_limit
+from haptic_wall.controller.theory import critical_point, linear_limit
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.friction import onset_amplitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,21 +134,24 @@ def _over_kick(ax: Axes, found: CriticalMap, colours: dict[int, str]) -> None:
             continue
         if servo.flexible:
             continue  # its onset is not known
-        stiffness = np.geomspace(1.001 * found.exact[i, 0], 2.0 * finite.max(), _POINTS)
-        onset = onset_amplitude(
+        # friction at an amplitude is a damping, and each damping has its limit
+        limit, delay = float(found.exact[i, 0]), float(found.delay[i])
+        extra = limit * (0.5 * setting.period + delay) * np.geomspace(1e-3, 1e3, _POINTS)
+        at = critical_point(
             servo.inertia,
-            servo.damping,
-            servo.coulomb,
-            stiffness,
+            servo.damping + extra,
             damping,
             setting.period,
-            float(found.delay[i]),
+            delay,
             setting.velocity_samples,
         )
-        reached = _SHARE * servo.torque_limit > stiffness * onset.amplitude
+        onset = 2.0 * servo.coulomb / (np.pi**2 * extra * at.frequency)
+        reached = (at.stiffness < 2.0 * finite.max()) & (
+            _SHARE * servo.torque_limit > at.stiffness * onset
+        )
         ax.plot(
-            onset.amplitude[reached],
-            stiffness[reached],
+            onset[reached],
+            at.stiffness[reached],
             color=colour,
             linewidth=0.8,
             linestyle="-.",

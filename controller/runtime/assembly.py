@@ -21,6 +21,7 @@ from haptic_wall.controller.guard.schedule import (
     age_bins_ns,
     interval_bins_ns,
 )
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.active import Port
 from haptic_wall.controller.laws.delay import DelayRing
 from haptic_wall.controller.laws.engagement import REST_S, EngageLimits, Engagement, engage_torque
@@ -69,7 +70,12 @@ class OpenServo(Protocol):
 
 
 def guard_schedule(
-    config: Config, servo: OpenServo, simulated: bool, *, program: bool = False
+    config: Config,
+    servo: OpenServo,
+    simulated: bool,
+    *,
+    program: bool = False,
+    work: Work | None = None,
 ) -> GainSchedule:
     """Compute the guard's decisions for every sample age and every served interval.
 
@@ -79,6 +85,7 @@ def guard_schedule(
         simulated: The clock is simulated.
         program: A program is rendered, whose values the guard does not change. On the simulated
             clock, in the same process, only the period itself is decided for.
+        work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
     period = situation.period
@@ -96,6 +103,7 @@ def guard_schedule(
         config.delay.steps,
         ages_ns,
         intervals_ns,
+        work,
     )
     window = max(1, round(config.guard.window_s / period))
     run = max(RUN, round(RUN_S / period))
@@ -104,7 +112,7 @@ def guard_schedule(
 
 
 def decision_in_force(
-    config: Config, servo: OpenServo, decision: Decision, commanded: float
+    config: Config, servo: OpenServo, decision: Decision, work: Work | None = None
 ) -> Decision:
     """Return a decision of the gain schedule, with the reasons that the schedule omits.
 
@@ -112,7 +120,7 @@ def decision_in_force(
         config: The effective configuration.
         servo: The servo that renders the wall.
         decision: Decision in force now.
-        commanded: Stiffness that is really commanded [N·m/rad].
+        work: What was evaluated before for the same run; None: nothing.
     """
     situation = situation_of(config, servo)
     again = explained(
@@ -123,7 +131,7 @@ def decision_in_force(
         decision.delay - situation.belief.delay.high,
         interval_bins_ns(config.period_ns, situation.belief.is_flexible),
         decision.period,
-        reduced=commanded < decision.stiffness,
+        work=work,
     )
     return replace(decision, reasons=again.reasons)
 

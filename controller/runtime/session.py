@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from haptic_wall.controller.detector.watch import oscillation_report
+from haptic_wall.controller.guard.work import Work
 from haptic_wall.controller.laws.program import Phase
 from haptic_wall.controller.runtime.assembly import (
     cache_warm_up_of,
@@ -174,6 +175,7 @@ class _Session:
         self._around = surroundings
         self._simulated = isinstance(clock, SimulatedClock)
         self._started = False
+        self._work = Work()
         self._checks: list[Check] = []
         self.servo = surroundings.open_servo(config.servo_settings(), clock, surroundings.port)
 
@@ -196,7 +198,11 @@ class _Session:
     def _decide(self) -> None:
         """Compute the guard's decisions from the servo's known values."""
         self._schedule = guard_schedule(
-            self._config, self.servo, self._simulated, program=bool(self._program)
+            self._config,
+            self.servo,
+            self._simulated,
+            program=bool(self._program),
+            work=self._work,
         )
         self._injected = most_injected(self._config, self.servo, self._schedule)
 
@@ -322,9 +328,7 @@ class _Session:
             self._around.tell(
                 f"the tick's cache warm-up failed, so ticks took longer: {self._warm_up.fault}"
             )
-        decision = decision_in_force(
-            config, servo, whole_decision(gains.decision), self._tick.commanded[0]
-        )
+        decision = decision_in_force(config, servo, whole_decision(gains.decision), self._work)
         return replace(
             result,
             guard=guard_report(

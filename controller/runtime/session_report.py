@@ -11,13 +11,6 @@ from haptic_wall.controller.guard.assumed import assumed
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import ms
 from haptic_wall.controller.guard.guard import Decision, Situation
-from haptic_wall.controller.guard.reasons import (
-    Derated,
-    FromTank,
-    Reason,
-    ServedSlower,
-    WaitsForRest,
-)
 from haptic_wall.controller.laws.active import ActiveLaw
 from haptic_wall.controller.laws.wall import Law
 from haptic_wall.controller.runtime.missed import WINDOW_S as MISSED_S
@@ -104,29 +97,55 @@ def guard_report(
 
 def _besides_the_guard(
     config: Config, decision: Decision, tick: Tick, watch: Watch, counts: BusCounts
-) -> Iterator[Reason]:
-    """Why less is commanded than the guard allows of the grid's own period."""
+) -> Iterator[str]:
+    """Say why less is commanded than the guard allows of the grid's own period."""
     stiffness, damping = tick.commanded
-    period = config.period_ns * 1e-9
-    if decision.period > period:
-        failed = counts.lost + counts.corrupt + counts.refused
-        yield ServedSlower(
-            decision.period, period, tick.missed, failed, counts.cycles, config.servo.is_emulated
-        )
+    if decision.period > config.period_ns * 1e-9:
+        yield _slower(config, decision, tick.missed, counts)
     reduced = 1.0 if watch.own is None else watch.own.reduced[0]
     if reduced < 1.0 and math.isfinite(watch.first_alarm_s):
-        yield Derated(
-            watch.frequency_hz,
-            watch.first_alarm_s,
-            _share(stiffness, decision.stiffness),
-            _share(damping, decision.damping),
+        yield (
+            f"an oscillation of {watch.frequency_hz:.3g} Hz was found after "
+            f"{watch.first_alarm_s:.3g} s: the stiffness is reduced to "
+            f"{100 * _share(stiffness, decision.stiffness):.3g} % and the damping to "
+            f"{100 * _share(damping, decision.damping):.3g} % of the values that the guard allows, "
+            "until the full wall is requested"
         )
     elif stiffness < decision.stiffness:
-        yield WaitsForRest(decision.stiffness)
+        yield (
+            f"{decision.stiffness:.4g} N·m/rad are allowed, but K rises only at positions where "
+            "this adds at most safety.engage_torque, and the shaft has not been there since"
+        )
     law = tick.parts.law
     if isinstance(law, ActiveLaw):
         tank = law.tank
-        yield FromTank(law.name, tank.absorbed, tank.given, tank.limited)
+        yield (
+            f"{law.name} depends on time, and gives only absorbed energy: it absorbed "
+            f"{tank.absorbed * 1e3:.3g} mJ and gave at most {tank.given * 1e3:.3g} mJ; its tank "
+            f"limited the torque in {tank.limited} ticks"
+        )
+
+
+def _slower(config: Config, decision: Decision, missed: int, counts: BusCounts) -> str:
+    """Say that samples come at a longer interval than the grid's, and why."""
+    start = (
+        f"every {ms(decision.period)} instead of every {ms(config.period_ns * 1e-9)}, which counts"
+        " as the period"
+    )
+    late = "the report's key timing names the causes of late ticks"
+    failed = counts.lost + counts.corrupt + counts.refused
+    if not failed:
+        return f"a tick is executed {start}; {late}"
+    check = "cable, power, baud rate and adapter"
+    if config.servo.is_emulated:
+        check = "the emulator's processor time, and injected faults"
+    replies = f"{failed} of {counts.cycles} replies were lost or broken"
+    if not missed:
+        return f"a good reading came {start}: {replies}; check {check}"
+    return (
+        f"a good reading came {start}: {replies} (check {check}), and {missed} periods were missed"
+        f" ({late})"
+    )
 
 
 def _share(part: float, whole: float) -> float:

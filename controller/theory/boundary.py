@@ -6,6 +6,7 @@ never crosses what is unstable.
 
 One mass with light damping and a difference of one sample is solved on its first branch, in a tenth
 of the time (``first_branch``); everything else by all crossings of its chain (``crossings``).
+One mass is solved in units of its inertia and period, in which only four numbers count.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from haptic_wall.controller.theory.crossings import (
     unstable_poles,
     unstable_softest,
 )
+from haptic_wall.controller.theory.dimensionless import Settings, settings
 from haptic_wall.controller.theory.loop import HeldLoop
 from haptic_wall.controller.theory.roots import golden
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
@@ -76,10 +78,16 @@ def chain_boundary(
         delay=not_negative("delay", delay),
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
-    stiffness, frequency = np.zeros(big_b.size), np.zeros(big_b.size)
-    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
-        first, w = _first_interval(loops, big_b[part])
-        stiffness[part], frequency[part] = first, w / (2 * np.pi * t[part])
+    rows = _rows(chain, given, shape)
+    if _is_plain(chain, velocity_filter):
+        s = _settings(chain, rows, big_b, t, t_d, n)
+        alpha, w = _critical(s.delta, s.beta, s.delay, s.samples)
+        stiffness, frequency = alpha * s.stiffness_unit, w / (2 * np.pi * t)
+    else:
+        stiffness, frequency = np.zeros(big_b.size), np.zeros(big_b.size)
+        for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
+            first, w = _first_interval(loops, big_b[part])
+            stiffness[part], frequency[part] = first, w / (2 * np.pi * t[part])
     return CriticalPoint(*(x.reshape(given)[()] for x in (stiffness, big_b.copy(), frequency)))
 
 
@@ -98,11 +106,69 @@ def chain_ceiling(
         delay=not_negative("delay", delay),
         velocity_samples=samples("velocity_samples", velocity_samples),
     )
-    ceiling = np.zeros(t.size)
-    for part, loops in _groups(chain, given, shape, t, t_d, n, velocity_filter):
-        ceiling[part] = ceilings(loops)
+    rows = _rows(chain, given, shape)
+    if _is_plain(chain, velocity_filter):
+        s = _settings(chain, rows, np.zeros_like(t), t, t_d, n)
+        ceiling = _ceiling(s.delta, s.delay, s.samples) * s.damping_unit
+    else:
+        ceiling = np.zeros(t.size)
+        for part, loops in _groups(chain, rows, t, t_d, n, velocity_filter):
+            ceiling[part] = ceilings(loops)
     result: FloatArray = ceiling.reshape(given)[()]
     return result
+
+
+def chain_peak(
+    chain: Chain,
+    period: ArrayLike,
+    delay: ArrayLike,
+    velocity_samples: ArrayLike = 1,
+    velocity_filter: VelocityFilter | None = None,
+) -> CriticalPoint:
+    """Return the highest critical stiffness of each chain over all virtual dampings; flat arrays.
+
+    Arguments and errors are those of ``chain_boundary``, one loop for each chain.
+    """
+    rows = np.arange(len(chain.inertias))
+    shape = (rows.size,)
+    loop = (period, delay, velocity_samples)
+    t, t_d, n = (np.broadcast_to(each, shape)[:, None] for each in loop)
+
+    def found(big_b: FloatArray) -> CriticalPoint:
+        return chain_boundary(chain, (rows.size, 1), big_b, t, t_d, n, velocity_filter)
+
+    low = -chain.dampings.sum(axis=1)
+    high = chain_ceiling(chain, shape, *loop, velocity_filter)
+    tried = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _PEAK_POINTS)
+    best = np.argmax(found(tried).stiffness, axis=1)
+    low = tried[rows, np.maximum(best - 1, 0)]
+    high = tried[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
+    at = golden(lambda b: found(b).stiffness, low[:, None], high[:, None], _PEAK_STEPS)
+    top = found(at)
+    return CriticalPoint(top.stiffness[:, 0], at[:, 0], top.frequency[:, 0])
+
+
+def _rows(chain: Chain, given: tuple[int, ...], shape: tuple[int, ...]) -> IntArray:
+    """Return the index of the chain of each setting."""
+    every = np.arange(chain.inertias.shape[0]).reshape(shape)
+    return np.broadcast_to(every, given).ravel()
+
+
+def _is_plain(chain: Chain, velocity_filter: VelocityFilter | None) -> bool:
+    """Whether the chains are one mass whose torque follows at once, and no velocity is filtered."""
+    return chain.inertias.shape[1] == 1 and chain.bandwidth is None and velocity_filter is None
+
+
+def _settings(
+    chain: Chain,
+    rows: IntArray,
+    virtual_damping: FloatArray,
+    period: FloatArray,
+    delay: FloatArray,
+    velocity_samples: FloatArray,
+) -> Settings:
+    mass, damping = chain.inertias[rows, 0], chain.dampings[rows, 0]
+    return settings(mass, damping, virtual_damping, period, delay, velocity_samples)
 
 
 def _first_interval(loops: Loops, virtual_damping: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -127,8 +193,7 @@ def _common(
 
 def _groups(
     chain: Chain,
-    given: tuple[int, ...],
-    shape: tuple[int, ...],
+    rows: IntArray,
     period: FloatArray,
     delay: FloatArray,
     velocity_samples: FloatArray,
@@ -138,7 +203,6 @@ def _groups(
     late = delay / period
     if np.any(late > MOST_PERIODS):
         raise ValueError(f"delay must be at most {MOST_PERIODS} periods, got {late.max():g}")
-    rows = np.broadcast_to(np.arange(chain.inertias.shape[0]).reshape(shape), given).ravel()
     whole = np.floor(late)
     for d, n in sorted(set(zip(whole.tolist(), velocity_samples.tolist(), strict=True))):
         every = np.flatnonzero((whole == d) & (velocity_samples == n))
@@ -152,29 +216,21 @@ def _groups(
             yield part, Loops(chains, period[part], int(d), int(n), velocity_filter)
 
 
-def max_beta(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
-    """Return the virtual damping above which no stiffness is stable on one mass; flat arrays.
-
-    Args:
-        delta: Dimensionless viscous damping b T / m.
-        delay: Total delay in periods.
-        samples: N of the velocity difference.
-    """
+def _ceiling(delta: FloatArray, delay: FloatArray, samples: FloatArray) -> FloatArray:
+    """Return the dimensionless ceiling of one mass; flat arrays."""
     found = np.empty_like(delta)
     light = first_branch.holds(delta, delay, samples)
     for part in _parts(light):
         _, found[part] = first_branch.ceiling(_loop(delta[part], delay[part], samples[part]))
-    rest = np.flatnonzero(~light)
-    if rest.size:
-        chains = one_mass(np.ones(rest.size), delta[rest])
-        found[rest] = chain_ceiling(*chains, 1.0, delay[rest], samples[rest])
+    for part, loops in _unit_masses(~light, delta, delay, samples):
+        found[part] = ceilings(loops)
     return found
 
 
-def critical(
+def _critical(
     delta: FloatArray, beta: FloatArray, delay: FloatArray, samples: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the critical stiffness at ``beta`` on one mass, and the frequency [rad/sample] there.
+    """Return the critical stiffness of one mass, and the frequency [rad/sample] there; flat arrays.
 
     Args:
         delta: Dimensionless viscous damping b T / m.
@@ -199,37 +255,21 @@ def critical(
     tiny = some & ~light & ((delta + np.abs(beta)) * late * late < _TINY)
     alpha[tiny] = (delta + beta)[tiny] / (delay[tiny] + 0.5)
     w[tiny] = np.sqrt(alpha[tiny])
-    rest = np.flatnonzero(some & ~light & ~tiny)
-    if rest.size:
-        chains = one_mass(np.ones(rest.size), delta[rest])
-        found = chain_boundary(*chains, beta[rest], 1.0, delay[rest], samples[rest])
-        alpha[rest], w[rest] = found.stiffness, 2.0 * np.pi * found.frequency
+    for part, loops in _unit_masses(some & ~light & ~tiny, delta, delay, samples):
+        alpha[part], w[part] = _first_interval(loops, beta[part])
     return alpha, w
 
 
-def highest(
-    delta: FloatArray, delay: FloatArray, samples: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the highest critical stiffness over all virtual dampings as (alpha, beta, w), flat.
-
-    Args:
-        delta: Dimensionless viscous damping b T / m.
-        delay: Total delay in periods.
-        samples: N of the velocity difference.
-    """
-
-    def found(beta: FloatArray) -> FloatArray:
-        d, late, n = (np.repeat(a, beta.shape[1]) for a in (delta, delay, samples))
-        return critical(d, beta.ravel(), late, n)[0].reshape(beta.shape)
-
-    low, high, rows = -delta, max_beta(delta, delay, samples), np.arange(delta.size)
-    beta = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _PEAK_POINTS)
-    best = np.argmax(found(beta), axis=1)
-    low = beta[rows, np.maximum(best - 1, 0)]
-    high = beta[rows, np.minimum(best + 1, _PEAK_POINTS - 1)]
-    at = golden(found, low[:, None], high[:, None], _PEAK_STEPS)[:, 0]
-    alpha, w = critical(delta, at, delay, samples)
-    return alpha, at, w
+def _unit_masses(
+    which: NDArray[np.bool_], delta: FloatArray, delay: FloatArray, samples: FloatArray
+) -> Iterator[tuple[IntArray, Loops]]:
+    """Yield the selected settings as loops of unit inertia and period, with their indices."""
+    index = np.flatnonzero(which)
+    if index.size:
+        chain, _ = one_mass(np.ones(index.size), delta[index])
+        rows, one = np.arange(index.size), np.ones(index.size)
+        for part, loops in _groups(chain, rows, one, delay[index], samples[index], None):
+            yield index[part], loops
 
 
 def _parts(which: NDArray[np.bool_]) -> Iterator[IntArray]:

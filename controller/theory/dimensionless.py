@@ -7,7 +7,6 @@ The behaviour of the sampled loop depends on four numbers only (the paper's Tabl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -110,99 +109,3 @@ def _computable(s: Settings) -> None:
     ):
         if not np.all(good):
             raise ValueError(message)
-
-
-class Dimensionless(NamedTuple):
-    """A wall and its device in the numbers of Table I; arrays of one shape."""
-
-    delta: FloatArray
-    """b T / m"""
-    alpha: FloatArray
-    """K T² / m"""
-    beta: FloatArray
-    """B T / m"""
-    delay: FloatArray
-    """t_d / T"""
-
-
-class Units(NamedTuple):
-    """A wall and its device in SI units; arrays of one shape."""
-
-    damping: FloatArray
-    """b [N·m·s/rad]"""
-    stiffness: FloatArray
-    """K [N·m/rad]"""
-    virtual_damping: FloatArray
-    """B [N·m·s/rad]"""
-    delay: FloatArray
-    """t_d [s]"""
-
-
-def to_dimensionless(
-    inertia: ArrayLike,
-    damping: ArrayLike,
-    stiffness: ArrayLike,
-    virtual_damping: ArrayLike,
-    period: ArrayLike,
-    delay: ArrayLike,
-) -> Dimensionless:
-    """Convert SI units to dimensionless numbers, by Table I.
-
-    Args:
-        inertia: m > 0 [kg·m²].
-        damping: b >= 0 [N·m·s/rad].
-        stiffness: K [N·m/rad].
-        virtual_damping: B [N·m·s/rad].
-        period: T > 0 [s].
-        delay: t_d >= 0 [s].
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-
-    Source: Gil et al., ICRA 2007, Table I.
-    """
-    m, b, k, big_b, t, t_d = broadcast(
-        inertia=positive("inertia", inertia),
-        damping=not_negative("damping", damping),
-        stiffness=number("stiffness", stiffness),
-        virtual_damping=number("virtual_damping", virtual_damping),
-        period=positive("period", period),
-        delay=not_negative("delay", delay),
-    )
-    return Dimensionless(delta=b * t / m, alpha=k * t * t / m, beta=big_b * t / m, delay=t_d / t)
-
-
-def to_si(
-    delta: ArrayLike,
-    alpha: ArrayLike,
-    beta: ArrayLike,
-    delay: ArrayLike,
-    inertia: ArrayLike,
-    period: ArrayLike,
-) -> Units:
-    """Convert dimensionless numbers to SI units, for a given inertia and period, by Table I.
-
-    Args:
-        delta: b T / m >= 0.
-        alpha: K T² / m.
-        beta: B T / m.
-        delay: d = t_d / T >= 0.
-        inertia: m > 0 [kg·m²].
-        period: T > 0 [s].
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-
-    Source: Gil et al., ICRA 2007, Table I.
-    """
-    small, a, virtual, d, m, t = broadcast(
-        delta=not_negative("delta", delta),
-        alpha=number("alpha", alpha),
-        beta=number("beta", beta),
-        delay=not_negative("delay", delay),
-        inertia=positive("inertia", inertia),
-        period=positive("period", period),
-    )
-    return Units(
-        damping=small * m / t, stiffness=a * m / t**2, virtual_damping=virtual * m / t, delay=d * t
-    )

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.boundary import CriticalPoint, critical, highest, max_beta
+from haptic_wall.controller.theory.boundary import (
+    CriticalPoint,
+    chain_boundary,
+    chain_ceiling,
+    chain_peak,
+)
+from haptic_wall.controller.theory.chain import one_mass
 from haptic_wall.controller.theory.checks import FloatArray
 from haptic_wall.controller.theory.dimensionless import settings
 
@@ -65,13 +71,8 @@ def critical_point(
     Raises:
         ValueError: An argument is outside of its domain; the message names it.
     """
-    s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
-    alpha, w = critical(s.delta, s.beta, s.delay, s.samples)
-    return CriticalPoint(
-        stiffness=s.shaped(alpha * s.stiffness_unit),
-        virtual_damping=s.shaped(s.beta * s.damping_unit),
-        frequency=s.shaped(w / (2 * np.pi * s.period)),
-    )
+    chain, shape = one_mass(inertia, damping)
+    return chain_boundary(chain, shape, virtual_damping, period, delay, velocity_samples)
 
 
 def max_virtual_damping(
@@ -104,8 +105,7 @@ def max_virtual_damping(
 
     Source: Gil et al., ICRA 2007, eq. (11) with K = 0, solved on the unit circle.
     """
-    s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
-    return s.shaped(max_beta(s.delta, s.delay, s.samples) * s.damping_unit)
+    return chain_ceiling(*one_mass(inertia, damping), period, delay, velocity_samples)
 
 
 def peak(
@@ -128,9 +128,9 @@ def peak(
         ValueError: An argument is outside of its domain; the message names it.
     """
     s = settings(inertia, damping, 0.0, period, delay, velocity_samples)
-    alpha, beta, w = highest(s.delta, s.delay, s.samples)
+    top = chain_peak(one_mass(np.ones_like(s.delta), s.delta)[0], 1.0, s.delay, s.samples)
     return CriticalPoint(
-        stiffness=s.shaped(alpha * s.stiffness_unit),
-        virtual_damping=s.shaped(beta * s.damping_unit),
-        frequency=s.shaped(w / (2 * np.pi * s.period)),
+        stiffness=s.shaped(top.stiffness * s.stiffness_unit),
+        virtual_damping=s.shaped(top.virtual_damping * s.damping_unit),
+        frequency=s.shaped(top.frequency / s.period),
     )

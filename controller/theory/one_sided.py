@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.boundary import critical
 from haptic_wall.controller.theory.checks import (
     FloatArray,
     IntArray,
@@ -26,6 +25,7 @@ from haptic_wall.controller.theory.checks import (
 )
 from haptic_wall.controller.theory.contact import Contacts, exit_speed
 from haptic_wall.controller.theory.dimensionless import Settings, settings
+from haptic_wall.controller.theory.exact import critical_stiffness
 
 _FIRST = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 _LOWER = np.array([0.002, 0.05, 0.1, 0.15, 0.2, 0.25])
@@ -78,7 +78,7 @@ def one_sided_limit(
     _simulable(s)
     wanted = scalar(positive, "tolerance", tolerance)
     alpha = np.zeros_like(s.delta)
-    exact, _ = critical(s.delta, s.beta, s.delay, s.samples)
+    exact = critical_stiffness(1.0, s.delta, s.beta, 1.0, s.delay, s.samples)
     alpha = np.where(s.delta > _NO_COASTING, exact, alpha)
     some = np.flatnonzero((exact > 0) & (s.delta <= _NO_COASTING))
     if some.size:
@@ -314,5 +314,5 @@ def _speed_up(walls: _Walls) -> tuple[_Walls, FloatArray]:
     delta, beta = walls.delta * scale * scale, walls.beta * scale * scale
     alpha = walls.alpha
     if np.any(scale > 1):
-        alpha, _ = critical(delta, beta, walls.delay, walls.samples)
+        alpha = critical_stiffness(1.0, delta, beta, 1.0, walls.delay, walls.samples)
     return _Walls(delta, beta, walls.delay, walls.samples, alpha), scale

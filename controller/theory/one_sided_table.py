@@ -32,9 +32,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptic_wall.controller.theory.boundary import critical, max_beta
 from haptic_wall.controller.theory.checks import FloatArray, IntArray, not_negative, positive
 from haptic_wall.controller.theory.dimensionless import settings
+from haptic_wall.controller.theory.exact import critical_stiffness, max_virtual_damping
 from haptic_wall.controller.theory.one_sided import one_sided_limit
 
 TABLE = Path(__file__).with_name("one_sided_table.npz")
@@ -114,15 +114,17 @@ class Grid:
         n = np.full_like(delay, samples)
         if self.kind == "plain":
             delta = second**2 / lag
-            return Point(delta, first**2, delay, max_beta(delta, delay, n))
+            return Point(delta, first**2, delay, max_virtual_damping(1.0, delta, 1.0, delay, n))
         left = np.maximum(2.0 - first / _LONG_CONTACT, 1e-9)
         length = np.where(first < _LONG_CONTACT, first, _LONG_CONTACT / left)
         both = (_PER_ROOT / (length / lag + _LESS)) ** 2
         # the ceiling rises with delta, more slowly than delta itself
         device, delta = second * both / _DEVICE, np.zeros_like(both)
         for _ in range(12):
-            delta = device * max_beta(delta, delay, n)
-        return Point(delta, (1 - second) * both, delay, max_beta(delta, delay, n))
+            delta = device * max_virtual_damping(1.0, delta, 1.0, delay, n)
+        return Point(
+            delta, (1 - second) * both, delay, max_virtual_damping(1.0, delta, 1.0, delay, n)
+        )
 
     def locate(self, coordinates: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return each point's cell (axes × points), and its place there, 0 to 1 on each axis."""
@@ -261,12 +263,12 @@ def one_sided_limit_tabulated(
     """
     s = settings(inertia, damping, virtual_damping, period, delay, velocity_samples)
     if exact is None:
-        alpha, _ = critical(s.delta, s.beta, s.delay, s.samples)
+        alpha = critical_stiffness(1.0, s.delta, s.beta, 1.0, s.delay, s.samples)
     else:
         known = np.broadcast_to(not_negative("exact", exact), s.shape)
         alpha = np.ravel(known) / s.stiffness_unit
     if ceiling is None:
-        most = max_beta(s.delta, s.delay, s.samples)
+        most = max_virtual_damping(1.0, s.delta, 1.0, s.delay, s.samples)
     else:
         known = np.broadcast_to(positive("ceiling", ceiling), s.shape)
         most = np.ravel(known) / s.damping_unit
@@ -277,7 +279,8 @@ def one_sided_limit_tabulated(
     long = np.flatnonzero(times > 1.0)
     if long.size:
         most, short = most.copy(), [each[long] for each in (delta, beta, late, n)]
-        most[long], (fewer, _) = max_beta(short[0], *short[2:]), critical(*short)
+        most[long] = max_virtual_damping(1.0, short[0], 1.0, *short[2:])
+        fewer = critical_stiffness(1.0, short[0], short[1], 1.0, *short[2:])
         np.divide(alpha[long], fewer, out=fewer, where=fewer > 0)
         ratio[long] = fewer
     share = tabulated_share(delta, beta, late, n, most)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_wall.controller.theory.boundary import critical
+from haptic_wall.controller.theory import critical_stiffness
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
 from haptic_wall.controller.theory.one_sided import one_sided_limit
 from haptic_wall.controller.theory.one_sided_table import (
@@ -59,7 +59,7 @@ def between(grid: Grid, cell: IntArray, place: FloatArray) -> FloatArray:
 
 def computed_share(delta: FloatArray, beta: FloatArray, delay: FloatArray, n: int) -> FloatArray:
     """Return the computed one-sided limit over the exact one; NaN where nothing is stable."""
-    exact, _ = critical(delta, beta, delay, np.full_like(delta, n))
+    exact = critical_stiffness(1.0, delta, beta, 1.0, delay, np.full_like(delta, n))
     limit = one_sided_limit(1.0, delta, beta, 1.0, delay, n)
     share: FloatArray = np.where(exact > 0, limit / np.where(exact > 0, exact, 1.0), np.nan)
     return share

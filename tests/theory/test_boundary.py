@@ -17,7 +17,6 @@ from haptic_wall.controller.theory import (
     max_virtual_damping,
     peak,
 )
-from haptic_wall.controller.theory.boundary import critical, highest, max_beta
 from tests.cases import sampled
 from tests.theory.extended import DIGITS, Wall, all_inside, characteristic, pole_near
 
@@ -153,14 +152,15 @@ def test_nothing_is_higher_than_the_peak(wholly: bool) -> None:
     random, count = np.random.default_rng(5), 60 if wholly else 15
     delta, delay = 10 ** random.uniform(-6, 0.5, count), random.uniform(0, 30, count)
     samples = random.choice([1.0, 1.0, 1.0, 3.0], count)
-    alpha, beta, w = highest(delta, delay, samples)
-    at_peak, frequency = critical(delta, beta, delay, samples)
-    np.testing.assert_allclose(alpha, at_peak, rtol=1e-9)
-    np.testing.assert_allclose(w, frequency, rtol=1e-6)
-    top = max_beta(delta, delay, samples)
+    best = peak(1.0, delta, 1.0, delay, samples)
+    there = critical_point(1.0, delta, best.virtual_damping, 1.0, delay, samples)
+    np.testing.assert_allclose(best.stiffness, there.stiffness, rtol=1e-9)
+    np.testing.assert_allclose(best.frequency, there.frequency, rtol=1e-6)
+    top = max_virtual_damping(1.0, delta, 1.0, delay, samples)
     for share in np.linspace(0.0, 1.0, 41)[1:-1]:
-        other, _ = critical(delta, -delta + share * (top + delta), delay, samples)
-        assert np.all(other <= alpha * (1 + 1e-9))
+        beta = -delta + share * (top + delta)
+        other = critical_stiffness(1.0, delta, beta, 1.0, delay, samples)
+        assert np.all(other <= best.stiffness * (1 + 1e-9))
 
 
 extreme = st.one_of(st.just(0.0), st.floats(1e-12, 100.0), st.floats(1e-3, 1.0))

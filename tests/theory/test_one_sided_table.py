@@ -142,7 +142,7 @@ def test_a_decision_simulates_no_contact(monkeypatch: pytest.MonkeyPatch) -> Non
         raise AssertionError("a contact was simulated")
 
     monkeypatch.setattr(COMPUTED, none)
-    monkeypatch.setattr("haptic_wall.controller.guard.limits.one_sided_limit", none)
+    monkeypatch.setattr("haptic_wall.controller.guard.evaluation.one_sided_limit", none)
     belief = Belief(
         inertia=Bounded(0.012, 0.008, 0.018),
         damping=Bounded(0.0117, 0.006, 0.023),

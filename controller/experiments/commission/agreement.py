@@ -10,7 +10,7 @@ from haptic_wall.controller.experiments.estimated import Estimated
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
-from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
+from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 
 _ERRORS = 2.0
 """Standard errors within which two answers agree"""

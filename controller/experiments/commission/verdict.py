@@ -14,7 +14,7 @@ from haptic_wall.controller.experiments.holding import sample_age, torque_limit_
 from haptic_wall.controller.guard.decision_report import decision_report
 from haptic_wall.controller.guard.delay_parts import SAMPLE_AGE, DelayParts
 from haptic_wall.controller.guard.guard import Situation, decide
-from haptic_wall.controller.guard.limits import LOOKED_UP, PlantLimits, evaluate_box
+from haptic_wall.controller.guard.limits import Found, evaluate
 from haptic_wall.controller.guard.plants import Plants
 from haptic_wall.controller.guard.schedule import age_bins_ns
 from haptic_wall.controller.guard.types import Decision, GuardSettings, Request
@@ -73,7 +73,7 @@ class GuardQuestion:
         delays = [self.inserted + self.age]
         return decide(asked, self.settings, self.situation, delays, self.inserted)[0]
 
-    def limits(self, damping: FloatArray, capped: bool = True) -> PlantLimits:
+    def limits(self, damping: FloatArray, capped: bool = True) -> Found:
         """Return the limits over the virtual damping.
 
         Args:
@@ -83,7 +83,7 @@ class GuardQuestion:
         settings = self.settings if capped else replace(self.settings, mode="off")
         plants = Plants.at_corner(self.situation, np.full(damping.size, self.inserted + self.age))
         request: Request = self.config.request()
-        return evaluate_box(request, settings, self.situation, plants, LOOKED_UP, asked=damping)
+        return evaluate(request, settings, self.situation, plants, asked=damping)
 
     def best_damping(self) -> float:
         """Return the virtual damping >= 0 with the highest allowed stiffness [N·m·s/rad]."""
@@ -131,8 +131,8 @@ def verdict(question: GuardQuestion, identified: bool) -> dict[str, Any]:
             {"name": name, "seconds": size, "share": size / parts.total}
             for name, size in parts.sizes().items()
         ],
-        "plain": decision_report(question.decide(ASKED, 0.0), asked=False),
-        "best": decision_report(question.decide(ASKED, best), asked=False),
+        "plain": decision_report(question.decide(ASKED, 0.0)),
+        "best": decision_report(question.decide(ASKED, best)),
         "configured": decision_report(question.decide(wall.stiffness, wall.damping)),
     }
 

@@ -12,8 +12,7 @@ from haptic_wall.controller.experiments.sweep.believed_loop import BelievedLoop
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import linear_limit, max_virtual_damping
 from haptic_wall.controller.theory.checks import FloatArray
-from haptic_wall.controller.theory.friction import onset_amplitude
-from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
+from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 from haptic_wall.controller.theory.velocity_filter import VelocityFilter
 
 _DAMPINGS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 500)])
@@ -133,28 +132,16 @@ class Device:
         """Return the amplitude above which motion grows [rad], and its frequency [Hz]."""
         exact = self.exact(virtual_damping, delay)
         softer = np.sqrt(np.minimum(stiffness / max(exact, 1e-300), 1.0))
-        if not self.loop.is_plain:
-            at, amplitude, frequency = self.onsets(virtual_damping, delay)
-            return _between(stiffness, at, amplitude), np.interp(stiffness, at, frequency) * softer
-        solved = onset_amplitude(
-            self.inertia,
-            self.damping,
-            self.coulomb,
-            stiffness,
-            virtual_damping,
-            self.period,
-            delay,
-            self.velocity_samples,
-        )
-        return np.asarray(solved.amplitude), np.asarray(solved.frequency) * softer
+        at, amplitude, frequency = self.onsets(virtual_damping, delay)
+        return _between(stiffness, at, amplitude), np.interp(stiffness, at, frequency) * softer
 
     def onsets(
         self, virtual_damping: float, delay: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return stiffness from the limit without friction upward, onset amplitude, frequency.
 
-        It is the inverse of ``onset`` and much faster: friction at an amplitude is a damping, and
-        each damping has its limit, so that no equation must be solved.
+        Friction at an amplitude is a damping, and each damping has its limit, so that no equation
+        must be solved.
 
         Args:
             virtual_damping: One at which some stiffness is stable [N·m·s/rad].

@@ -11,10 +11,10 @@ import numpy as np
 from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.steps import Plot
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
-from haptic_wall.controller.guard.reasons import LimitName
 from haptic_wall.controller.report import style
 from haptic_wall.controller.report.delay import plot_delay
 from haptic_wall.controller.report.identify import plot_identification
+from haptic_wall.controller.report.limit_curves import draw_limits
 from haptic_wall.controller.report.rendered import plot_rendering
 from haptic_wall.controller.report.sweep import plot_sweep
 
@@ -33,15 +33,6 @@ _BEYOND = 1.8
 """End of the damping axis, as a multiple of the best virtual damping"""
 _BESIDE = 1.15
 """The same as a multiple of a measured ceiling"""
-_LIMITS: tuple[tuple[LimitName, str, str, str], ...] = (
-    (LimitName.LINEAR, "linear condition", style.GREY, "--"),
-    (LimitName.EXACT, "exact", style.BLUE, "-"),
-    (LimitName.ONE_SIDED, "one-sided", style.GREEN, "-"),
-    (LimitName.QUANTISATION, "encoder (quantisation)", "#a5004f", ":"),
-    (LimitName.BACKLASH, "backlash", style.INK, ":"),
-    (LimitName.FLEXIBLE, "flexible transmission", style.BLUE, ":"),
-    (LimitName.PASSIVE, "passive", style.ORANGE, "-"),
-)
 
 
 def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path) -> None:
@@ -71,9 +62,7 @@ def draw_allowed(question: GuardQuestion, report: Mapping[str, Any], path: Path)
             linewidth=0,
             label=f"allowed: {verdict['margin']:g} of the smallest",
         )
-        for name, label, colour, dashes in _LIMITS:
-            if (values := getattr(found, name)) is not None:
-                ax.plot(damping, values, color=colour, linestyle=dashes, label=label)
+        draw_limits(ax, damping, found.limits, np.inf)
         top = float(np.max(least))
         top = max(top, _measured(ax, report, last))
         _walls(ax, verdict)

@@ -27,7 +27,7 @@ from haptic_wall.controller.runtime.safety import Trip
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory import critical_stiffness
-from haptic_wall.controller.theory.kick_limit import Lossy, kick_limit
+from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 from haptic_wall.hw.errors import Problem
 from tests.cases import sampled
 from tests.typed import not_none

@@ -13,7 +13,7 @@ from haptic_wall.controller.experiments.maps.onset import simulated_critical_sti
 from haptic_wall.controller.experiments.maps.walls import Loop, wall_of
 from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping, one_sided_limit
 from haptic_wall.controller.theory.checks import FloatArray, IntArray
-from haptic_wall.controller.theory.friction import onset_amplitude
+from haptic_wall.controller.theory.harmonic import Lossy, kick_limit
 from haptic_wall.hw.truth import TrueServo
 from tests.support.nonlinear_walls import Motion
 from tests.support.nonlinear_walls import Walls as AloneWalls
@@ -70,15 +70,15 @@ def test_random_one_sided_walls_return_the_speed_at_the_theorys_limit(thorough: 
     assert np.count_nonzero(~capped) > 20
 
 
-@pytest.mark.parametrize("stiffness", [6.0, 10.0, 20.0, 40.0])
-def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_describing_function_says(
-    stiffness: float,
+@pytest.mark.parametrize("kick", [0.3, 0.074, 0.023])
+def test_with_friction_a_larger_kick_needs_less_stiffness_as_the_harmonic_balance_says(
+    kick: float,
 ) -> None:
-    onset = onset_amplitude(*SMALL, 0.09039, stiffness, 0.0, 1e-3, 2e-3)
     found = simulated_critical_stiffness(
-        *SMALL, 0.0, 1e-3, 2e-3, coulomb=0.09039, kick=onset.amplitude, tolerance=1e-3
+        *SMALL, 0.0, 1e-3, 2e-3, coulomb=0.09039, kick=kick, tolerance=1e-3
     )
-    assert found == pytest.approx(stiffness, rel=0.02)
+    balance = kick_limit(Lossy(*SMALL, 0.09039), 0.0, 1e-3, 2e-3, kick)
+    assert found == pytest.approx(balance, rel=0.02)
 
 
 def test_a_torque_limit_alone_changes_nothing_whatever_the_kick() -> None:

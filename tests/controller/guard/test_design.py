@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
@@ -16,10 +15,8 @@ from haptic_wall.controller.guard.delay_parts import (
     DelayParts,
     shorter,
 )
-from haptic_wall.controller.guard.design import FAST_BAUD, improvements
-from haptic_wall.controller.guard.limits import CORNER_ALONE, evaluate_box
-from haptic_wall.controller.guard.plants import Plants
-from haptic_wall.controller.guard.reasons import Change, Improvement
+from haptic_wall.controller.guard.design import FAST_BAUD, Change, Improvement, Wall, improvements
+from haptic_wall.controller.guard.limits import OneSided, evaluate
 from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.theory import (
@@ -58,10 +55,9 @@ def bought(
 ) -> tuple[float, dict[str, Improvement]]:
     """The stiffness as it is, and what each change makes of it."""
     parts = DelayParts(where.period, delay, cycle_s(FAST_BAUD))
-    request = Request(0.0, damping, side)
-    rest = np.array([parts.delay - where.belief.delay.high])
-    found = evaluate_box(request, EVERY, where, Plants.at_corner(where, rest))
-    (answer,) = improvements(request, EVERY, where, [parts], found, changes, thorough=True)
+    wall = Wall(Request(0.0, damping, side), EVERY, where, parts)
+    found = evaluate(wall.request, EVERY, where, wall.corner, exact=True)
+    answer = improvements(wall, changes, exact=True)
     assert [each.stiffness for each in answer] == sorted(
         (each.stiffness for each in answer), reverse=True
     )
@@ -74,7 +70,7 @@ def counted(m: float, b: float, t: float = T, t_d: float = 2e-3) -> float:
         min(
             linear_limit(b, 0.1, t, t_d),
             critical_stiffness(m, b, 0.1, t, t_d),
-            CORNER_ALONE * one_sided_limit(m, b, 0.1, t, t_d, 1, 1e-3),
+            OneSided.CORNER_ALONE * one_sided_limit(m, b, 0.1, t, t_d, 1, 1e-3),
         )
     )
 

@@ -22,8 +22,7 @@ from haptic_wall.controller.guard.guard import (
     Situation,
     decide,
 )
-from haptic_wall.controller.guard.reasons import LimitName
-from haptic_wall.controller.guard.sentences import sentences
+from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.theory import (
     critical_stiffness,
     flexible_boundary,
@@ -70,17 +69,17 @@ def test_a_safe_request_is_commanded_as_it_is_without_a_word() -> None:
 
 def test_backlash_counts_at_its_widest_and_against_the_least_friction() -> None:
     request = Request(1e6, 0.2, "both")
-    assert one(request, situation(COUNT)).limits.backlash is None
+    assert one(request, situation(COUNT)).limits["backlash"] is None
     loose = Bounded(0.002, 0.0, 0.0044)
     wide = one(request, situation(COUNT, backlash=loose))
-    assert wide.binding is LimitName.BACKLASH
-    limit = wide.limits.backlash
+    assert wide.binding == "backlash"
+    limit = wide.limits["backlash"]
     assert limit is not None
     assert wide.stiffness == pytest.approx(0.8 * limit)
     assert "believed backlash" in sentences(wide.reasons)[0]
-    narrow = one(request, situation(COUNT, backlash=Bounded.exactly(0.002))).limits.backlash
+    narrow = one(request, situation(COUNT, backlash=Bounded.exactly(0.002))).limits["backlash"]
     slippery = situation(COUNT, backlash=loose, coulomb=Bounded(0.09039, 0.045, 0.18))
-    least = one(request, slippery).limits.backlash
+    least = one(request, slippery).limits["backlash"]
     assert narrow is not None
     assert least is not None
     assert least < limit < narrow
@@ -96,7 +95,7 @@ LINK: dict[str, Any] = {
 def test_a_link_on_a_flexible_transmission_lowers_the_damping_first() -> None:
     request = Request(10.0, 0.2, "both")
     rigid = one(request)
-    assert (rigid.stiffness, rigid.damping, rigid.limits.flexible) == (10.0, 0.2, None)
+    assert (rigid.stiffness, rigid.damping, rigid.limits["flexible"]) == (10.0, 0.2, None)
     linked = one(request, situation(**LINK))
     assert linked.stiffness == 10.0
     assert linked.damping == pytest.approx(0.7 * linked.damping_ceiling)
@@ -108,10 +107,10 @@ def test_a_link_on_a_flexible_transmission_lowers_the_damping_first() -> None:
 
 def test_what_would_raise_the_limit_of_a_link_is_named() -> None:
     decision = one(Request(1e6, 0.2, "both"), situation(**LINK))
-    assert decision.binding is LimitName.FLEXIBLE
+    assert decision.binding == "flexible"
     said = " ".join(sentences(decision.reasons))
     assert "with an encoder on the motor's side of the flexible transmission, K could be" in said
-    assert "at least 70 Hz" in said
+    assert "70 Hz at least" in said
     motor = one(Request(1e6, 0.2, "both"), situation(**LINK, encoder="motor"))
     assert motor.stiffness > 2.0 * decision.stiffness
     assert motor.damping == 0.2
@@ -165,13 +164,13 @@ def test_without_any_damping_no_stiffness_is_commanded_and_the_reason_says_what_
 def test_quantisation_leaves_the_share_of_one_count() -> None:
     decision = one(Request(1e6, 0.2, "both"), situation(COUNT))
     left = 0.1 * 4.1 - 0.2 * COUNT / 1e-3
-    assert decision.limits.quantisation == pytest.approx(left / COUNT, rel=0.01)
+    assert decision.limits["quantisation"] == pytest.approx(left / COUNT, rel=0.01)
     # a difference over 4 samples divides what one count commands by 4
     longer = one(Request(1e6, 0.2, "both", velocity_samples=4), situation(COUNT))
-    assert longer.limits.quantisation == pytest.approx(
+    assert longer.limits["quantisation"] == pytest.approx(
         (0.41 - 0.05 * COUNT / 1e-3) / COUNT, rel=0.01
     )
-    assert one(Request(1e6, 0.2, "both")).limits.quantisation is None
+    assert one(Request(1e6, 0.2, "both")).limits["quantisation"] is None
 
 
 def test_mode_passive_keeps_the_wall_passive() -> None:
@@ -180,7 +179,7 @@ def test_mode_passive_keeps_the_wall_passive() -> None:
     assert decision.binding == "passive"
     expected = passive_limit(0.011692, decision.damping, 1e-3, 2e-3)
     assert decision.stiffness == pytest.approx(0.8 * expected)
-    assert one(Request(1e6, 3.0, "both")).limits.passive is None
+    assert one(Request(1e6, 3.0, "both")).limits["passive"] is None
 
 
 def test_mode_off_commands_what_is_asked_and_says_so() -> None:
@@ -188,7 +187,7 @@ def test_mode_off_commands_what_is_asked_and_says_so() -> None:
     assert (decision.stiffness, decision.damping) == (1e6, 5.0)
     assert decision.binding is None
     assert "the guard is off" in sentences(decision.reasons)[0]
-    assert decision.limits.exact is not None
+    assert decision.limits["exact"] is not None
 
 
 def test_only_friction_is_told_where_the_guard_is_off() -> None:
@@ -210,22 +209,20 @@ def test_the_reasons_say_what_was_asked_what_bound_it_and_what_would_raise_it() 
     decision = decide(request, GuardSettings(), wide, [3e-3], inserted=1e-3)[0]
     first, *others = sentences(decision.reasons)
     assert "instead of 1000 N·m/rad" in first
-    assert f"the guard commands {decision.stiffness:.4g}" in first
+    assert f"the guard allows {decision.stiffness:.4g}" in first
     assert "one_sided" in first
     # period/2 + 3 ms + the servo's 0.5 ms; the age is 2 ms of it
-    age = next(reason for reason in others if "sample's age" in reason)
-    assert "2 ms is 50 % of the total delay" in age
-    assert "4 ms" in age
+    age = next(reason for reason in others if "a sample's age" in reason)
+    assert "of 1 ms instead of 2 ms, 50 % of the total delay (period/2 + delay = 4 ms)" in age
     at_half = decide(request, GuardSettings(), wide, [2e-3], inserted=1e-3)[0]
     # remedies are told to two digits, of limits found to 2 %
     assert float(age.rsplit(" ", 1)[1]) == pytest.approx(at_half.stiffness, rel=0.07)
-    assert "at 1 ms K could be about" in age
     other = next(reason for reason in others if "with virtual damping" in reason)
     there = float(other.split()[3])
     at_other = decide(replace(request, damping=there), GuardSettings(), wide, [3e-3], 1e-3)[0]
     assert float(other.rsplit(" ", 1)[1]) == pytest.approx(at_other.stiffness, rel=0.1)
     two_sided = one(replace(request, side="both"), wide, delay=3e-3)
-    pulling = next(reason for reason in others if "as a two-sided wall" in reason)
+    pulling = next(reason for reason in others if "with a two-sided wall" in reason)
     assert float(pulling.rsplit(" ", 1)[1]) == pytest.approx(two_sided.stiffness, rel=0.05)
     assert len(decision.reasons) == 4
 
@@ -249,8 +246,8 @@ def test_a_finer_encoder_is_named_where_the_encoder_binds() -> None:
 @pytest.mark.parametrize(
     ("delay", "inserted", "lag", "words"),
     [
-        (4e-3, 4e-3, 0.5e-3, "the inserted delay 4 ms"),
-        (1e-3, 0.0, 5e-3, "the device's lag of at most 5 ms"),
+        (4e-3, 4e-3, 0.5e-3, "an inserted delay of 2 ms instead of 4 ms"),
+        (1e-3, 0.0, 5e-3, "a lag of the device of 2.5 ms instead of 5 ms"),
         (0.0, 0.0, 0.0, "half the period"),
     ],
 )
@@ -321,8 +318,8 @@ def test_the_believed_inertia_is_that_of_motor_and_load(load: float) -> None:
     ceiling = flexible_ceiling(*servo, 1e-3, 2e-3)
     limit = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3).stiffness
     assert 0.8 * ceiling < decision.damping_ceiling < ceiling
-    assert decision.limits.flexible is not None
-    assert 0.85 * limit < decision.limits.flexible < limit
+    assert decision.limits["flexible"] is not None
+    assert 0.85 * limit < decision.limits["flexible"] < limit
 
 
 def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
@@ -345,8 +342,8 @@ def test_a_bare_horn_is_counted_by_a_formula_below_its_exact_limits() -> None:
         ceiling = flexible_ceiling(*servo, 1e-3, 2e-3, encoder=encoder)
         assert decision.damping_ceiling < ceiling
         found = flexible_boundary(*servo, decision.damping, 1e-3, 2e-3, encoder=encoder)
-        assert decision.limits.flexible is not None
-        assert decision.limits.flexible < found.stiffness
+        assert decision.limits["flexible"] is not None
+        assert decision.limits["flexible"] < found.stiffness
 
 
 @pytest.mark.parametrize("ratio", [0.0, 1e-7, 1e-5])
@@ -362,12 +359,12 @@ def test_a_bare_horn_hardly_damped_is_fed_by_the_spring_alone(ratio: float) -> N
     if ratio == 0.0:
         assert (decision.damping_ceiling, decision.damping) == (0.0, 0.0)
     limit = flexible_boundary(*linked(1e-5, 530.0, ratio), decision.damping, 1e-3, 5e-3).stiffness
-    assert decision.limits.flexible is not None
-    assert decision.limits.flexible < limit
-    assert decision.limits.exact is not None
+    assert decision.limits["flexible"] is not None
+    assert decision.limits["flexible"] < limit
+    assert decision.limits["exact"] is not None
     if ratio < 1e-6:
-        assert limit < 0.8 * decision.limits.exact
-        assert decision.binding is LimitName.FLEXIBLE
+        assert limit < 0.8 * decision.limits["exact"]
+        assert decision.binding == "flexible"
 
 
 WIDE: list[dict[str, Any]] = [
@@ -492,8 +489,8 @@ def test_a_law_of_more_than_one_slope_is_passive_by_a_bound_of_its_own() -> None
     # 2 ms of delay in all, and a period of 1 ms
     request = Request(1e6, 0.001, "both", law="detents", linear=False)
     law = one(request, mode="passive")
-    assert law.binding is LimitName.PASSIVE
-    assert law.limits.passive == pytest.approx((0.011692 - 0.001) / 3e-3)
+    assert law.binding == "passive"
+    assert law.limits["passive"] == pytest.approx((0.011692 - 0.001) / 3e-3)
     spring = one(Request(1e6, 0.001, "both"), mode="passive")
     assert law.stiffness < spring.stiffness
 
@@ -501,7 +498,7 @@ def test_a_law_of_more_than_one_slope_is_passive_by_a_bound_of_its_own() -> None
 def test_a_law_that_the_encoder_does_not_resolve_further_is_bound_there() -> None:
     request = Request(1e6, 0.01, "both", law="friction", linear=False, resolved=0.5)
     law = one(request)
-    assert law.binding is LimitName.RESOLUTION
+    assert law.binding == "resolution"
     assert law.stiffness == pytest.approx(0.4)
     assert "slips before the encoder" in sentences(law.reasons)[0]
 
@@ -521,8 +518,8 @@ def test_a_notch_at_the_vibration_allows_many_times_the_damping() -> None:
     limit = flexible_boundary(*servo, 0.3, 1e-3, 2e-3, velocity_filter=notch).stiffness
     assert wall.damping == 0.3 > 2.0 * plain.damping
     assert 0.8 * ceiling < wall.damping_ceiling < ceiling
-    assert wall.limits.flexible is not None
-    assert 0.85 * limit < wall.limits.flexible < limit
+    assert wall.limits["flexible"] is not None
+    assert 0.85 * limit < wall.limits["flexible"] < limit
     assert wall.stiffness > 1.4 * plain.stiffness
     jittered = one(
         Request(1e6, 0.3, "both", velocity_filter=notch), situation(**known), inserted=1.5e-3
@@ -545,17 +542,17 @@ def test_a_rigid_servos_limits_count_the_filter(kind: FilterKind) -> None:
             ceiling = float(chain_ceiling(chain, (1,), *loop)[0])
             limit = float(chain_boundary(chain, (1,), wall.damping, *loop).stiffness[0])
             assert wall.damping_ceiling == pytest.approx(ceiling, rel=1e-9)
-            assert wall.limits.exact == pytest.approx(limit, rel=1e-9)
-            assert wall.limits.flexible is None
+            assert wall.limits["exact"] == pytest.approx(limit, rel=1e-9)
+            assert wall.limits["flexible"] is None
 
 
 def test_a_low_pass_leaves_more_damping_to_the_encoder() -> None:
     request = Request(1e6, 0.3, "both")
     smooth = replace(request, velocity_filter=VelocityFilter("lowpass", 0.3, 0.7))
     rough, filtered = (one(each, situation(COUNT)).limits for each in (request, smooth))
-    assert rough.quantisation is not None
-    assert filtered.quantisation is not None
-    assert filtered.quantisation > 3.0 * rough.quantisation
+    assert rough["quantisation"] is not None
+    assert filtered["quantisation"] is not None
+    assert filtered["quantisation"] > 3.0 * rough["quantisation"]
 
 
 def test_a_one_sided_wall_with_a_filter_is_refused() -> None:

@@ -118,7 +118,8 @@ def cases(thorough: bool, wholly: bool) -> list[Case]:
 def test_commanded_is_margin_times_the_smallest_limit_and_no_less(cases: list[Case]) -> None:
     for case in cases:
         d = case.decision
-        values = (d.limits.linear, d.limits.exact, d.limits.one_sided, d.limits.quantisation)
+        names = ("linear", "exact", "one_sided", "quantisation")
+        values = [d.limits[name] for name in names]
         least = min(v for v in values if v is not None)
         assert d.stiffness == pytest.approx(MARGIN * least, rel=1e-3)
         assert d.binding is not None
@@ -147,7 +148,7 @@ def test_limits_are_on_the_edge_for_an_independent_model(cases: list[Case]) -> N
     # a guard that commands too little is as wrong: at its own exact limit the loop is critical
     for case in cases[::5]:
         loop = case.at_corner()
-        exact = case.decision.limits.exact
+        exact = case.decision.limits["exact"]
         assert exact is not None
         scale = exact / case.decision.stiffness if case.decision.stiffness else 0.0
         if scale:

@@ -8,7 +8,7 @@ import pytest
 
 from haptic_wall.controller.guard.belief import Belief, Bounded
 from haptic_wall.controller.guard.guard import Decision, GuardSettings, Request, Situation, decide
-from haptic_wall.controller.guard.sentences import sentences
+from haptic_wall.controller.guard.reasons import sentences
 from haptic_wall.controller.laws.wall import Side
 from haptic_wall.controller.settings.load import load_config
 from haptic_wall.controller.theory.checks import FloatArray

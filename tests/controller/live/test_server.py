@@ -320,7 +320,7 @@ def test_the_guards_limits_are_told(served: Served) -> None:
     assert limits["requested"]["stiffness"] == limits["commanded"]["stiffness"]
     exact = np.interp(limits["requested"]["damping"], limits["damping"], limits["limits"]["exact"])
     (decision,) = decide(*SIMULATED)
-    assert exact == pytest.approx(decision.limits.exact, rel=0.02)
+    assert exact == pytest.approx(decision.limits["exact"], rel=0.02)
     assert all(len(each) == len(limits["damping"]) for each in limits["limits"].values())
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller import live as room
-from haptic_wall.controller.guard.types import Limits
+from haptic_wall.controller.guard.limits import BY_NAME
 from haptic_wall.controller.live.client import Client
 from haptic_wall.controller.live.relay import OFFERED, sets_of
 from haptic_wall.controller.live.source import LoggedSource, RunningSource
@@ -154,7 +153,7 @@ def test_each_number_has_a_knob_and_each_limit_a_colour_of_its_own() -> None:
     script, style = (PAGE / "map.js").read_text(), (PAGE / "style.css").read_text()
     table = script[script.index("LIMITS = {") : script.index("};")]
     names = dict(re.findall(r'(\w+): "(--\w+)"', table))
-    assert set(names) == {field.name for field in fields(Limits)}
+    assert set(names) == set(BY_NAME)
     for scheme in style.split("@media")[:2]:
         colours = dict(re.findall(r"(--\w+): (#\w+)", scheme))
         assert len({colours[name] for name in names.values()}) == len(names)

@@ -1,21 +1,13 @@
-"""Computes the error of the linear condition along the boundary: points of the paper's Fig. 10."""
+"""Finds points of the boundary where the linear condition errs by a given amount (Fig. 10)."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from haptic_wall.controller.theory.boundary import critical, max_beta
-from haptic_wall.controller.theory.checks import (
-    FloatArray,
-    broadcast,
-    not_negative,
-    number,
-    positive,
-    scalar,
-)
+from haptic_wall.controller.theory import critical_stiffness, max_virtual_damping
+from haptic_wall.controller.theory.checks import FloatArray, not_negative, positive, scalar
 from haptic_wall.controller.theory.roots import zeros
 
 _POINTS = 1024
@@ -31,38 +23,6 @@ class ErrorPoint(NamedTuple):
     """K T² / m, on the exact boundary"""
     error: float
     """The exact limit over the linear one, minus one: below 0 the linear one is unsafe"""
-
-
-def linear_error(delta: ArrayLike, beta: ArrayLike, delay: ArrayLike) -> FloatArray:
-    """Return the exact limit over the linear one, minus one.
-
-    Below 0 the linear limit is too high; it is -1 where no stiffness is stable although the linear
-    limit is positive.
-
-    Args:
-        delta: Viscous damping b T / m >= 0.
-        beta: Virtual damping B T / m > -delta.
-        delay: d >= 0 [periods].
-
-    Returns:
-        The error, not in percent, in the broadcast shape.
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-
-    Source: Gil et al., ICRA 2007, Fig. 10.
-    """
-    small, virtual, d = broadcast(
-        delta=not_negative("delta", delta),
-        beta=number("beta", beta),
-        delay=not_negative("delay", delay),
-    )
-    if not np.all(virtual > -small):
-        raise ValueError("beta must be above -delta: below it the line names no stiffness")
-    flat = np.ravel(virtual)
-    error = _error(np.ravel(small), flat, np.ravel(d))
-    result: FloatArray = error.reshape(virtual.shape)[()]
-    return result
 
 
 def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, ...]:
@@ -88,7 +48,7 @@ def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, 
     size = scalar(positive, "error", error)
     small = np.array([scalar(not_negative, "delta", delta)])
     d = np.array([scalar(not_negative, "delay", delay)])
-    width = max_beta(small, d, np.ones(1)) + small
+    width = max_virtual_damping(1.0, small, 1.0, d) + small
 
     def excess(share: FloatArray, level: FloatArray | float) -> FloatArray:
         ones = np.ones_like(share)
@@ -100,32 +60,14 @@ def error_points(delta: float, delay: float, error: float) -> tuple[ErrorPoint, 
     for level in (-size, size):
         found = zeros(lambda s, level=level: excess(s, level), share[:-1])  # type: ignore[misc]
         beta = width * found - small
-        alpha, _ = critical(
-            np.repeat(small, beta.size), beta, np.repeat(d, beta.size), np.ones_like(beta)
-        )
+        alpha = critical_stiffness(1.0, small, beta, 1.0, d)
         points += [
             ErrorPoint(*pair, level) for pair in zip(beta.tolist(), alpha.tolist(), strict=True)
         ]
     return tuple(sorted(points))
 
 
-def start_error(delta: float, delay: float) -> float:
-    """Return the error where the boundary starts, next to beta = -delta.
-
-    Args:
-        delta: Viscous damping b T / m >= 0.
-        delay: d >= 0 [periods].
-
-    Raises:
-        ValueError: An argument is outside of its domain; the message names it.
-    """
-    small = np.array([scalar(not_negative, "delta", delta)])
-    d = np.array([scalar(not_negative, "delay", delay)])
-    width = max_beta(small, d, np.ones(1)) + small
-    return float(_error(small, _START * width - small, d)[0])
-
-
 def _error(delta: FloatArray, beta: FloatArray, delay: FloatArray) -> FloatArray:
-    alpha, _ = critical(delta, beta, delay, np.ones_like(beta))
+    alpha = critical_stiffness(1.0, delta, beta, 1.0, delay)
     error: FloatArray = alpha * (1.0 + 2.0 * delay) / (2.0 * (delta + beta)) - 1.0
     return error

@@ -1,0 +1,310 @@
+"""Evaluates what the limits of a wall need, on the servos of a belief, for many delays at once.
+
+All is in commanded units: the acting torque is the torque gain times the commanded torque, so that
+theory is asked at ``gain * B`` and its answer divided by the gain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable
+from dataclasses import fields
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_wall.controller.guard.flexible import fast_ceiling, flexible_ceiling
+from haptic_wall.controller.guard.plants import Box, Plants
+from haptic_wall.controller.guard.types import GuardSettings, Request, Situation
+from haptic_wall.controller.guard.work import Work
+from haptic_wall.controller.theory import one_sided_limit
+from haptic_wall.controller.theory.boundary import chain_boundary, chain_ceiling
+from haptic_wall.controller.theory.chain import one_mass
+from haptic_wall.controller.theory.checks import FloatArray
+from haptic_wall.controller.theory.one_sided_table import one_sided_limit_tabulated
+
+UNBOUND = 1e12
+"""Stands for no limit at all [N·m/rad]"""
+T = TypeVar("T")
+
+
+class Evaluation:
+    """A wall on the least safe corner of a belief at many delays; each value is computed once.
+
+    Args:
+        request: The requested wall.
+        settings: The guard's settings; in mode ``off`` the damping is as requested.
+        situation: The belief, torque limit and encoder step.
+        corners: ``Plants.at_corner``, or changed ones.
+        exact: Whether contacts are simulated for the one-sided limit, to 1e-4; else it is looked
+            up, up to 5 % lower.
+        asked: Requested damping of each corner; None: that of the request [N·m·s/rad].
+        work: What was evaluated before for the same asker.
+    """
+
+    def __init__(
+        self,
+        request: Request,
+        settings: GuardSettings,
+        situation: Situation,
+        corners: Plants,
+        *,
+        exact: bool = False,
+        asked: FloatArray | None = None,
+        work: Work | None = None,
+    ) -> None:
+        self.request = request
+        self.settings = settings
+        self.situation = situation
+        self.corners = corners
+        self.work = Work() if work is None else work
+        self._simulated = exact
+        self._asked = asked
+        self._key = (
+            (request.side, request.velocity_samples, request.velocity_filter),
+            (situation.belief, situation.period, situation.inserted, situation.served),
+            *(getattr(corners, field.name).tobytes() for field in fields(corners)),
+        )
+
+    def once(self, name: Hashable, compute: Callable[[], T]) -> T:
+        """Return what ``compute`` returned for this belief, these corners and their damping."""
+        return self.work.once((name, self._key, self.damping.tobytes()), compute)
+
+    @cached_property
+    def rigid_ceiling(self) -> FloatArray:
+        """Return the damping above which no stiffness is stable on a rigid servo [N·m·s/rad]."""
+        return self.work.once(
+            ("rigid", self._key), lambda: _ceiling(self.corners, self.request) / self.corners.gain
+        )
+
+    @cached_property
+    def vibration(self) -> FloatArray:
+        """Return the same with the believed vibration of a load [N·m·s/rad]."""
+        belief, rigid, p = self.situation.belief, self.rigid_ceiling, self.corners
+        if self.is_fast:
+            return np.minimum(rigid, fast_ceiling(belief, rigid))
+        if not belief.is_flexible:
+            return rigid
+        found = flexible_ceiling(
+            belief,
+            p.period,
+            p.delay,
+            self.request.velocity_samples,
+            self.situation.inserted,
+            self.request.velocity_filter,
+            self.situation.served,
+            self.work,
+        )
+        return np.minimum(rigid, found)
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether a believed light load vibrates too fast to be sampled."""
+        situation = self.situation
+        return situation.belief.is_fast(situation.served[0] * situation.period)
+
+    @cached_property
+    def ceiling(self) -> FloatArray:
+        """Return the damping above which no stiffness fulfils the mode's promise [N·m·s/rad]."""
+        if self.settings.mode != "passive":
+            return self.vibration
+        # above it, for whole delays, even the damper alone is not passive
+        return np.minimum(self.vibration, self.corners.damping / self.corners.gain)
+
+    @property
+    def vibrates(self) -> NDArray[np.bool_]:
+        """Whether the ceiling is that of a load's vibration on its transmission."""
+        return (self.vibration < self.rigid_ceiling) & (self.vibration <= self.ceiling)
+
+    @cached_property
+    def encoder_damping(self) -> FloatArray:
+        """Return ``encoder_damping`` of the corners [N·m·s/rad]."""
+        period, rigid = self.corners.period, self.rigid_ceiling
+        return encoder_damping(self.request, self.settings, self.situation, period, rigid)
+
+    @cached_property
+    def damping(self) -> FloatArray:
+        """Return the damping that may be commanded at each corner [N·m·s/rad]."""
+        p, settings = self.corners, self.settings
+        asked = np.full_like(p.gain, self.request.damping) if self._asked is None else self._asked
+        if settings.mode == "off":
+            return asked
+        cap = settings.damping_cap
+        found = np.minimum(asked, cap * self.ceiling)
+        found = np.where(found <= -p.damping / p.gain, -cap * p.damping / p.gain, found)
+        most = self.encoder_damping
+        return np.clip(found, -most, most) + 0.0
+
+    # Members of the belief around each corner
+
+    @cached_property
+    def box(self) -> Box:
+        """Return the members to evaluate around each corner."""
+        return Box.of(self.situation)
+
+    @property
+    def exact(self) -> FloatArray:
+        """Return the critical stiffness of each member [N·m/rad]."""
+        return self._exact_acting / self._members.gain
+
+    @property
+    def one_sided(self) -> FloatArray:
+        """Return the one-sided limit of each member [N·m/rad]."""
+        return self._one_sided_acting / self._members.gain
+
+    @property
+    def one_sided_share(self) -> FloatArray:
+        """Return the one-sided limit of each corner over its exact limit; 0 where that is 0."""
+        exact = self.at_corner(self._exact_acting)
+        one_sided = self.at_corner(self._one_sided_acting)
+        return np.divide(one_sided, exact, out=np.zeros_like(exact), where=exact > 0.0)
+
+    @cached_property
+    def _exact_acting(self) -> FloatArray:
+        members, acting = self._members, self._acting
+        return self.once("exact", lambda: _critical(members, self.request, acting))
+
+    @cached_property
+    def _one_sided_acting(self) -> FloatArray:
+        return self.once(("one-sided", self._simulated), self._contacts)
+
+    def _contacts(self) -> FloatArray:
+        p = self._members
+        loop = (p.inertia, p.damping, self._acting, p.period, p.delay)
+        samples = self.request.velocity_samples
+        if self._simulated:
+            return one_sided_limit(*loop, samples)
+        ceiling = p.gain * (_ceiling(p, self.request) / p.gain)
+        exact = self._exact_acting
+        return one_sided_limit_tabulated(*loop, samples, exact=exact, ceiling=ceiling)
+
+    @cached_property
+    def _members(self) -> Plants:
+        return self.box.around(self.corners)
+
+    @property
+    def _acting(self) -> FloatArray:
+        return self._members.gain * np.repeat(self.damping, self.box.size)
+
+    def least(self, of_members: FloatArray) -> FloatArray:
+        """Return the least value over the members of each corner."""
+        found: FloatArray = of_members.reshape(-1, self.box.size).min(axis=1)
+        return found
+
+    def at_corner(self, of_members: FloatArray) -> FloatArray:
+        """Return the value at each corner itself."""
+        return of_members[:: self.box.size]
+
+
+def count_torque(request: Request, situation: Situation, period: FloatArray) -> FloatArray:
+    """Return the torque of one encoder count through a damping of 1 N·m·s/rad [N·m].
+
+    Args:
+        request: The wall: its velocity samples, and its filter.
+        situation: The encoder step, and the shortest interval between samples.
+        period: Period of each plant [s].
+    """
+    n, filtered = request.velocity_samples, request.velocity_filter
+    peak = 1.0 if filtered is None else filtered.peak(n)
+    found: FloatArray = peak * situation.position_step / (n * np.minimum(period, situation.sampled))
+    return found
+
+
+def encoder_damping(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    period: FloatArray,
+    ceiling: FloatArray,
+) -> FloatArray:
+    """Return the damping at which one count commands ``quantisation_share`` of the torque limit.
+
+    A loop with a fraction a of its damping ceiling amplifies the noise of its encoder, and a count
+    is weighed by 1/(1 - a²). The rms of the torque at rest then stays below the share, with up to
+    0.34 counts rms of noise before the rounding (0.03° at 4096 counts: data sheet of the AS5045).
+
+    Args:
+        request: The wall: its velocity samples, and its filter.
+        settings: The fraction of the torque limit.
+        situation: The torque limit and the encoder step.
+        period: Period of each plant [s].
+        ceiling: Of a rigid servo [N·m·s/rad].
+
+    Returns:
+        Of positive and negative damping [N·m·s/rad]; inf without an encoder step.
+    """
+    if situation.position_step == 0 or math.isinf(situation.torque_limit):
+        return np.full_like(period, math.inf)
+    allowed = settings.quantisation_share * situation.torque_limit
+    alone = allowed / count_torque(request, situation, period)
+    # the root B of B / (1 - (B / ceiling)²) = alone
+    found: FloatArray = 2.0 * alone * ceiling / (ceiling + np.hypot(ceiling, 2.0 * alone))
+    return found
+
+
+def quantisation_limit(
+    request: Request,
+    settings: GuardSettings,
+    situation: Situation,
+    damping: FloatArray,
+    period: FloatArray,
+    ceiling: FloatArray,
+) -> FloatArray:
+    """Return the stiffness at which one count commands ``quantisation_share`` of the torque limit.
+
+    The damper's part is weighed by 1/(1 - a²)², a the fraction of the ceiling: a spring near its
+    own limit amplifies the noise again. Arguments are those of ``encoder_damping``, and the
+    commanded ``damping`` [N·m·s/rad].
+
+    Returns:
+        [N·m/rad]
+    """
+    magnitude = np.abs(damping)
+    by_damper = magnitude * count_torque(request, situation, period)
+    left = np.ones_like(by_damper)
+    np.divide(magnitude, ceiling, out=left, where=ceiling > magnitude)
+    left = np.where(magnitude > 0.0, 1.0 - left**2, 1.0) ** 2
+    allowed = settings.quantisation_share * situation.torque_limit * left - by_damper
+    found: FloatArray = np.divide(
+        np.maximum(allowed, 0.0),
+        left * situation.position_step,
+        out=np.zeros_like(left),
+        where=left > 0.0,
+    )
+    return found
+
+
+def unstable_nominally(
+    request: Request, situation: Situation, before_device: FloatArray
+) -> NDArray[np.bool_]:
+    """Whether the requested wall is unstable for the nominal belief without friction.
+
+    Args:
+        request: The requested wall.
+        situation: The belief.
+        before_device: Delay without the device's own lag [s].
+    """
+    p = Plants.nominal(situation, before_device)
+    acting = p.gain * request.damping
+    if request.stiffness > 0:
+        unstable: NDArray[np.bool_] = p.gain * request.stiffness >= _critical(p, request, acting)
+        return unstable
+    runs_away: NDArray[np.bool_] = (acting < -p.damping) | (acting >= _ceiling(p, request))
+    return runs_away
+
+
+def _critical(plants: Plants, request: Request, acting: FloatArray) -> FloatArray:
+    """Return the critical stiffness of rigid servos at an acting damping, in acting units."""
+    loop = (acting, plants.period, plants.delay, request.velocity_samples)
+    servo = one_mass(plants.inertia, plants.damping)
+    found = chain_boundary(*servo, *loop, request.velocity_filter).stiffness
+    bounded: FloatArray = np.minimum(found, UNBOUND)
+    return bounded
+
+
+def _ceiling(plants: Plants, request: Request) -> FloatArray:
+    """Return the damping above which no rigid servo is stable, in acting units."""
+    loop = (plants.period, plants.delay, request.velocity_samples)
+    return chain_ceiling(*one_mass(plants.inertia, plants.damping), *loop, request.velocity_filter)

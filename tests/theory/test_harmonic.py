@@ -1,0 +1,261 @@
+"""Harmonic balances against simulation in time: friction, backlash, a torque limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from haptic_wall.controller.theory import (
+    critical_point,
+    critical_stiffness,
+    max_virtual_damping,
+)
+from haptic_wall.controller.theory.harmonic import (
+    Cycle,
+    Lossy,
+    backlash_gain,
+    backlash_limit,
+    clipped_cycle,
+    kick_limit,
+)
+from haptic_wall.hw.plant.mechanism import Mechanism
+from haptic_wall.hw.truth import TrueServo
+from tests.support.exact_servo import PlantParameters, State, step
+from tests.support.nonlinear_walls import PERIOD, Motion, Walls
+from tests.theory.oracles import Loop
+
+Array = NDArray[np.float64]
+COUNT = 2 * math.pi / 4096
+
+
+def amplitude_left(true: TrueServo, stiffness: float, virtual_damping: float) -> float:
+    """Half of the travel in the last of 50 cycles after a kick [rad]."""
+    servo = Mechanism(true, 0)
+    cycle = int(2 * math.pi * math.sqrt(true.inertia / stiffness) / PERIOD)
+    before, positions = servo.measured()[0], []
+    for k in range(50 * cycle):
+        servo.advance(k * 1_000_000)
+        x = servo.measured()[0]
+        torque = -stiffness * x - virtual_damping * (x - before) / PERIOD
+        servo.command(torque, k * 1_000_000)
+        before = x
+        positions.append(servo.position)
+    return float(np.ptp(positions[-2 * cycle :])) / 2
+
+
+@pytest.mark.parametrize(
+    ("servo", "virtual_damping", "delay", "degrees"),
+    [
+        ((0.011951, 0.011692, 0.073), 0.2, 1.2e-3, 0.25),
+        ((0.0018142, 0.0036617, 0.018), 0.05, 0.6e-3, 0.25),
+        ((0.0018142, 0.0036617, 0.022), 0.03, 1e-3, 0.15),
+    ],
+)
+def test_walls_above_it_swing_on_and_walls_below_it_come_to_rest(
+    servo: tuple[float, float, float], virtual_damping: float, delay: float, degrees: float
+) -> None:
+    width = math.radians(degrees)
+    limit = float(backlash_limit(*servo, virtual_damping, PERIOD, delay, width, 4 * COUNT))
+    inertia, damping, coulomb = servo
+    true = TrueServo(
+        inertia=inertia,
+        damping=damping,
+        coulomb=coulomb,
+        backlash=width,
+        counts_per_rev=0,
+        delay=delay,
+        torque_limit=1e3,
+        position=0.05,
+    )
+    assert amplitude_left(true, 1.25 * limit, virtual_damping) > 4 * COUNT
+    assert amplitude_left(true, 0.8 * limit, virtual_damping) < 4 * COUNT
+
+
+def test_friction_raises_it_and_width_and_delay_lower_it() -> None:
+    usual = {"coulomb": 0.05, "delay": 2e-3, "width": 0.0044, "amplitude": 4 * COUNT}
+    fixed = {"inertia": 0.012, "damping": 0.0117, "virtual_damping": 0.15, "period": PERIOD}
+
+    def limit(**changes: float) -> float:
+        return float(backlash_limit(**fixed, **(usual | changes)))
+
+    assert limit(coulomb=0.1) > 1.1 * limit()
+    assert limit(width=0.0088) < 0.9 * limit()
+    assert limit(delay=4e-3) < 0.9 * limit()
+    assert limit(coulomb=0.0) < 0.5 * limit()
+
+
+def test_hardly_any_backlash_leaves_the_exact_limit() -> None:
+    from haptic_wall.controller.theory import critical_stiffness
+
+    found = backlash_limit(0.012, 0.0117, 1e-9, [0.0, 0.1], PERIOD, 2e-3, 1e-7, 0.01)
+    exact = critical_stiffness(0.012, 0.0117, [0.0, 0.1], PERIOD, 2e-3)
+    np.testing.assert_allclose(found, exact, rtol=0.02)
+
+
+def test_it_broadcasts_in_parts() -> None:
+    dampings = np.linspace(0.0, 0.2, 150)
+    servo = (0.012, 0.0117, 0.05)
+    found = backlash_limit(*servo, dampings, PERIOD, 2e-3, 0.0044, 4 * COUNT)
+    assert found.shape == (150,)
+    one = backlash_limit(*servo, dampings[100], PERIOD, 2e-3, 0.0044, 4 * COUNT)
+    assert found[100] == pytest.approx(float(one))
+
+
+def test_no_width_is_refused() -> None:
+    with pytest.raises(ValueError, match="width must be > 0, got 0"):
+        backlash_limit(0.012, 0.0117, 0.05, 0.1, PERIOD, 2e-3, 0.0, 0.01)
+
+
+def play(motion: Array, width: float) -> Array:
+    followed, out = 0.0, []
+    for x in np.tile(motion, 2):
+        followed = min(max(followed, x - width / 2), x + width / 2)
+        out.append(followed)
+    return np.array(out[motion.size :])
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.501, 1.0, 6.3])
+def test_the_gain_of_backlash_is_the_first_harmonic(ratio: float) -> None:
+    angle = 2 * np.pi * np.arange(100_000) / 100_000
+    output = play(np.cos(angle), 1 / ratio)
+    harmonic = complex(2 * np.mean(output * np.exp(-1j * angle)))
+    assert complex(backlash_gain(1.0, 1 / ratio)) == pytest.approx(harmonic, abs=2e-3)
+
+
+def walls(count: int, seed: int, share: tuple[float, float], damper: float) -> list[Loop]:
+    """Walls on random devices at a share of the critical stiffness."""
+    random = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        m = 10 ** random.uniform(-2.7, -1.5)
+        b, delay = m * random.uniform(1, 10), random.uniform(0, 5) * PERIOD
+        big_b = random.uniform(0, damper) * float(max_virtual_damping(m, b, PERIOD, delay))
+        k = random.uniform(*share) * float(critical_stiffness(m, b, big_b, PERIOD, delay))
+        found.append(Loop(m, b, k, big_b, PERIOD, delay))
+    return found
+
+
+def clipped(loop: Loop) -> Cycle | None:
+    m, b, k, big_b, period, delay, _, _ = loop
+    return clipped_cycle(m, b, k, big_b, period, delay, 1.0)
+
+
+def measured(seen: Array, cycle: Cycle) -> tuple[float, float]:
+    """Amplitude and frequency over the last ten turns of a steady oscillation."""
+    last = seen[-int(10 / cycle.frequency / PERIOD) :]
+    middle = last - last.mean()
+    ups = np.flatnonzero((middle[1:] > 0) & (middle[:-1] <= 0))
+    at = ups + middle[ups] / (middle[ups] - middle[ups + 1])
+    return float(np.ptp(last)) / 2, (at.size - 1) / (at[-1] - at[0]) / PERIOD
+
+
+@pytest.mark.parametrize(
+    ("damper", "amplitude", "frequency"),
+    [(0.0, (0.99, 1.15), (0.92, 1.01)), (0.2, (0.99, 1.7), (0.75, 1.01))],
+)
+def test_growing_motion_comes_to_the_cycle_of_the_torque_limit(
+    damper: float, amplitude: tuple[float, float], frequency: tuple[float, float], thorough: bool
+) -> None:
+    found = [(loop, clipped(loop)) for loop in walls(50 if thorough else 10, 5, (1.05, 3), damper)]
+    pairs = [(loop, cycle) for loop, cycle in found if cycle is not None]
+    assert len(pairs) >= 8
+    pairs = pairs * 2  # begun below and above it
+    sizes = np.repeat([0.9, 1.2], len(pairs) // 2)
+    one = np.ones(len(pairs))
+
+    def column(name: str) -> Array:
+        return np.array([getattr(loop, name) for loop, _ in pairs])
+
+    motion = Motion(
+        Walls(
+            inertia=column("inertia"),
+            damping=column("damping"),
+            stiffness=column("stiffness"),
+            virtual_damping=column("virtual_damping"),
+            delay=column("delay"),
+            limit=one,
+            count=0.0 * one,
+            edge=0.0 * one,
+            backlash=0.0 * one,
+        ),
+        sizes * np.array([cycle.amplitude for _, cycle in pairs]),
+        np.array([cycle.frequency for _, cycle in pairs]),
+    )
+    seen = motion.run(15_000)
+    for i, (_, cycle) in enumerate(pairs):
+        size, hertz = measured(seen[:, i], cycle)
+        assert amplitude[0] < size / cycle.amplitude < amplitude[1]
+        assert frequency[0] < hertz / cycle.frequency < frequency[1]
+
+
+def test_a_stable_wall_has_no_cycle_of_the_torque_limit_and_an_unstable_one_has() -> None:
+    for loop in walls(8, 7, (0.2, 0.95), 0.5):
+        assert clipped(loop) is None
+        assert clipped(loop._replace(stiffness=6 * loop.stiffness)) is not None
+    with pytest.raises(ValueError, match="stiffness must be > 0, got 0"):
+        clipped_cycle(0.01, 0.01, 0.0, 0.0, PERIOD, 0.0, 1.0)
+
+
+def grows(plant: PlantParameters, wall: tuple[float, float, float], kick: float, w: float) -> bool:
+    """Whether an oscillation at ``w``, met at a turning point of height ``kick``, gets larger.
+
+    The wall's past is that of the oscillation: its samples, and the torques still to act.
+    Decided when a turning point is 20 % off the kick.
+    """
+    k, big_b, delay = wall
+    whole = int(delay / PERIOD)
+    switch = delay - whole * PERIOD
+
+    def torque(now: float, before: float) -> float:
+        return -k * now - big_b * (now - before) / PERIOD
+
+    past = [kick * math.cos(w * PERIOD * i) for i in range(whole + 3)]
+    ring = [torque(past[i], past[i + 1]) for i in range(whole + 1, 0, -1)]  # the oldest first
+    state, before = State(kick, 0.0), past[1]
+    extreme = 0.0
+    for _ in range(400_000):
+        ring.append(torque(state.position, before))
+        before = state.position
+        old = ring.pop(0)
+        middle = step(state, plant, old, switch) if switch > 0 else state
+        after = step(middle, plant, ring[0], PERIOD - switch)
+        if after.velocity * state.velocity <= 0:  # a turning point of this step or the last
+            if 0 < extreme < 0.8 * kick or (after.velocity == state.velocity == 0):
+                return False
+            extreme = 0.0
+        extreme = max(extreme, abs(after.position))
+        if extreme > 1.2 * kick:
+            return True
+        state = after
+    raise AssertionError("neither grows nor decays")
+
+
+def test_with_friction_motion_dies_below_the_amplitude_of_the_limit_and_grows_above_it(
+    thorough: bool,
+) -> None:
+    """Friction is an extra damping at an amplitude; within 5 % of exact simulation."""
+    random = np.random.default_rng(1)
+    tried = 0
+    while tried < (50 if thorough else 4):
+        m, b, c = (10 ** random.uniform(*ends) for ends in ((-3, -1.5), (-2.8, -1.3), (-2.2, -0.8)))
+        delay = random.uniform(0, 6) * PERIOD
+        ceiling = float(max_virtual_damping(m, b, PERIOD, delay))
+        big_b = random.choice([0.0, 0.7 * random.random() ** 2 * ceiling])
+        extra = 10 ** random.uniform(-1, 1.5) * b
+        at = critical_point(m, b + extra, big_b, PERIOD, delay)
+        k, w = float(at.stiffness), 2 * math.pi * float(at.frequency)
+        amplitude = 4 * c / (math.pi * extra * w)
+        if not (
+            20 * COUNT < amplitude < 1.0
+            and k > 1.05 * critical_stiffness(m, b, big_b, PERIOD, delay)
+        ):
+            continue
+        tried += 1
+        balance = kick_limit(Lossy(m, b, c), big_b, PERIOD, delay, amplitude)
+        assert balance == pytest.approx(k, rel=0.01)
+        plant, wall = PlantParameters(m, b, c), (k, big_b, delay)
+        assert not grows(plant, wall, 0.95 * amplitude, w), (plant, wall)
+        assert grows(plant, wall, 1.05 * amplitude, w), (plant, wall)
