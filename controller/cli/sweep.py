@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from haptic_wall.controller.cli.ceiling import measure_ceiling
 from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import (
     Asked,
@@ -36,19 +35,12 @@ _MOST_STEPS = 1000
 
 @click.command()
 @click.option(
-    "--over",
-    type=click.Choice(["stiffness", "damping"]),
-    default="stiffness",
-    show_default=True,
-    help="stiffness: measure the critical stiffness at each virtual damping; damping: measure the"
-    " ceiling of the virtual damping, above which the servo vibrates without any stiffness.",
-)
-@click.option(
     "--virtual-damping",
     "dampings",
     callback=numbers,
     metavar="B[,B...]",
-    help="Virtual damping, also negative [N·m·s/rad]; needed with --over stiffness.",
+    required=True,
+    help="Virtual damping, also negative [N·m·s/rad].",
 )
 @click.option(
     "--delay-steps",
@@ -95,8 +87,7 @@ _MOST_STEPS = 1000
 )
 def command(
     asked: Asked,
-    over: str,
-    dampings: list[float] | None,
+    dampings: list[float],
     steps: list[float],
     kick: float | None,
     fresh: bool,
@@ -110,20 +101,7 @@ def command(
     The shaft is kicked at many stiffnesses near the limit: a soft spring moves it and holds it
     still, then the wall takes over, and its first cycles are observed. A real shaft moves by
     itself!
-
-    With --over damping the shaft travels to and fro at constant speed under rising damping, until a
-    vibration grows; DIR gets ceiling.json, ceiling.png and the logs.
     """
-    if over == "damping":
-        measure_ceiling(asked, whole_periods(steps, _MOST_STEPS), dampings)
-        return
-    if not dampings:
-        raise UserError(
-            "found none",
-            field="--virtual-damping",
-            wanted="the virtual dampings at which to measure the critical stiffness",
-            advice="give them, or --over damping",
-        )
     from haptic_wall.controller.experiments.cluster import cluster
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options

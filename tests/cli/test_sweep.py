@@ -151,12 +151,3 @@ def test_before_hardware_moves_it_says_what_will(cli: Cli, tmp_path: Path) -> No
     assert "will swing to both sides" in told
     assert "degrees" in told
     assert "in real time" in told
-
-
-def test_a_ceiling_chooses_its_dampings_and_a_stiffness_needs_them(cli: Cli) -> None:
-    told = cli.refused(
-        "sweep", "simulated", "--over=damping", "--delay-steps=0", "--virtual-damping=0.1"
-    )
-    assert "--virtual-damping" in told
-    assert "the search chooses them" in told
-    assert "give them, or --over damping" in cli.refused("sweep", "simulated", "--delay-steps=0")

@@ -26,14 +26,12 @@ from haptic_wall.controller.experiments.rendered.rendering import (
     measure_rendering,
     rendering_report,
 )
-from haptic_wall.controller.experiments.sweep.ceiling import CeilingSearch
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import LOGS as SWEEP_LOGS
 from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import experiment_config, sweep
-from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError, Testbed
+from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
 
@@ -58,10 +56,6 @@ _HARMLESS = frozenset(
 )
 """Findings that do not prevent a commissioning: they only cost stiffness, or the start-up repairs
 them. With any other one a run would be refused, or could not be trusted."""
-
-
-_SLOW = 0.3
-"""Frequency of a vibration that was seen, over the rate, at most"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,8 +169,6 @@ def run_rendered(bench: StepContext) -> StepResult:
 def run_sweep(bench: StepContext) -> StepResult:
     """Measure the critical stiffness at a few points; an interrupted sweep continues.
 
-    Where a load vibrates, the ceiling of the virtual damping is measured first.
-
     Raises:
         ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
@@ -189,11 +181,8 @@ def run_sweep(bench: StepContext) -> StepResult:
     except UserError:  # of an older model
         store = SweepStore(folder, asked, fresh=True)
 
-    ceiling = None
-
     def data() -> dict[str, Any]:
-        found = None if ceiling is None else ceiling.report()
-        return store.report(bench.name) | {"ceiling": found}
+        return store.report(bench.name)
 
     def progress(setting: PlanePoint, point: PointResult) -> None:
         bench.partly.update(data())
@@ -205,20 +194,11 @@ def run_sweep(bench: StepContext) -> StepResult:
 
     if store.done:
         bench.partly.update(data())
-    if _vibrates(config):
-        bed = Testbed(config, folder / SWEEP_LOGS, bench.tell)
-        ceiling = CeilingSearch(bed, config.delay.steps, bench.tell).run()
     finished = sweep(config, store, settings, OPTIONS, tell=bench.tell, progress=progress)
     if not finished:
         raise ExperimentInterruptedError("interrupted", advice=f"{len(store.done)} points are kept")
     store.write()
     return StepResult(data(), (store.points(), Device.of(config)))
-
-
-def _vibrates(config: Config) -> bool:
-    """Return whether a vibration of a load was identified, whose ceiling can be measured."""
-    belief = config.belief()
-    return belief.is_flexible and belief.flexible_hz.high < _SLOW * config.loop.rate_hz
 
 
 RUN: dict[Step, Callable[[StepContext], StepResult]] = {
