@@ -14,8 +14,8 @@ from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Trial
 from haptic_wall.controller.experiments.sweep.plan import Options, PlanePoint, hold_spring
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.store import SweepSettings, SweepStore
 from haptic_wall.controller.experiments.sweep.sweep import (
+    Sweep,
     excursion,
     experiment_config,
     sweep,
@@ -200,14 +200,15 @@ def test_a_disturbed_point_is_measured_again_at_the_end(
         return search.result
 
     monkeypatch.setattr(PointSearch, "run", run_point)
-    store = SweepStore(tmp_path, SweepSettings(config(), asked, Options()), fresh=False)
+    swept = Sweep(config(), asked, Options(), tmp_path)
+    kept = swept.kept()
     if in_a_row == 2:
         with pytest.raises(ExperimentTrippedError):
-            sweep(config(), store, asked, Options(), workers=1)
+            sweep(swept, kept, workers=1)
         return
-    assert sweep(config(), store, asked, Options(), workers=1)
+    assert sweep(swept, kept, workers=1)
     assert order == [0.0, 0.01, 0.02, 0.0]
-    assert store.points()[0].trips == ["trip:loss_rate ended an earlier search"]
+    assert swept.points(kept)[0].trips == ["trip:loss_rate ended an earlier search"]
 
 
 def test_three_trips_give_a_point_up(tmp_path: Path) -> None:
