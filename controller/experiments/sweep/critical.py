@@ -48,6 +48,8 @@ _BACK = 0.6
 _AROUND = (-1.0, -0.4, 0.4, 1.0)
 _COARSE, _FINE = 0.12, 0.04
 """Half widths of a batch around an estimate, in the logarithm of the stiffness"""
+_CLOSE = 0.03
+"""Relative standard error of an estimate from which trials are made close around it"""
 _SOFTEST = 1e-2
 """Lower end of the search, in predicted stiffnesses"""
 _BATCHES, _MOST_FINE = 12, 4
@@ -167,7 +169,7 @@ class PointSearch:
             found = self._estimate()
             if found is not None and self._enough(found, fine):
                 break
-            near = found is not None and self._near(found)
+            near = found is not None and found.uncertainty < _CLOSE * found.stiffness
             if self._again and repeats < _REPEATS:
                 batch, near = self._again, False
                 repeats += 1
@@ -224,10 +226,6 @@ class PointSearch:
         return inserted + self._device.lag + age
 
     # What to try next
-
-    def _near(self, found: Balance) -> bool:
-        """Whether an estimate is good enough for trials close around it."""
-        return found.high / found.low < math.exp(3.0 * _COARSE)
 
     def _around(self, found: Balance, near: bool) -> list[_Asked]:
         half, repeats = (_FINE, self._options.repeats) if near else (_COARSE, 1)
