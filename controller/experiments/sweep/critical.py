@@ -411,13 +411,13 @@ class PointSearch:
         result.kick_rad = found.amplitude
         result.larger_grows = found.larger_grows
         if result.exact > 0.0:
-            again = reach(device, self._setting, self._delay, found.amplitude)
-            sustained = again.predicted
-            if device.loop.is_plain:
-                sustained = device.sustained(damping, self._delay, found.amplitude)
+            sustained = device.sustained(damping, self._delay, found.amplitude)
+            if sustained is None:
+                again = reach(device, self._setting, self._delay, found.amplitude)
+                sustained = again.predicted
             result.predicted_with_friction = sustained if math.isfinite(sustained) else None
-            onset, _ = device.onset(np.array([found.stiffness]), damping, self._delay)
-            result.onset_rad = float(onset[0]) if np.isfinite(onset[0]) else None
+            onset, _ = device.onset(found.stiffness, damping, self._delay)
+            result.onset_rad = onset if math.isfinite(onset) else None
         if not found.low <= found.stiffness <= found.high:
             result.reason = "extrapolated: on one side of the limit there is no trial"
         elif found.uncertainty > 2.0 * self._options.tolerance * found.stiffness:
