@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ import click
 
 from haptic_wall import __version__
 from haptic_wall.controller.cli.commission import announced, plan_lines, written
-from haptic_wall.controller.cli.drawing import drawn_or_noted
 from haptic_wall.controller.cli.experiment import REACH, Asked, experiment, folder_option, moving
 from haptic_wall.controller.cli.failure import EndedEarlyError
 from haptic_wall.controller.cli.interrupt import INTERRUPTED
@@ -22,14 +20,14 @@ from haptic_wall.controller.cli.places import take_folder
 from haptic_wall.controller.cli.working import DRAWING_S, working
 from haptic_wall.controller.cli.wrapping import wrapped
 from haptic_wall.controller.errors import UserError
-from haptic_wall.controller.system.file_kinds import BUNDLE, PICTURE, RESULT, RESULT_MARK
+from haptic_wall.controller.system.file_kinds import BUNDLE, RESULT, RESULT_MARK
 from haptic_wall.controller.system.whole_file import whole
 from haptic_wall.hw.errors import Problem
 
 if TYPE_CHECKING:
     from haptic_wall.controller.experiments.commission.sequence import Ended
 
-_JSON, _PNG, _PAGE = "acceptance.json", "acceptance.png", "report.html"
+_JSON, _PAGE = "acceptance.json", "report.html"
 _MEASURED, _EMULATED = "measured", "emulated"
 """Folders of the two commissionings"""
 _EMULATED_S = 60.0
@@ -77,8 +75,8 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
             wanted="the folder for predictions, measurements and the bundle",
             advice="give for example --out acceptance",
         )
-    take_folder("--out", out, {_JSON: RESULT, _PNG: PICTURE}, force=False, has_force=False)
-    refuse_foreign(out, predictions.FILE, (_JSON, _PNG, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
+    take_folder("--out", out, {_JSON: RESULT}, force=False, has_force=False)
+    refuse_foreign(out, predictions.FILE, (_JSON, _PAGE, bundle.FILE, _MEASURED, _EMULATED))
     announced(asked, announcement)
 
     points = predictions.points(config)
@@ -119,11 +117,10 @@ def command(asked: Asked, only_plan: bool, fresh: bool) -> None:
 def _packed(
     asked: Asked, out: Path, predicted: dict[str, Any], real: Ended, twin: Ended
 ) -> dict[str, Any]:
-    """Write report, picture and bundle; return the report's data."""
+    """Write report and bundle; return the report's data."""
     from haptic_wall.controller.experiments.acceptance import bundle, predictions
     from haptic_wall.controller.experiments.acceptance.judged import FAILS, HOLDS, rows
     from haptic_wall.controller.report.acceptance.page import page
-    from haptic_wall.controller.report.acceptance.picture import plot_acceptance
 
     found = [row.report() for row in rows(predicted, real, twin)]
     verdicts = [row["verdict"] for row in found]
@@ -147,20 +144,14 @@ def _packed(
         "versions": bundle.versions(),
     }
     clean: dict[str, Any] = scrubber.values(json.loads(as_json(report)))
-    draw = partial(plot_acceptance, clean["rows"], clean["name"])
-    drawn = drawn_or_noted("--out", out / _PNG, draw, force=False)
-    picture = None if drawn is None else drawn.read_bytes()
-    own: dict[str, str | bytes] = {
+    own = {
         _JSON: as_json(clean) + "\n",
-        _PAGE: page(clean, picture).encode(),  # its pictures are not changed any more
+        _PAGE: page(clean),
         predictions.FILE: before.decode(),
     }
     for name in (_JSON, _PAGE):
         with whole(out / name, RESULT, force=True) as part:
-            text = own[name]
-            part.write_bytes(text.encode() if isinstance(text, str) else text)
-    if picture is not None:
-        own[_PNG] = picture
+            part.write_text(own[name], encoding="utf-8")
     folders = {name: out / name for name in (_MEASURED, _EMULATED)}
     with whole(out / bundle.FILE, BUNDLE, force=True) as part:
         bundle.pack(part, folders, own, scrubber)

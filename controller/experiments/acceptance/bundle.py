@@ -84,41 +84,34 @@ def _user() -> str:
 
 
 def pack(
-    path: Path, folders: Mapping[str, Path], own: Mapping[str, str | bytes], scrubber: Scrubber
-) -> list[str]:
-    """Write the bundle; return the names in it.
+    path: Path, folders: Mapping[str, Path], own: Mapping[str, str], scrubber: Scrubber
+) -> None:
+    """Write the bundle.
 
     Args:
         path: The zip file.
         folders: Folders to pack, by their names in the bundle; logs of ``measured`` only.
-        own: Files that are given, by name; texts are scrubbed.
+        own: Texts that are given, by name.
         scrubber: Removes personal names.
 
     Raises:
         OSError: It cannot be written.
     """
-    names = []
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bundle:
         for name, content in own.items():
-            clean = scrubber.text(content) if isinstance(content, str) else content
-            _add(bundle, name, clean)
-            names.append(name)
+            _add(bundle, name, scrubber.text(content))
         for title, folder in folders.items():
             for file in sorted(folder.rglob("*")):
                 if file.is_symlink() or not file.is_file():
                     continue
                 name = scrubber.text(f"{title}/{file.relative_to(folder)}")
-                if file.suffix == SUFFIX:
-                    if title == "measured":
-                        names.append(_add_log(bundle, name, file))
+                if file.suffix == SUFFIX and title == "measured":
+                    _add(bundle, f"{name}.csv", _table(file))
                 elif file.suffix == ".png":
                     _add(bundle, name, file.read_bytes())
-                    names.append(name)
                 elif file.suffix in _TEXTS:
                     text = file.read_text(encoding="utf-8", errors="replace")
                     _add(bundle, name, scrubber.text(text))
-                    names.append(name)
-    return names
 
 
 def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
@@ -128,16 +121,12 @@ def _add(bundle: zipfile.ZipFile, name: str, content: str | bytes) -> None:
     bundle.writestr(entry, content)
 
 
-def _add_log(bundle: zipfile.ZipFile, name: str, log: Path) -> str:
-    """Add the rows of a log as a table: its texts may name a person."""
+def _table(log: Path) -> bytes:
+    """Return the rows of a log as a table: its texts may name a person."""
     try:
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "rows.csv"
             write_csv(table, LogRows.of(LogReader(log)))
-            content = table.read_bytes()
+            return table.read_bytes()
     except (LogFormatError, OSError):
-        name, content = f"{name}.txt", b"this log could not be read\n"
-    else:
-        name = f"{name}.csv"
-    _add(bundle, name, content)
-    return name
+        return b"this log could not be read\n"
