@@ -103,13 +103,13 @@ def command(
     itself!
     """
     from haptic_wall.controller.experiments.cluster import cluster
+    from haptic_wall.controller.experiments.holding import without_hand
     from haptic_wall.controller.experiments.sweep.device import Device
     from haptic_wall.controller.experiments.sweep.plan import Options
     from haptic_wall.controller.experiments.sweep.sweep import (
         ROWS,
         Sweep,
         expected_s,
-        experiment_config,
         sweep,
     )
     from haptic_wall.controller.experiments.testbed import ExperimentTrippedError
@@ -118,7 +118,7 @@ def command(
 
     if kick is not None and not 0.0 < kick <= 3.0:
         raise UserError(f"found {kick:g}", field="--kick", wanted="a kick above 0 and up to 3 rad")
-    effective = experiment_config(asked.config)
+    effective = without_hand(asked.config)
     if dask is not None and effective.loop.clock != "simulated":
         raise UserError(
             "found a run in real time",

@@ -19,11 +19,10 @@ from haptic_wall import __version__
 from haptic_wall.controller.experiments.commission.agreement import boundary
 from haptic_wall.controller.experiments.commission.plan import DELAY_STEPS
 from haptic_wall.controller.experiments.commission.sweep_points import short_sweep
-from haptic_wall.controller.experiments.holding import sample_age
+from haptic_wall.controller.experiments.holding import sample_age, without_hand
 from haptic_wall.controller.experiments.kept import fingerprint, refused
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
-from haptic_wall.controller.experiments.sweep.sweep import experiment_config
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.system.file_kinds import RESULT
 from haptic_wall.controller.system.whole_file import whole
@@ -64,12 +63,12 @@ def predicted(config: Config) -> dict[str, Any]:
 
 def points(config: Config) -> tuple[PlanePoint, ...]:
     """Return the points of the boundary that are predicted and measured."""
-    return short_sweep(experiment_config(config))
+    return short_sweep(without_hand(config))
 
 
 def _critical(config: Config, point: PlanePoint) -> dict[str, Any]:
     """Return the predicted critical stiffness over the kick; the sample's age may be any."""
-    device = Device.of(experiment_config(config))
+    device = Device.of(without_hand(config))
     inserted = point.delay_steps * device.period + device.lag
     ages = (0.0, sample_age(config))
     exact = [device.exact(point.virtual_damping, inserted + age) for age in ages]

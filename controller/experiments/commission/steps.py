@@ -17,6 +17,7 @@ from haptic_wall.controller.experiments.commission.outcome import Step
 from haptic_wall.controller.experiments.commission.plan import BURSTS, DELAY_STEPS
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS, short_sweep
 from haptic_wall.controller.experiments.delay import delay_report, measure_delay
+from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.identify.identification import identify
 from haptic_wall.controller.experiments.identify.identified_config import identified_config
 from haptic_wall.controller.experiments.identify.text import report as identify_report
@@ -27,7 +28,7 @@ from haptic_wall.controller.experiments.rendered.rendering import (
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
-from haptic_wall.controller.experiments.sweep.sweep import Sweep, experiment_config, sweep
+from haptic_wall.controller.experiments.sweep.sweep import Sweep, sweep
 from haptic_wall.controller.experiments.testbed import ExperimentInterruptedError
 from haptic_wall.controller.settings import yaml_text as config_yaml
 from haptic_wall.controller.settings.config import Config
@@ -169,7 +170,7 @@ def run_sweep(bench: StepContext) -> StepResult:
     Raises:
         ExperimentInterruptedError: A person has ended it; finished points are kept.
     """
-    config = experiment_config(bench.config)
+    config = without_hand(bench.config)
     asked = Sweep(config, bench.points or short_sweep(config), OPTIONS, bench.folder / SWEEP)
     try:
         kept = asked.kept()

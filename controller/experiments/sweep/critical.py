@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import sample_age
 from haptic_wall.controller.experiments.sweep.device import Device
 from haptic_wall.controller.experiments.sweep.growth_fit import Balance, Trial, balance
 from haptic_wall.controller.experiments.sweep.plan import (
@@ -61,8 +62,6 @@ _MOST_OFFSET = 2.0
 """Largest offset of the soft spring's centre from its goal, in kicks, or ``KICK``"""
 _IDLE = 4
 """Number of batches without a new half-cycle to fit that end the search"""
-_AGE = 1.0, 2.0
-"""Assumed sample age in periods before a measurement: immediate, pipelined"""
 _SMALLER, _LEAST_COUNTS = 0.5, 8.0
 """Factor on a kick at which nothing grew within the torque limit, and the smallest in counts"""
 _NARROW, _WIDE = 1.1, 1.5
@@ -105,12 +104,7 @@ class PointSearch:
         self._options = options
         self._tell = tell
         self._device = Device.of(bed.config)
-        config = bed.config
-        bus = config.servo.kind != "simulated"
-        self._longest_age = 0.0
-        if bus:
-            periods = _AGE[config.servo.schedule == "pipelined"]
-            self._longest_age = max(periods * config.period_s, config.guard.sample_age)
+        self._longest_age = sample_age(bed.config)
         self._ages: list[float] = []
         self._delay = self._total_delay()
         self._trials: list[Trial] = []

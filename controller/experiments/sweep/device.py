@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import torque_limit_of
 from haptic_wall.controller.guard.belief import HEAVIEST, Belief
 from haptic_wall.controller.settings.config import Config
 from haptic_wall.controller.theory import linear_limit
@@ -129,28 +129,18 @@ class Device:
         """Return the believed servo of a configuration.
 
         Raises:
-            UserError: Its torque limit is not known beforehand.
+            UserError: A real servo's torque limit is not configured.
         """
-        belief, servo = config.belief(), config.servo
+        belief = config.belief()
         gain = belief.torque_gain
-        limit = servo.torque_limit
-        if limit is None and servo.kind == "simulated":
-            limit = config.true_servo().torque_limit
-        if limit is None:
-            raise UserError(
-                "found null",
-                field="servo.torque_limit",
-                wanted="a torque [N·m], by which a sweep plans its kicks",
-                advice="set it, for instance to the servo's stall torque",
-            )
         inertia, damping = belief.inertia, belief.damping
         return cls(
             loop=BelievedLoop.of(config, inertia.value, damping.value, gain.value),
             worst=BelievedLoop.of(config, inertia.low, damping.low, gain.high),
             coulomb=belief.coulomb.value / gain.value,
-            torque_limit=limit,
+            torque_limit=torque_limit_of(config),
             max_speed=config.driven_speed,
-            position_step=servo.position_step,
+            position_step=config.servo.position_step,
             lag=belief.delay.value,
             longest_lag=belief.delay.high,
             heaviest=inertia.high / gain.low,

@@ -97,14 +97,6 @@ class Sweep:
         return [kept.done[setting] for setting in self.settings if setting in kept.done]
 
 
-def experiment_config(config: Config) -> Config:
-    """Return the configuration for a sweep: without a scripted operator."""
-    raw = config.model_dump(mode="json")
-    if config.servo.kind != "hardware":
-        raw["servo"]["hand"] = "none"
-    return Config.model_validate(raw)
-
-
 def sweep(
     asked: Sweep,
     kept: Kept[PlanePoint, PointResult],

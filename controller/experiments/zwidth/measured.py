@@ -12,6 +12,7 @@ from haptic_wall import __version__
 from haptic_wall.controller.errors import UserError
 from haptic_wall.controller.experiments.commission.sweep_points import OPTIONS
 from haptic_wall.controller.experiments.commission.verdict import GuardQuestion
+from haptic_wall.controller.experiments.holding import changed
 from haptic_wall.controller.experiments.processes import cores, processes
 from haptic_wall.controller.experiments.sweep.plan import PlanePoint
 from haptic_wall.controller.experiments.sweep.result import PointResult
@@ -147,11 +148,9 @@ def impedance_of(config: Config, log: Path | None, folder: Path | None, tell: Te
 
 def _tapped(config: Config, log: Path, tell: Tell) -> Path:
     """Run the two-sided wall under a tapping hand; return its log."""
-    raw = config.model_dump(mode="json")
-    raw["wall"]["side"] = "both"
-    raw["servo"]["hand"] = "tap"
-    raw["safety"]["engage"] = "at-once"  # the hand keeps the shaft away from the middle
-    tapped = Config.model_validate(raw)
+    # The hand keeps the shaft away from the middle: the wall must not wait for it.
+    safety = {"engage": "at-once"}
+    tapped = changed(config, wall={"side": "both"}, servo={"hand": "tap"}, safety=safety)
     metadata = {
         "program": f"haptic-wall {__version__}",
         "name": "zwidth",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from haptic_wall.controller.errors import UserError
+from haptic_wall.controller.experiments.holding import without_hand
 from haptic_wall.controller.experiments.sweep.critical import PointSearch
 from haptic_wall.controller.experiments.sweep.decrement import Growth
 from haptic_wall.controller.experiments.sweep.device import Device
@@ -17,7 +18,6 @@ from haptic_wall.controller.experiments.sweep.result import PointResult
 from haptic_wall.controller.experiments.sweep.sweep import (
     Sweep,
     excursion,
-    experiment_config,
     sweep,
 )
 from haptic_wall.controller.experiments.testbed import ExperimentTrippedError, Testbed
@@ -36,7 +36,7 @@ LINEAR = ("servo.coulomb=0", "servo.counts_per_rev=0", "servo.torque_step=0")
 
 
 def config(*sets: str, preset: str = "simulated") -> Config:
-    return experiment_config(load_config(preset, ("loop.clock=simulated", *sets)).config)
+    return without_hand(load_config(preset, ("loop.clock=simulated", *sets)).config)
 
 
 def search(
@@ -249,6 +249,6 @@ def test_the_soft_spring_is_stable_in_the_worst_corner() -> None:
 
 
 def test_a_servo_without_a_known_torque_limit_is_refused() -> None:
-    effective = config("servo.torque_limit=null", preset="emulated-ideal")
-    with pytest.raises(UserError, match=r"servo\.torque_limit: found null"):
+    effective = config("servo.torque_limit=null", "loop.clock=monotonic", preset="xm430-w350")
+    with pytest.raises(UserError, match=r"servo\.torque_limit: found none"):
         Device.of(effective)
